@@ -1,0 +1,1 @@
+"""The scene: everything physical, in millimetres and degrees."""

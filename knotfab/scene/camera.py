@@ -1,0 +1,78 @@
+"""The pinhole of one view: from pixel to ray and from point to pixel (docs/conventions.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.scene.model import View
+
+__all__ = ["Camera", "camera_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A light (or eye) and the picture's frame on its receiver plane.
+
+    Pixel (u, v) lies at `corner + u * du + v * dv` on the receiver; all vectors are (3,) in mm.
+    """
+
+    eye: Array
+    corner: Array
+    du: Array
+    dv: Array
+    width: int
+    height: int
+
+    @property
+    def projection(self) -> Array:
+        """(3, 4): scene point -> homogeneous pixel, w = 1 on the receiver, w > 0 before the light."""
+        frame = np.stack([self.du, self.dv, self.corner - self.eye], axis=1)
+        inverse = np.linalg.inv(frame)
+        return np.concatenate([inverse, -inverse @ self.eye[:, None]], axis=1)
+
+    @property
+    def receiver(self) -> Array:
+        """(4,): unit normal towards the light, and offset."""
+        normal = np.cross(self.dv, self.du)
+        normal /= np.linalg.norm(normal)
+        offset = -float(normal @ self.corner)
+        plane = np.append(normal, offset)
+        return plane if plane[:3] @ self.eye + offset > 0 else -plane
+
+    def project(self, points: Array) -> Array:
+        """(n, 3) points in mm -> (n, 2) pixels."""
+        p = self.projection
+        h = points @ p[:, :3].T + p[:, 3]
+        return np.asarray(h[:, :2] / h[:, 2:])
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same frame sampled with `width` x `height` pixels."""
+        du, dv = self.du * (self.width / width), self.dv * (self.height / height)
+        corner = self.corner - 0.5 * (self.du + self.dv) + 0.5 * (du + dv)
+        return Camera(self.eye, corner, du, dv, width, height)
+
+    def padded(self, pad_u: int, pad_v: int) -> Camera:
+        """The frame grown by whole pixels on each side."""
+        corner = self.corner - pad_u * self.du - pad_v * self.dv
+        return Camera(
+            self.eye, corner, self.du, self.dv, self.width + 2 * pad_u, self.height + 2 * pad_v
+        )
+
+
+def camera_of(view: View, width: int, height: int) -> Camera:
+    """The camera of `view` whose frame has `width` x `height` pixels."""
+    azimuth, tilt = np.deg2rad(view.azimuth_deg), np.deg2rad(view.wall_tilt_deg)
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    back = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])  # towards the light
+    up = np.array([0.0, np.cos(tilt), 0.0]) + np.sin(tilt) * back
+    centre = -view.wall_distance_mm * back
+    assert view.frame_width_mm is not None and view.frame_height_mm is not None
+    du = right * (view.frame_width_mm / width)
+    dv = -up * (view.frame_height_mm / height)
+    corner = centre - 0.5 * (width - 1) * du - 0.5 * (height - 1) * dv
+    return Camera(view.light_distance_mm * back, corner, du, dv, width, height)
