@@ -1,0 +1,1 @@
+"""Effects: simulated only when they matter. Each module is one effect."""

@@ -1,0 +1,100 @@
+"""What an effect is: a cheap a-priori bound, a threshold, and a term run only above it (design, 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotfab.scene.model import Region, View
+from knotfab.search.neighbours import Neighbours
+from knotfab.search.polyline import Rings
+
+__all__ = ["Decision", "Effect", "Limits", "Situation", "State"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the finished knots must keep to, in mm, all resolved to numbers."""
+
+    radius: float
+    clearance: float
+    bend_radius: float
+    length: float
+    region: Region
+
+    @property
+    def separation(self) -> float:
+        """Least distance of centre lines: two radii and the clearance."""
+        return 2 * self.radius + self.clearance
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What an effect's magnitude is judged from: scene, limits and the curves at the start."""
+
+    view: View
+    limits: Limits
+    points: Array  # (N, 3) mm
+    rings: Rings
+    pixel_mm: float  # a pixel of the search's picture on the receiver
+    tolerance_px: float
+
+
+@dataclass
+class State:
+    """One iteration of the search, as the terms see it."""
+
+    points: Tensor  # [N, 3] mm
+    edge: Tensor  # [N, 3] to the next vertex
+    after: Tensor  # [N, 3] the next vertex's edge
+    following: Tensor  # [N] index of the next vertex
+    rings: Rings
+    near: Neighbours
+    spacing: float  # mean edge, mm
+
+
+Term = Callable[[State, Limits], Tensor]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect; `term` is its part of the objective, None where it acts otherwise."""
+
+    name: str
+    unit: str
+    magnitude: Callable[[Situation], float]
+    threshold: Callable[[Situation], float]
+    reason: str  # of its being simulated
+    term: Term | None = None
+
+
+@dataclass
+class Decision:
+    """Whether an effect was simulated, and what that cost."""
+
+    effect: Effect
+    magnitude: float
+    threshold: float
+    simulated: bool
+    seconds: float = field(default=0.0)
+
+    def to_dict(self) -> dict[str, str | float | bool]:
+        """The effect's line in report.json."""
+        name = self.effect.name
+        unit = self.effect.unit
+        reason = (
+            self.effect.reason
+            if self.simulated
+            else f"{name}: {self.magnitude:.3g} {unit} stays below {self.threshold:.3g} {unit}"
+        )
+        return {
+            "name": name, "simulated": self.simulated, "magnitude": self.magnitude,
+            "threshold": self.threshold, "unit": unit, "seconds": round(self.seconds, 4),
+            "reason": reason,
+        }

@@ -1,0 +1,129 @@
+"""The certified flow: all vertices descend the objective together, and no accepted step crosses a strand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotfab.search.certificate import certify, step_limits
+from knotfab.search.neighbours import Neighbours, find_neighbours
+from knotfab.search.polyline import Rings
+
+__all__ = ["FlowResult", "FlowSettings", "flow"]
+
+Array = NDArray[np.float64]
+Objective = Callable[[Tensor, Neighbours, float], Tensor]  # (points, near, progress) -> loss
+
+
+@dataclass(frozen=True)
+class FlowSettings:
+    """How the flow walks. Lengths in tube radii unless a unit says otherwise."""
+
+    iterations: int = 200
+    rate: float = 0.12  # root-mean-square step at the start, in tube radii
+    rate_end: float = 0.02
+    clamp: float = 0.3  # no vertex goes further in one step, in tube radii
+    smoothing: float = 1.5  # width of the H1 preconditioner along the curve, in tube radii
+    momentum: float = 0.85
+    evening: float = 0.25  # share of the tangential motion that would even the edges out, a step
+    reach: float = 4.0  # neighbour lists hold segments this close, in tube radii
+
+
+@dataclass
+class FlowResult:
+    """Where the flow ended, and the account of its certificates."""
+
+    points: Array
+    accepted: int = 0
+    shortened: int = 0
+    refused: int = 0
+    least_margin: float = np.inf
+    losses: list[float] = field(default_factory=list)
+
+
+def _precondition(gradient: Array, rings: Rings, sigma: float) -> Array:
+    """H1 gradient: each ring's rows divided by 1 + (sigma omega)^2 in frequency, sigma in samples."""
+    out = []
+    for part in rings.split(gradient):
+        omega = np.fft.rfftfreq(len(part)) * 2 * np.pi
+        spectrum = np.fft.rfft(part, axis=0) / (1 + (sigma * omega) ** 2)[:, None]
+        out.append(np.fft.irfft(spectrum, len(part), axis=0))
+    return np.concatenate(out)
+
+
+def _along(points: Array, rings: Rings) -> Array:
+    """Tangential motion of each vertex to the middle of its two neighbours."""
+    ahead, behind = points[rings.next] - points, points - points[rings.previous]
+    tangent = ahead + behind
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    shift = np.linalg.norm(ahead, axis=1) - np.linalg.norm(behind, axis=1)
+    return np.asarray(0.5 * shift[:, None] * tangent)
+
+
+def flow(
+    points: Array,
+    rings: Rings,
+    objective: Objective,
+    radius: float,
+    settings: FlowSettings,
+    device: str = "cpu",
+    report: Callable[[float, float], None] | None = None,
+    done: Callable[[Array], bool] | None = None,
+) -> FlowResult:
+    """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
+
+    Every accepted step is certified to be an isotopy (`certificate.certify`): a step that fails is halved
+    up to six times, then refused. `report(progress, loss)` is called each iteration; `done(points)`
+    may end the flow early.
+    """
+    result = FlowResult(points.copy())
+    x = result.points
+    skip = 6
+    near: Neighbours | None = None
+    momentum = np.zeros_like(x)
+    scale = 0.0
+    for iteration in range(settings.iterations):
+        progress = iteration / max(1, settings.iterations - 1)
+        if near is None or near.moved(x) > 0.3 * radius:
+            near = find_neighbours(x, rings, settings.reach * radius, skip)
+        variable = torch.tensor(x, dtype=torch.float64, device=device, requires_grad=True)
+        loss = objective(variable, near, progress)
+        (gradient,) = torch.autograd.grad(loss, variable)
+        result.losses.append(float(loss.detach()))
+        spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
+        g = _precondition(gradient.cpu().numpy(), rings, settings.smoothing * radius / spacing)
+        scale = max(0.9 * scale + 0.1 * float((g * g).sum(1).mean()), 1e-300)
+        if iteration == 0:
+            scale = max(float((g * g).sum(1).mean()), 1e-300)
+        momentum = settings.momentum * momentum + (1 - settings.momentum) * g
+        rate = settings.rate * (settings.rate_end / settings.rate) ** progress * radius
+        step = -momentum * (rate / np.sqrt(scale))
+        step += settings.evening * _along(x, rings)
+        length = np.linalg.norm(step, axis=1)
+        largest = settings.clamp * radius
+        limit = np.minimum(step_limits(x, rings, near, largest), largest)
+        step *= np.minimum(1.0, limit / np.maximum(length, 1e-300))[:, None]
+        for halving in range(7):
+            verdict = certify(x, step, rings, near)
+            if verdict.valid:
+                x = x + step
+                result.accepted += 1
+                result.shortened += halving > 0
+                result.least_margin = min(result.least_margin, verdict.margin)
+                break
+            step = 0.5 * step
+        else:
+            result.refused += 1
+            momentum[:] = 0
+            near = None
+        result.points = x
+        if report is not None:
+            report(progress, result.losses[-1])
+        if done is not None and iteration % 10 == 9 and done(x):
+            break
+    return result

@@ -1,0 +1,53 @@
+"""Several closed polylines in one array, with the index arithmetic that the search needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Rings", "rings_of_sizes"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Rings:
+    """How the rows of an (N, 3) array form closed polylines: `sizes` rows each, in order."""
+
+    sizes: tuple[int, ...]
+    start: Index  # [N] first row of the ring of each row
+    size: Index  # [N] size of the ring of each row
+    ring: Index  # [N] number of the ring of each row
+    next: Index  # [N] the following row
+    previous: Index  # [N]
+
+    def ahead(self, steps: int) -> Index:
+        """[N] the row `steps` further along each row's ring."""
+        rows = np.arange(len(self.start))
+        return self.start + (rows - self.start + steps) % self.size
+
+    def index_distance(self, i: Index, j: Index) -> Index:
+        """Steps between rows along the curve; a huge number between different rings."""
+        apart = np.abs(i - j)
+        apart = np.minimum(apart, self.size[i] - apart)
+        return np.where(self.ring[i] == self.ring[j], apart, np.iinfo(np.int64).max)
+
+    def split(self, rows: Array) -> list[Array]:
+        """The (N, k) array cut into its rings."""
+        return np.split(rows, np.cumsum(self.sizes)[:-1])
+
+
+def rings_of_sizes(sizes: tuple[int, ...]) -> Rings:
+    """The index arithmetic of closed polylines with these numbers of vertices."""
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    size = np.repeat(np.asarray(sizes, dtype=np.int64), sizes)
+    start = np.repeat(starts, sizes)
+    ring = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
+    rows = np.arange(len(start), dtype=np.int64)
+    inside = rows - start
+    return Rings(
+        sizes, start, size, ring, start + (inside + 1) % size, start + (inside - 1) % size
+    )

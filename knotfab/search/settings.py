@@ -1,0 +1,79 @@
+"""Every setting of the search that trades accuracy for time, and the presets measured on the frontier."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from knotfab.errors import InputError
+
+__all__ = ["PRESETS", "SearchSettings", "search_settings"]
+
+
+class SearchSettings(BaseModel):
+    """One point on the accuracy-time frontier (scene.toml `[search]`)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    seed: int = Field(0, ge=0)
+    coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
+    fine_px: int = Field(384, ge=32, le=4096)  # in the later ones
+    coarse_iterations: int = Field(80, ge=0)
+    fine_iterations: int = Field(80, ge=0)
+    settle_iterations: int = Field(40, ge=1)  # the last phase: feasibility first
+    edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # vertex spacing in tube radii
+    winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
+    depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
+    radius_candidates: int = Field(16, ge=2)  # tube radii tried when the radius is "auto"
+    tolerance_px: float = Field(0.25, gt=0)  # an effect below this is not simulated (fine_px pixels)
+    mesh_sides: int = Field(48, ge=8)  # facets around the tube
+    max_px_iou_floor: float = Field(0.03, gt=0)  # required IoU: the bound less this
+
+    def scaled(self, factor: float) -> SearchSettings:
+        """The same point with `factor` times the iterations (a time budget's answer)."""
+        return self.model_copy(
+            update={
+                "coarse_iterations": max(10, round(self.coarse_iterations * factor)),
+                "fine_iterations": max(10, round(self.fine_iterations * factor)),
+                "settle_iterations": max(20, round(self.settle_iterations * factor)),
+            }
+        )
+
+
+PRESETS: dict[str, SearchSettings] = {
+    "draft": SearchSettings(
+        coarse_px=160, fine_px=256, coarse_iterations=50, fine_iterations=40, settle_iterations=30,
+        depth_candidates=30, radius_candidates=12, tolerance_px=0.5, mesh_sides=32,
+        max_px_iou_floor=0.05,
+    ),
+    "standard": SearchSettings(),
+    "fine": SearchSettings(
+        coarse_px=256, fine_px=640, coarse_iterations=120, fine_iterations=160, settle_iterations=80,
+        winners_every=2, depth_candidates=150, radius_candidates=24, tolerance_px=0.1, mesh_sides=64,
+        max_px_iou_floor=0.02,
+    ),
+}
+
+
+def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
+    """The preset of `accuracy` with the scene's own `[search]` keys over it.
+
+    Raises:
+        InputError: for a key that is none, or a value out of its bounds.
+    """
+    known = SearchSettings.model_fields
+    for key in overrides:
+        if key not in known:
+            raise InputError(
+                f"scene key [search] {key}", "there is no such setting",
+                f"The search takes: {', '.join(known)}",
+            )
+    try:
+        return SearchSettings(**{**PRESETS[accuracy].model_dump(), **overrides})
+    except ValueError as error:
+        first = error.errors()[0] if hasattr(error, "errors") else {"loc": ("?",), "msg": str(error)}
+        raise InputError(
+            f"scene key [search] {first['loc'][0]}", str(first["msg"]).lower(),
+            "Correct it, or leave it out for the preset's value",
+        ) from error

@@ -1,0 +1,192 @@
+"""The filling template: concentric insets of the silhouette, joined into one simple closed curve a piece.
+
+Rings lie one projected tube width apart, so the planar tube covers the picture. Being simple and
+planar, every curve is an unknot, and the curves together an unlink, by inspection.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely import LinearRing, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+__all__ = ["Template", "even_samples", "fill", "rings_of", "simple_curves"]
+
+Array = NDArray[np.float64]
+
+_THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
+_THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
+
+
+@dataclass(frozen=True)
+class Template:
+    """Closed planar curves [(n, 2) mm], disjoint and simple, and the polygon they fill."""
+
+    curves: tuple[Array, ...]
+    polygon: MultiPolygon
+    radius: float
+
+
+def _polygons(shape: BaseGeometry) -> list[Polygon]:
+    return [p for p in shapely.get_parts(shape) if isinstance(p, Polygon) and p.area > 0]
+
+
+def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeometry:
+    """Where centre lines may run: the inset, with parts narrower than the tube inset by less."""
+    inset = region.buffer(-radius, join_style="mitre")
+    opened = inset.buffer(radius * 1.02, join_style="mitre")
+    narrow = region.difference(opened)
+    kept = region.buffer(-radius * thin).intersection(narrow.buffer(radius * 0.5))
+    kept = shapely.union_all([p for p in _polygons(kept) if p.length > 3.0 * radius])
+    return shapely.make_valid(shapely.union_all([inset, kept]).buffer(0))
+
+
+def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[LinearRing]:
+    """The centre lines of concentric tubes that cover `piece`, outermost first.
+
+    Args:
+        piece: silhouette, mm.
+        radius: projected tube radius, mm.
+        spacing: distance between neighbouring rings in tube radii.
+    """
+    rings: list[LinearRing] = []
+    region: BaseGeometry = piece
+    thin = _THIN_OUTER
+    while not region.is_empty:
+        lines = _ring_region(region, radius, thin)
+        for part in _polygons(lines):
+            for ring in (part.exterior, *part.interiors):
+                if ring.length > 2.0 * radius:
+                    rings.append(ring)
+        region = region.buffer(-spacing * radius)
+        thin = _THIN_INNER
+    if not rings:  # a piece smaller than the tube: one small loop in its middle
+        middle = piece.representative_point() if piece.is_empty else piece.centroid
+        rings.append(middle.buffer(radius * 0.35).exterior)
+    return rings
+
+
+def even_samples(points: Array, step: float) -> Array:
+    """Even samples of a closed polyline, about `step` apart."""
+    closed = np.concatenate([points, points[:1]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    count = max(8, round(arc[-1] / step))
+    at = np.arange(count) * (arc[-1] / count)
+    return np.stack([np.interp(at, arc, closed[:, k]) for k in range(closed.shape[1])], axis=1)
+
+
+def _turning(points: Array) -> Array:
+    """Unsigned turning angle at each vertex, averaged over a few neighbours."""
+    edge = np.roll(points, -1, axis=0) - points
+    angle = np.arctan2(edge[:, 1], edge[:, 0])
+    turn = np.abs((angle - np.roll(angle, 1) + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(sum(np.roll(turn, k, axis=0) for k in range(-3, 4)))
+
+
+def _closest(one: Array, other: Array, radius: float) -> tuple[float, int, int]:
+    """The best place for a bridge: nearly the shortest, where both curves are straight."""
+    near, index = cKDTree(other).query(one)
+    shortest = float(near.min())
+    turn_one, turn_other = _turning(one), _turning(other)
+    cost = near + radius * 0.7 * (np.minimum(turn_one, 2.0) + np.minimum(turn_other[index], 2.0))
+    cost[near > shortest + 0.6 * radius] = np.inf
+    best = int(np.argmin(cost))
+    return shortest, best, int(index[best])
+
+
+def _open(points: Array, at: int, gap: int) -> Array:
+    """The closed polyline cut open around vertex `at`, `gap` steps wide."""
+    gap = max(1, min(gap, len(points) // 3))
+    start = at + (gap + 1) // 2
+    return np.roll(points, -start, axis=0)[: len(points) - gap + 1]
+
+
+def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -> Array:
+    """Both closed polylines joined by two parallel strands."""
+    a, b = _open(one, at, gap), _open(other, to, gap)
+    straight = np.linalg.norm(a[-1] - b[0]) + np.linalg.norm(b[-1] - a[0])
+    turned = np.linalg.norm(a[-1] - b[-1]) + np.linalg.norm(b[0] - a[0])
+    if turned < straight:
+        b = b[::-1]
+
+    def strand(p: Array, q: Array) -> Array:
+        count = max(1, round(float(np.linalg.norm(q - p)) / step))
+        return p + (q - p) * (np.arange(1, count) / count)[:, None]
+
+    return np.concatenate([a, strand(a[-1], b[0]), b, strand(b[-1], a[0])])
+
+
+def simple_curves(curves: list[Array]) -> bool:
+    """Whether the closed curves are simple and disjoint."""
+    if not all(LinearRing(c).is_simple for c in curves):
+        return False
+    tree = shapely.STRtree([LinearRing(c) for c in curves])
+    rings = [LinearRing(c) for c in curves]
+    one, other = tree.query(rings, predicate="intersects")
+    return bool((one == other).all())
+
+
+def _join(curves: list[Array], radius: float, step: float) -> list[Array]:
+    """Closed curves joined into one along a minimum spanning tree of their gaps."""
+    curves = list(curves)
+    while len(curves) > 1:
+        # the smallest curve joins its nearest neighbour: rings nest, so the tree stays short
+        smallest = min(range(len(curves)), key=lambda k: len(curves[k]))
+        one = curves.pop(smallest)
+        options = sorted(
+            ((*_closest(one, c, radius), k) for k, c in enumerate(curves)), key=lambda o: o[0]
+        )
+        joined = None
+        for _, at, to, k in options[:4]:
+            rest = curves[:k] + curves[k + 1 :]
+            for width in (2.0, 1.2, 0.6, 0.3):
+                gap = max(1, round(width * radius / step))
+                candidate = _bridge(one, at, curves[k], to, gap, step)
+                if simple_curves([candidate, *rest]):
+                    joined = (candidate, k)
+                    break
+            if joined:
+                break
+        if joined is None:  # no bridge without a crossing: the piece does without this ring
+            continue
+        curves[joined[1]] = joined[0]
+    return curves
+
+
+def _smooth(curve: Array, sigma: float) -> Array:
+    """Gaussian smoothing along an evenly sampled closed curve, sigma in samples."""
+    frequency = np.fft.rfftfreq(len(curve)) * 2 * np.pi
+    damp = np.exp(-0.5 * (sigma * frequency) ** 2)[:, None]
+    return np.asarray(np.fft.irfft(np.fft.rfft(curve, axis=0) * damp, len(curve), axis=0))
+
+
+def fill(
+    polygon: MultiPolygon, radius: float, knots: int | None = None, spacing: float = 2.0
+) -> Template:
+    """The filling template of a silhouette.
+
+    Args:
+        polygon: silhouette in the plane of the template, mm.
+        radius: projected tube radius there, mm.
+        knots: None for one curve a piece, 1 for a single curve bridged through gaps.
+        spacing: distance between neighbouring rings in tube radii.
+    """
+    step = radius * 0.25
+    curves: list[Array] = []
+    for piece in _polygons(polygon):
+        rings = [even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)]
+        curves.extend(_join(rings, radius, step))
+    if knots == 1:
+        curves = _join(curves, radius, step)
+    smoothed = curves
+    for sigma in (2.0, 1.0, 0.5):
+        trial = [_smooth(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]
+        if simple_curves(trial):
+            smoothed = trial
+            break
+    return Template(tuple(smoothed), polygon, radius)
