@@ -9,6 +9,7 @@ from torch import Tensor
 from knotfab.effects.base import Effect, Limits, Situation, State
 from knotfab.search.feasible import strand_gap
 from knotfab.search.neighbours import closest_parameters
+from knotfab.search.polyline import dot
 
 __all__ = ["CLEARANCE"]
 
@@ -33,7 +34,7 @@ def term(state: State, limits: Limits) -> Tensor:
     middle = start + 0.5 * edge
     i, j = state.near.i, state.near.j
     apart = middle[i] - middle[j]
-    close = (apart * apart).sum(1) < (distance + 1.5 * state.spacing) ** 2
+    close = dot(apart, apart) < (distance + 1.5 * state.spacing) ** 2
     i, j = i[close], j[close]
     far = state.rings.index_distance(i, j) * state.spacing > 0.5 * np.pi * limits.separation
     i, j = i[far], j[far]

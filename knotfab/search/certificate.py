@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.search.neighbours import Neighbours, closest_parameters
-from knotfab.search.polyline import Rings
+from knotfab.search.polyline import Rings, dot
 
 __all__ = ["Certificate", "certify", "step_limits"]
 
@@ -34,17 +34,17 @@ class Certificate:
 def _gap_bound(points: Array, rings: Rings, i: Index, j: Index) -> Array:
     """A lower bound of the distance of segments i and j: that of their middles less their halves."""
     edge = points[rings.next] - points
-    half = 0.5 * np.sqrt((edge * edge).sum(1))
+    half = 0.5 * np.sqrt(dot(edge, edge))
     middle = points + 0.5 * edge
     apart = middle[i] - middle[j]
-    return np.asarray(np.sqrt((apart * apart).sum(1)) - half[i] - half[j])
+    return np.asarray(np.sqrt(dot(apart, apart)) - half[i] - half[j])
 
 
 def _exact_gap(points: Array, rings: Rings, i: Index, j: Index) -> Array:
     u, v = points[rings.next[i]] - points[i], points[rings.next[j]] - points[j]
     s, t = closest_parameters(points[i], u, points[j], v)
     apart = points[i] + s[:, None] * u - points[j] - t[:, None] * v
-    return np.asarray(np.sqrt((apart * apart).sum(1)))
+    return np.asarray(np.sqrt(dot(apart, apart)))
 
 
 def _relative(step: Array, rings: Rings, i: Index, j: Index) -> Array:
@@ -53,7 +53,7 @@ def _relative(step: Array, rings: Rings, i: Index, j: Index) -> Array:
     worst = np.zeros(len(i))
     for a in ends_i:
         for b in ends_j:
-            worst = np.maximum(worst, ((a - b) ** 2).sum(1))
+            worst = np.maximum(worst, dot(a - b, a - b))
     return np.asarray(np.sqrt(worst))
 
 
@@ -67,13 +67,13 @@ def certify(points: Array, step: Array, rings: Rings, near: Neighbours) -> Certi
     old = points[rings.next] - points
     new = old + step[rings.next] - step
     after_old, after_new = old[rings.next], new[rings.next]
-    towards = old / np.linalg.norm(old, axis=1)[:, None]
+    towards = old / np.sqrt(dot(old, old))[:, None]
     towards = towards + towards[rings.next]
     for edge in (old, new, after_old, after_new):
-        if not ((edge * towards).sum(1) > 0).all():
+        if not (dot(edge, towards) > 0).all():
             return Certificate(False, "adjacent segments may fold back", -np.inf)
-    half = 0.5 * float(np.sqrt(max((old * old).sum(1).max(), (new * new).sum(1).max())))
-    largest = float(np.sqrt((step * step).sum(1).max()))
+    half = 0.5 * float(np.sqrt(max(dot(old, old).max(), dot(new, new).max())))
+    largest = float(np.sqrt(dot(step, step).max()))
     margin = near.reach - 2 * half - 2 * near.moved(points) - 2 * largest
     if margin <= 0:
         return Certificate(False, "the neighbour list is too old", margin)
@@ -110,7 +110,7 @@ def _near_margin(points: Array, step: Array, old: Array, new: Array, rings: Ring
     monotone = np.ones(len(rows), dtype=bool)
     for edges in (old, new):
         for m in run:
-            monotone &= (edges[m] * heading).sum(1) > 0
+            monotone &= dot(edges[m], heading) > 0
     rest = rows[~monotone]
     return _far_margin(points, step, rings, rest, rings.ahead(k)[rest])
 

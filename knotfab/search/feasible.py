@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.search.neighbours import closest_parameters, find_neighbours
-from knotfab.search.polyline import Rings
+from knotfab.search.polyline import Rings, dot
 
 if TYPE_CHECKING:
     from knotfab.effects.base import Limits
@@ -32,7 +32,7 @@ def bend_radii(points: Array, rings: Rings) -> Array:
     """[N] min(adjacent edges) / (2 tan(theta / 2)) at each vertex (Rawdon's MinRad), mm."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     one, two = np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)
-    cosine = (ahead * behind).sum(1) / (one * two)
+    cosine = dot(ahead, behind) / (one * two)
     tangent = np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-300))
     return np.asarray(np.minimum(one, two) / np.maximum(2 * tangent, 1e-300))
 
@@ -59,7 +59,7 @@ def strand_gap(points: Array, rings: Rings, limits: Limits, reach: float) -> Str
         return StrandGap(reach, -1, -1)
     s, t = closest_parameters(points[i], edge[i], points[j], edge[j])
     apart = points[i] + s[:, None] * edge[i] - points[j] - t[:, None] * edge[j]
-    gap = np.sqrt((apart * apart).sum(1))
+    gap = np.sqrt(dot(apart, apart))
     k = int(np.argmin(gap))
     return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from knotfab.search.certificate import certify, step_limits
 from knotfab.search.neighbours import Neighbours, find_neighbours
-from knotfab.search.polyline import Rings
+from knotfab.search.polyline import Rings, dot
 
 __all__ = ["FlowResult", "FlowSettings", "flow"]
 
@@ -60,8 +60,8 @@ def _along(points: Array, rings: Rings) -> Array:
     """Tangential motion of each vertex to the middle of its two neighbours."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     tangent = ahead + behind
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    shift = np.linalg.norm(ahead, axis=1) - np.linalg.norm(behind, axis=1)
+    tangent /= np.sqrt(dot(tangent, tangent))[:, None]
+    shift = np.sqrt(dot(ahead, ahead)) - np.sqrt(dot(behind, behind))
     return np.asarray(0.5 * shift[:, None] * tangent)
 
 
@@ -97,14 +97,14 @@ def flow(
         result.losses.append(float(loss.detach()))
         spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
         g = _precondition(gradient.cpu().numpy(), rings, settings.smoothing * radius / spacing)
-        scale = max(0.9 * scale + 0.1 * float((g * g).sum(1).mean()), 1e-300)
+        scale = max(0.9 * scale + 0.1 * float(dot(g, g).mean()), 1e-300)
         if iteration == 0:
-            scale = max(float((g * g).sum(1).mean()), 1e-300)
+            scale = max(float(dot(g, g).mean()), 1e-300)
         momentum = settings.momentum * momentum + (1 - settings.momentum) * g
         rate = settings.rate * (settings.rate_end / settings.rate) ** progress * radius
         step = -momentum * (rate / np.sqrt(scale))
         step += settings.evening * _along(x, rings)
-        length = np.linalg.norm(step, axis=1)
+        length = np.sqrt(dot(step, step))
         largest = settings.clamp * radius
         limit = np.minimum(step_limits(x, rings, near, largest), largest)
         step *= np.minimum(1.0, limit / np.maximum(length, 1e-300))[:, None]

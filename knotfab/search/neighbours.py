@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.search.polyline import Rings
+from knotfab.search.polyline import Rings, dot
 
 __all__ = ["Neighbours", "closest_parameters", "find_neighbours"]
 
@@ -28,7 +28,7 @@ class Neighbours:
 
     def moved(self, points: Array) -> float:
         """The largest distance a vertex has gone since the pairs were found."""
-        return float(np.sqrt(((points - self.points) ** 2).sum(1).max()))
+        return float(np.sqrt(dot(points - self.points, points - self.points).max()))
 
 
 def find_neighbours(points: Array, rings: Rings, reach: float, skip: int) -> Neighbours:
@@ -46,8 +46,8 @@ def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, A
     Ericson, Real-Time Collision Detection, 5.1.9: clamp one parameter, solve, clamp the other.
     """
     w = p - q
-    a, e, f = (u * u).sum(1), (v * v).sum(1), (v * w).sum(1)
-    b, c = (u * v).sum(1), (u * w).sum(1)
+    a, e, f = dot(u, u), dot(v, v), dot(v, w)
+    b, c = dot(u, v), dot(u, w)
     det = a * e - b * b
     parallel = det <= 1e-12 * a * e
     s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0, det)), 0, 1)

@@ -118,7 +118,7 @@ def search(
          (6.0, 6.0), (0.03, 0.01)),
     )
     seen: float | None = None
-    for number, (pixels, iterations, weights, tau, rates) in enumerate(phases):
+    for pixels, iterations, weights, tau, rates in phases:
         if iterations == 0:
             continue
         points, rings = _evened(points, rings, settings.edge_radii * radius, account)
@@ -131,7 +131,7 @@ def search(
         walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
         points = _walk(points, rings, objective, limits, walk, account, device, tell)
         done += iterations
-        if report is not None or number == len(phases) - 1:
+        if report is not None or done == total:
             seen = iou_of(points, rings, objective.frame, objective.target, radius)
     state = standing(points, rings, limits)
     weight = 0.3

@@ -21,14 +21,14 @@ class SearchSettings(BaseModel):
     fine_px: int = Field(384, ge=32, le=4096)  # in the later ones
     coarse_iterations: int = Field(80, ge=0)
     fine_iterations: int = Field(80, ge=0)
-    settle_iterations: int = Field(40, ge=1)  # the last phase: feasibility first
+    settle_iterations: int = Field(40, ge=0)  # the last phase: feasibility first
     edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
     radius_candidates: int = Field(16, ge=2)  # tube radii tried when the radius is "auto"
     tolerance_px: float = Field(0.25, gt=0)  # an effect below this is not simulated (fine_px pixels)
     mesh_sides: int = Field(48, ge=8)  # facets around the tube
-    max_px_iou_floor: float = Field(0.03, gt=0)  # required IoU: the bound less this
+    iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
 
     def scaled(self, factor: float) -> SearchSettings:
         """The same point with `factor` times the iterations (a time budget's answer)."""
@@ -45,13 +45,13 @@ PRESETS: dict[str, SearchSettings] = {
     "draft": SearchSettings(
         coarse_px=160, fine_px=256, coarse_iterations=50, fine_iterations=40, settle_iterations=30,
         depth_candidates=30, radius_candidates=12, tolerance_px=0.5, mesh_sides=32,
-        max_px_iou_floor=0.05,
+        iou_slack=0.08,
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
         coarse_px=256, fine_px=640, coarse_iterations=120, fine_iterations=160, settle_iterations=80,
         winners_every=2, depth_candidates=150, radius_candidates=24, tolerance_px=0.1, mesh_sides=64,
-        max_px_iou_floor=0.02,
+        iou_slack=0.04,
     ),
 }
 

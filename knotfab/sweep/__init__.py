@@ -1,0 +1,1 @@
+"""The sweep: from knots to watertight tubes."""

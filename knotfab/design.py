@@ -1,0 +1,198 @@
+"""The main job as plain functions: from a scene and its picture to a verified folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import shapely.affinity
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from knotfab.errors import InputError, SceneError
+from knotfab.knots import Knots
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Region, Scene, View
+from knotfab.search.radius import RadiusChoice, choose_radius
+from knotfab.search.search import Problem, SearchResult, search
+from knotfab.search.settings import SearchSettings, search_settings
+from knotfab.target.read import Target
+from knotfab.target.silhouette import polygon_of
+from knotfab.template.filling import fill
+
+__all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon"]
+
+Array = NDArray[np.float64]
+
+DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
+FRAME_MM = 180.0  # the longer side of a frame whose size is left open
+
+
+@dataclass(frozen=True)
+class Design:
+    """A finished search: knots in scene coordinates, and the scene with every value resolved."""
+
+    scene: Scene
+    knots: Knots
+    result: SearchResult
+    radius: RadiusChoice | None
+    opening_iou: float
+    settings: SearchSettings
+    notes: list[str] = field(default_factory=list)
+
+
+def resolve_view(view: View, target: Target) -> View:
+    """The view with its frame's size settled: 180 mm on the longer side, or by the picture's aspect."""
+    w, h = view.frame_width_mm, view.frame_height_mm
+    if w is None and h is None:
+        scale = FRAME_MM / max(target.width, target.height)
+        w, h = target.width * scale, target.height * scale
+    elif w is None:
+        assert h is not None
+        w = h * target.width / target.height
+    elif h is None:
+        h = w * target.height / target.width
+    if abs((w / target.width) / (h / target.height) - 1) > 0.01:
+        raise InputError(
+            f"scene view {view.name}",
+            f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
+            "Leave out frame_width_mm or frame_height_mm",
+        )
+    return view.model_copy(
+        update={"frame_width_mm": w, "frame_height_mm": h, "picture": target.file_name}
+    )
+
+
+def silhouette_polygon(view: View, target: Target) -> MultiPolygon:
+    """The silhouette as a polygon in the plane z = 0 (mm), along the light's rays from the receiver."""
+    camera = camera_of(view, target.width, target.height)
+
+    def to_plane(pixels: Array) -> Array:
+        at = camera.corner + pixels[:, :1] * camera.du + pixels[:, 1:] * camera.dv
+        share = camera.eye[2] / (camera.eye[2] - at[:, 2])
+        return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
+
+    moved = shapely.transform(polygon_of(target.mask), to_plane)
+    parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
+    return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
+
+
+def _region(region: Region, view: View) -> Region:
+    """The region with its size settled: what stands clear of wall and lamp, a fifth wider than the picture."""
+    if region.size_mm != "auto":
+        return region
+    assert view.frame_width_mm is not None and view.frame_height_mm is not None
+    shrink = view.light_distance_mm / (view.light_distance_mm + view.wall_distance_mm)
+    deep = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
+    wide, high = 1.25 * shrink * view.frame_width_mm, 1.25 * shrink * view.frame_height_mm
+    if region.kind == "box":
+        size = (wide, high, deep)
+    elif region.kind == "cylinder":
+        size = (max(wide, deep), high, max(wide, deep))
+    else:
+        size = (2 * float(np.hypot(wide, high)),) * 3
+    return region.model_copy(update={"size_mm": tuple(round(s, 4) for s in size)})
+
+
+def problem_of(scene: Scene, target: Target) -> Problem:
+    """What the search is asked, from a scene with one resolved view."""
+    view = scene.views[0]
+    region = _region(scene.region, view)
+    polygon = silhouette_polygon(view, target)
+    if polygon.is_empty:
+        raise InputError(
+            f"picture {target.name}", "its silhouette vanishes when traced", "Use a bolder picture"
+        )
+    bend = scene.material.min_bend_radius_mm
+    return Problem(
+        view, target.mask, polygon, scene.piece.clearance_mm, None if bend == "auto" else float(bend),
+        scene.material.max_length_mm, region, _depth(scene, polygon, region, 2.0),
+    )
+
+
+def _depth(scene: Scene, polygon: MultiPolygon, region: Region, radius: float) -> float | None:
+    """Extent of the centre lines along the axis in mm, None for a flat piece."""
+    if scene.piece.depth == "flat":
+        return None
+    assert not isinstance(region.size_mm, str)
+    low_x, low_y, high_x, high_y = polygon.bounds
+    wanted = (
+        DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
+        if scene.piece.depth == "auto"
+        else float(scene.piece.depth)
+    )
+    room = region.size_mm[2] - 2 * abs(region.center_mm[2]) - 4.0 * radius
+    if scene.piece.depth != "auto" and wanted > room:
+        raise SceneError(
+            "scene key piece.depth", f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
+            "Ask for less depth, or enlarge the region and the distance to the wall",
+        )
+    return round(min(wanted, room), 4)
+
+
+def opening_iou(polygon: MultiPolygon, radius: float) -> float:
+    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
+    opened = polygon.buffer(-radius).buffer(radius)
+    return float(opened.intersection(polygon).area / polygon.union(opened).area)
+
+
+def design(
+    scene: Scene, target: Target, device: str = "cpu", progress: Any = None, iteration_factor: float = 1.0
+) -> Design:
+    """From scene and picture to feasible knots, with every "auto" resolved.
+
+    Raises:
+        SceneError: the scene cannot be met; InputError: the scene or picture is wrong.
+    """
+    view = resolve_view(scene.views[0], target)
+    if view.azimuth_deg != 0:
+        raise InputError(
+            "scene key views.azimuth_deg", "with one view it is 0", "Turn the finished piece instead"
+        )
+    scene = scene.model_copy(update={"views": (view,)})
+    settings = search_settings(scene.accuracy.name, scene.search).scaled(iteration_factor)
+    problem = problem_of(scene, target)
+    count = None if scene.piece.knots == "auto" else int(scene.piece.knots)
+    stage = _stages(progress)
+    choice = None
+    if scene.piece.tube_radius_mm == "auto":
+        assert view.frame_width_mm is not None
+        with stage("radius") as report:
+            choice = choose_radius(
+                problem, view.frame_width_mm, scene.printer.min_tube_radius_mm, count, settings, report
+            )
+        radius, template = choice.radius_mm, choice.template
+    else:
+        radius = float(scene.piece.tube_radius_mm)
+        if radius < scene.printer.min_tube_radius_mm:
+            raise SceneError(
+                "scene key piece.tube_radius_mm",
+                f"{radius:g} mm is thinner than {scene.printer.name} prints",
+                f"Use at least {scene.printer.min_tube_radius_mm:g} mm, or another printer",
+            )
+        with stage("template"):
+            template = fill(problem.polygon, radius, count)
+    depth = _depth(scene, problem.polygon, problem.region, radius)
+    problem = Problem(**{**problem.__dict__, "depth_mm": depth})
+    with stage("search") as report:
+        result = search(problem, template, radius, settings, device, report)
+    opened = opening_iou(problem.polygon, radius)
+    floor = scene.accuracy.iou_floor
+    if floor == "auto":
+        floor = round(max(0.3, opened - settings.iou_slack), 4)
+    limits = problem.limits(radius)
+    resolved = scene.model_copy(
+        update={
+            "piece": scene.piece.model_copy(
+                update={"tube_radius_mm": radius, "depth": "flat" if depth is None else depth}
+            ),
+            "region": problem.region,
+            "material": scene.material.model_copy(update={"min_bend_radius_mm": limits.bend_radius}),
+            "accuracy": scene.accuracy.model_copy(update={"iou_floor": floor}),
+            "search": settings.model_dump(),
+        }
+    )
+    return Design(resolved, result.knots, result, choice, opened, settings)

@@ -1,0 +1,258 @@
+"""What this machine has and lacks for knotfab, with the remedy for each."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+__all__ = ["Finding", "examine"]
+
+Status = Literal["ok", "missing", "warning"]
+
+# distribution, import name
+LIBRARIES = (
+    ("numpy", "numpy"),
+    ("scipy", "scipy"),
+    ("shapely", "shapely"),
+    ("manifold3d", "manifold3d"),
+    ("trimesh", "trimesh"),
+    ("libigl", "igl"),
+    ("pymeshlab", "pymeshlab"),
+    ("lib3mf", "lib3mf"),
+    ("cadquery", "cadquery"),
+    ("resvg-py", "resvg_py"),
+    ("pillow", "PIL"),
+    ("networkx", "networkx"),
+)
+GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
+RENDER_REMEDY = "apt-get install libegl1 libgl1"
+LEAST_MEMORY_GB, LEAST_DISK_GB = 4.0, 1.0
+CHILD_TIMEOUT_S, TOO_SLOW = 60, 128
+
+# Runs in a child: where OpenGL is missing VTK ends the whole process with a segmentation fault.
+RENDER_CHILD = """
+import os, sys
+if sys.platform.startswith("linux"):
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
+plotter.add_mesh(pyvista.Sphere(), color="white", lighting=False)
+plotter.background_color = "black"
+image = plotter.screenshot(return_img=True)
+assert image.max() > 200, "the picture stayed black"
+print("pyvista", pyvista.__version__, "with VTK", ".".join(map(str, pyvista.vtk_version_info)))
+"""
+# Libraries with compiled parts can end the process too: each name is said before it is loaded.
+IMPORT_CHILD = """
+import importlib, sys
+for name in sys.argv[1:]:
+    print("?", name, flush=True)
+    try:
+        importlib.import_module(name)
+    except Exception as error:
+        print("-", " ".join(f"{type(error).__name__}: {error}".split()), flush=True)
+    else:
+        print("+", flush=True)
+"""
+TORCH_CHILD = """
+import torch
+cuda = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no CUDA device"
+print(f"{torch.__version__}, {torch.get_num_threads()} threads, {cuda}")
+"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at: `detail` says what was found, `remedy` what to do about it."""
+
+    name: str
+    status: Status
+    detail: str
+    remedy: str = ""
+
+
+def examine() -> list[Finding]:
+    """Look at everything a build needs; nothing heavy is loaded into this process.
+
+    `missing` breaks a required step, `warning` only costs speed or an optional one.
+    """
+    return [
+        _python(),
+        _torch(),
+        *_libraries(LIBRARIES),
+        _rendering(),
+        _fonts(),
+        _slicer(),
+        _cores(),
+        _memory(),
+        _disk(),
+    ]
+
+
+def _python() -> Finding:
+    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Finding("python", "ok", detail)
+
+
+def _torch() -> Finding:
+    ran, said = _answer(TORCH_CHILD)
+    if ran:
+        return Finding("torch", "ok", said)
+    return Finding("torch", "missing", said, "pip install -c constraints.txt torch")
+
+
+def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
+    """Installed, found by the import system, and really imported by a child."""
+    found = [_installed(distribution, module) for distribution, module in wanted]
+    present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
+    broken = _import_errors(present)
+    return [
+        replace(
+            finding,
+            status="missing",
+            detail=f"{finding.detail}, but {broken[module]}",
+            remedy=f"pip install --force-reinstall {distribution}; {RENDER_REMEDY}",
+        )
+        if module in broken
+        else finding
+        for (distribution, module), finding in zip(wanted, found, strict=True)
+    ]
+
+
+def _installed(distribution: str, module: str) -> Finding:
+    remedy = f"pip install {distribution}"
+    try:
+        version = metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return Finding(distribution, "missing", "not installed", remedy)
+    if importlib.util.find_spec(module) is None:
+        detail = f"{version} is listed, but {module} is not there"
+        return Finding(distribution, "missing", detail, f"{remedy} --force-reinstall")
+    return Finding(distribution, "ok", version)
+
+
+def _import_errors(modules: Sequence[str]) -> dict[str, str]:
+    """Those of `modules` that cannot be imported, and why."""
+    errors: dict[str, str] = {}
+    left = list(modules)
+    while left:
+        code, said, _ = _child(IMPORT_CHILD, *left)
+        last = ""
+        for line in said.splitlines():
+            if line.startswith("? "):
+                last = line[2:]
+            elif line.startswith("- "):
+                errors[last] = line[2:]
+        if code == 0:
+            break
+        # The child died on the last name that it said: go on with those behind it.
+        last = last or left[0]
+        errors[last] = _ending(code)
+        left = left[left.index(last) + 1 :]
+    return errors
+
+
+def _rendering() -> Finding:
+    name = "rendering (pyvista)"
+    if importlib.util.find_spec("pyvista") is None:
+        return Finding(name, "missing", "pyvista is not installed", "pip install pyvista")
+    from knotfab_validators.render import why_no_rendering
+
+    reason = why_no_rendering()
+    if reason is not None:
+        return Finding(name, "missing", reason, RENDER_REMEDY)
+    ran, said = _answer(RENDER_CHILD)
+    if ran:
+        return Finding(name, "ok", f"{said}, a picture was rendered off-screen")
+    return Finding(name, "missing", f"rendering off-screen failed: {said}", RENDER_REMEDY)
+
+
+def _fonts() -> Finding:
+    name, remedy = "fonts for text:…", "pip install --force-reinstall matplotlib"
+    found = importlib.util.find_spec("matplotlib")
+    if found is None or found.origin is None:
+        return Finding(name, "missing", "matplotlib is not installed", "pip install matplotlib")
+    folder = Path(found.origin).parent / "mpl-data" / "fonts" / "ttf"
+    lacking = [font for font in GLYPH_FONTS if not (folder / font).is_file()]
+    if lacking:
+        return Finding(name, "warning", f"matplotlib lacks {', '.join(lacking)}", remedy)
+    return Finding(name, "ok", f"DejaVu Sans, with matplotlib {metadata.version('matplotlib')}")
+
+
+def _slicer() -> Finding:
+    path = shutil.which("prusa-slicer") or shutil.which("PrusaSlicer")
+    if path is None:
+        return Finding(
+            "prusa-slicer",
+            "warning",
+            "not found: builds go without the slicer's own reading of the file",
+            "apt-get install --no-install-recommends prusa-slicer",
+        )
+    return Finding("prusa-slicer", "ok", path)
+
+
+def _cores() -> Finding:
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdigit() and int(limit) < cores:
+        detail = f"{cores}, but OMP_NUM_THREADS={limit} keeps the search to {limit}"
+        return Finding("cores", "warning", detail, "unset OMP_NUM_THREADS")
+    if cores < 2:
+        return Finding("cores", "warning", "1", "Expect builds to take twice as long")
+    return Finding("cores", "ok", str(cores))
+
+
+def _memory() -> Finding:
+    try:
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    except (AttributeError, OSError, ValueError):
+        return Finding("memory", "warning", "cannot be read here", f"Have {LEAST_MEMORY_GB:g} GB")
+    if total < LEAST_MEMORY_GB:
+        return Finding("memory", "warning", f"{total:.1f} GB", "Use --accuracy draft")
+    return Finding("memory", "ok", f"{total:.1f} GB")
+
+
+def _disk() -> Finding:
+    free = shutil.disk_usage(Path.cwd()).free / 2**30
+    detail = f"{free:.1f} GB free in the current folder"
+    if free < LEAST_DISK_GB:
+        return Finding("disk", "warning", detail, "Free some space, or give --out another disk")
+    return Finding("disk", "ok", detail)
+
+
+def _answer(code: str) -> tuple[bool, str]:
+    """Run `code` in a child: whether it ended well, and the last line that it said."""
+    ending, out, err = _child(code)
+    lines = (out if ending == 0 else err).strip().splitlines()
+    return ending == 0, lines[-1] if lines and ending >= 0 else _ending(ending)
+
+
+def _child(code: str, *arguments: str) -> tuple[int, str, str]:
+    """Run `code` in a Python of its own: exit code (128: too slow), standard output and error."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=CHILD_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return TOO_SLOW, "", ""
+    return done.returncode, done.stdout, done.stderr
+
+
+def _ending(code: int) -> str:
+    if code == TOO_SLOW:
+        return f"no answer in {CHILD_TIMEOUT_S} s"
+    return f"ended by signal {-code}" if code < 0 else f"exit code {code}"

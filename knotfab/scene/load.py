@@ -1,0 +1,157 @@
+"""Read a scene.toml into a checked Scene, and write one back without losing a bit."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from knotfab.errors import InputError
+from knotfab.scene.explain import explain
+from knotfab.scene.model import Scene, View
+
+__all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file; keys left out take their defaults, and no view at all means one default.
+
+    Raises:
+        InputError: the file cannot be read, is not TOML, or `parse_scene` rejects it.
+    """
+    what = str(path)
+    file = Path(path).expanduser()
+    if file.is_dir():
+        raise InputError(what, "it is a directory", "Name the scene file in it.")
+    try:
+        return parse_scene(file.read_text(encoding="utf-8"), what)
+    except FileNotFoundError as error:
+        raise InputError(what, "there is no such scene file", "Check the path.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(what, "it is not a UTF-8 text", "Save the scene as UTF-8.") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+
+
+def parse_scene(text: str, what: str = "scene.toml") -> Scene:
+    """The Scene that a TOML text describes.
+
+    Args:
+        text: content of a scene file (docs/conventions.md, schema 1).
+        what: how an error names it.
+
+    Raises:
+        InputError: not TOML, an unknown key, a wrong type, unit or bound, or lengths that
+            contradict each other.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(
+            what, f"it is not valid TOML: {error or 'nested too deep'}", "Correct that line."
+        ) from error
+    try:
+        scene = Scene.model_validate(raw)
+    except ValidationError as error:
+        raise explain(error, raw, what) from error
+    check_scene(scene, what)
+    return scene
+
+
+def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
+    """How far the region reaches towards the light and towards the wall, mm."""
+    size = scene.region.size_mm
+    if isinstance(size, str):
+        return None
+    azimuth = math.radians(view.azimuth_deg)
+    x, z = math.sin(azimuth), math.cos(azimuth)
+    if scene.region.kind == "box":
+        half = 0.5 * (abs(x) * size[0] + abs(z) * size[2])
+    else:
+        half = 0.5 * size[0]
+    middle = x * scene.region.center_mm[0] + z * scene.region.center_mm[2]
+    return middle + half, half - middle
+
+
+def check_scene(scene: Scene, what: str = "scene.toml") -> None:
+    """Reject lengths that are each possible, but not together.
+
+    Raises:
+        InputError: two views of one name; a region about the light or wholly behind the wall; a
+            tube or a depth too large for its surroundings.
+    """
+    names = [view.name for view in scene.views]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
+    radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
+    depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth
+    size = scene.region.size_mm
+    if not isinstance(size, str) and 2.0 * radius >= min(size):
+        raise InputError(
+            what,
+            f"a tube of tube_radius_mm = {radius:g} does not fit into [region] size_mm = "
+            f"{list(size)}",
+            "Make the region larger or the tube thinner.",
+        )
+    for number, view in enumerate(scene.views, start=1):
+        where = f"[[views]] number {number}"
+        reach = max(0.5 * depth, radius)
+        if reach >= view.light_distance_mm:
+            raise InputError(
+                what,
+                f"{where}: the piece reaches {reach:g} mm towards the light, but "
+                f"light_distance_mm is {view.light_distance_mm:g}",
+                "Move the light away, or make the piece flatter or its tube thinner.",
+            )
+        if view.kind == "shadow" and reach >= view.wall_distance_mm:
+            raise InputError(
+                what,
+                f"{where}: the piece reaches {reach:g} mm towards the wall, but "
+                f"wall_distance_mm is {view.wall_distance_mm:g}",
+                "Move the wall away, or make the piece flatter or its tube thinner.",
+            )
+        frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
+        if frame and 2.0 * radius >= min(frame):
+            raise InputError(
+                what,
+                f"{where}: a tube of tube_radius_mm = {radius:g} is wider than the frame of "
+                f"{min(frame):g} mm",
+                "Make the frame larger or the tube thinner.",
+            )
+        span = _depth_span(scene, view)
+        if span is None:
+            continue
+        if span[0] >= view.light_distance_mm:
+            raise InputError(
+                what,
+                f"{where}: the region reaches {span[0]:g} mm towards the light, but "
+                f"light_distance_mm is {view.light_distance_mm:g}",
+                "Move the light away or make the region smaller.",
+            )
+        nearest = -span[0]  # the region's side that is furthest from the wall
+        if view.kind == "shadow" and nearest >= view.wall_distance_mm:
+            raise InputError(
+                what,
+                f"{where}: the whole region lies behind the wall (wall_distance_mm = "
+                f"{view.wall_distance_mm:g})",
+                "Move [region] center_mm towards the light.",
+            )
+
+
+def dump_scene(scene: Scene) -> str:
+    """The TOML text whose reading gives `scene` again, every float at full precision.
+
+    Every key is written, except those of [printer] and [material] that nobody set: their values
+    come from the data files that their names stand for (`resolve` sets them all).
+    """
+    import tomli_w
+
+    tables: dict[str, Any] = scene.model_dump(by_alias=True, exclude_none=True)
+    tables["printer"] = scene.printer.model_dump(exclude_unset=True)
+    tables["material"] = scene.material.model_dump(exclude_unset=True)
+    return tomli_w.dumps({key: value for key, value in tables.items() if value != {}})

@@ -1,0 +1,119 @@
+"""Read a picture from wherever it comes: an image file, an SVG, or `text:…`."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import InputError
+from knotfab.target import raster, svg, text
+
+__all__ = ["TEXT_PREFIX", "Target", "read_target"]
+
+TEXT_PREFIX = "text:"
+_LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
+
+
+@dataclass(frozen=True)
+class Target:
+    """A picture and its silhouette.
+
+    `mask` is (height, width) bool, row 0 at the top, True where the shape is (after `invert`).
+    `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
+    the canonical PNG for SVG and text. Reading that file again, with the same `invert`, gives the
+    same mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
+    digits, "_" and "-".
+    """
+
+    name: str
+    mask: NDArray[np.bool_]
+    png_bytes: bytes
+    width: int
+    height: int
+    suffix: str = ".png"
+
+    @property
+    def file_name(self) -> str:
+        """`name` with the suffix of its bytes."""
+        return self.name + self.suffix
+
+
+def _name(raw: str, fallback: str) -> str:
+    plain = unicodedata.normalize("NFKD", raw).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or fallback
+
+
+def _text_name(content: str) -> str:
+    code = "-".join(f"{ord(c):x}" for c in content[:4])
+    return _name(content, f"text-{code}" if code else "text")
+
+
+def _read_bytes(path: Path, what: str) -> bytes:
+    try:
+        if path.is_dir():
+            raise InputError(what, "it is a directory", "Name a picture file in it.")
+        if path.exists() and not path.is_file():
+            raise InputError(what, "it is not a regular file", "Name a picture file.")
+        size = path.stat().st_size
+        if size > _LARGEST_FILE:
+            raise InputError(
+                what,
+                f"the file has {size / 2**20:.0f} MiB, too much for a picture",
+                f"Scale the picture down to at most {raster.LARGEST_SIDE} pixels on a side.",
+            )
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(
+            what, "there is no such file", "Check the path, or write text:... for a glyph."
+        ) from error
+    except PermissionError as error:
+        raise InputError(
+            what, "it may not be read", "Change its permissions (chmod u+r) or copy it."
+        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+    if not data:
+        raise InputError(what, "the file is empty", "Copy or export it again.")
+    return data
+
+
+def read_target(source: str | Path, *, invert: bool = False, base: Path | None = None) -> Target:
+    """Read a picture and take its silhouette.
+
+    Args:
+        source: path of a PNG, JPEG, WebP, BMP, GIF (first frame) or SVG file, told apart by
+            content; or `text:` and characters to draw.
+        invert: swap shape and background.
+        base: folder that a relative path starts from (that of the scene file); the current one if
+            left out.
+
+    Raises:
+        InputError: the picture cannot be read, or holds no shape that can be drawn.
+    """
+    what = str(source)
+    if isinstance(source, str) and source.startswith(TEXT_PREFIX):
+        content = source.removeprefix(TEXT_PREFIX)
+        return _from_raster(text.render_text(content), what, _text_name(content), "", invert)
+    path = Path(source).expanduser()
+    if base is not None:
+        path = base / path
+    data = _read_bytes(path, what)
+    suffix = path.suffix.lower()
+    name = _name(path.stem, "picture")
+    if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
+        return _from_raster(svg.render_svg(data, what), what, name, "", invert)
+    return _from_raster(data, what, name, suffix, invert)
+
+
+def _from_raster(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
+    image, kind = raster.decode(data, what)
+    mask = raster.silhouette(image, what, invert=invert)
+    height, width = mask.shape
+    usual = raster.SUFFIXES[kind]
+    return Target(name, mask, data, width, height, suffix if suffix in usual else usual[0])
