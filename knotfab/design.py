@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+import time
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
-import shapely.affinity
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from knotfab.cli.progress import Progress
 from knotfab.errors import InputError, SceneError
 from knotfab.knots import Knots
 from knotfab.scene.camera import camera_of
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
 from knotfab.search.radius import RadiusChoice, choose_radius
 from knotfab.search.search import Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
 from knotfab.target.read import Target
 from knotfab.target.silhouette import polygon_of
-from knotfab.template.filling import fill
+from knotfab.template.filling import Template, fill
 
 __all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon"]
 
 Array = NDArray[np.float64]
 
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
-FRAME_MM = 180.0  # the longer side of a frame whose size is left open
 
 
 @dataclass(frozen=True)
@@ -41,29 +40,27 @@ class Design:
     radius: RadiusChoice | None
     opening_iou: float
     settings: SearchSettings
-    notes: list[str] = field(default_factory=list)
 
 
 def resolve_view(view: View, target: Target) -> View:
-    """The view with its frame's size settled: 180 mm on the longer side, or by the picture's aspect."""
+    """A view with its frame's size settled, checked against its picture.
+
+    Raises:
+        InputError: the frame would squash the picture.
+    """
     w, h = view.frame_width_mm, view.frame_height_mm
-    if w is None and h is None:
-        scale = FRAME_MM / max(target.width, target.height)
-        w, h = target.width * scale, target.height * scale
-    elif w is None:
-        assert h is not None
-        w = h * target.width / target.height
-    elif h is None:
-        h = w * target.height / target.width
+    assert w is not None and h is not None
     if abs((w / target.width) / (h / target.height) - 1) > 0.01:
         raise InputError(
             f"scene view {view.name}",
             f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
             "Leave out frame_width_mm or frame_height_mm",
         )
-    return view.model_copy(
-        update={"frame_width_mm": w, "frame_height_mm": h, "picture": target.file_name}
-    )
+    if view.azimuth_deg != 0:
+        raise InputError(
+            "scene key views.azimuth_deg", "with one view it is 0", "Turn the finished piece instead"
+        )
+    return view.model_copy(update={"picture": f"picture-{view.name}{target.suffix}"})
 
 
 def silhouette_polygon(view: View, target: Target) -> MultiPolygon:
@@ -90,10 +87,9 @@ def _region(region: Region, view: View) -> Region:
     wide, high = 1.25 * shrink * view.frame_width_mm, 1.25 * shrink * view.frame_height_mm
     if region.kind == "box":
         size = (wide, high, deep)
-    elif region.kind == "cylinder":
-        size = (max(wide, deep), high, max(wide, deep))
     else:
-        size = (2 * float(np.hypot(wide, high)),) * 3
+        around = min(max(wide, deep, high), 1.9 * view.light_distance_mm)
+        size = (around, high, around) if region.kind == "cylinder" else (around, around, around)
     return region.model_copy(update={"size_mm": tuple(round(s, 4) for s in size)})
 
 
@@ -139,30 +135,52 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     return float(opened.intersection(polygon).area / polygon.union(opened).area)
 
 
+def _within(
+    seconds: float, problem: Problem, template: Template, radius: float, settings: SearchSettings
+) -> SearchSettings:
+    """The settings with as many iterations as the seconds allow on this machine, by a short run."""
+    few = settings.model_copy(
+        update={"coarse_iterations": 6, "fine_iterations": 6, "settle_iterations": 3}
+    )
+    begun = time.perf_counter()
+    search(problem, template, radius, few, repairs=0)
+    each = (time.perf_counter() - begun) / 15
+    total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
+    factor = (seconds - 16 * each) / (each * total)
+    return settings.scaled(float(np.clip(factor, 0.2, 5.0)))
+
+
 def design(
-    scene: Scene, target: Target, device: str = "cpu", progress: Any = None, iteration_factor: float = 1.0
+    scene: Scene,
+    target: Target,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    budget_s: float | None = None,
 ) -> Design:
     """From scene and picture to feasible knots, with every "auto" resolved.
+
+    Args:
+        scene: as a person wrote it, or resolved by an earlier build: that gives the same knots.
+        budget_s: seconds that the design may take; the iterations are set to fit.
 
     Raises:
         SceneError: the scene cannot be met; InputError: the scene or picture is wrong.
     """
+    begun = time.perf_counter()
+    scene = resolve(scene, [(target.width, target.height)])
     view = resolve_view(scene.views[0], target)
-    if view.azimuth_deg != 0:
-        raise InputError(
-            "scene key views.azimuth_deg", "with one view it is 0", "Turn the finished piece instead"
-        )
     scene = scene.model_copy(update={"views": (view,)})
-    settings = search_settings(scene.accuracy.name, scene.search).scaled(iteration_factor)
+    settings = search_settings(scene.accuracy.name, scene.search)
     problem = problem_of(scene, target)
     count = None if scene.piece.knots == "auto" else int(scene.piece.knots)
-    stage = _stages(progress)
+    progress = progress or Progress("quiet")
     choice = None
     if scene.piece.tube_radius_mm == "auto":
         assert view.frame_width_mm is not None
-        with stage("radius") as report:
+        with progress.stage("radius"):
             choice = choose_radius(
-                problem, view.frame_width_mm, scene.printer.min_tube_radius_mm, count, settings, report
+                problem, view.frame_width_mm, scene.printer.min_tube_radius_mm, count, settings,
+                progress.update,
             )
         radius, template = choice.radius_mm, choice.template
     else:
@@ -173,12 +191,15 @@ def design(
                 f"{radius:g} mm is thinner than {scene.printer.name} prints",
                 f"Use at least {scene.printer.min_tube_radius_mm:g} mm, or another printer",
             )
-        with stage("template"):
+        with progress.stage("template"):
             template = fill(problem.polygon, radius, count)
     depth = _depth(scene, problem.polygon, problem.region, radius)
     problem = Problem(**{**problem.__dict__, "depth_mm": depth})
-    with stage("search") as report:
-        result = search(problem, template, radius, settings, device, report)
+    if budget_s is not None:
+        with progress.stage("calibrate"):
+            settings = _within(budget_s - (time.perf_counter() - begun), problem, template, radius, settings)
+    with progress.stage("search"):
+        result = search(problem, template, radius, settings, device, progress.update)
     opened = opening_iou(problem.polygon, radius)
     floor = scene.accuracy.iou_floor
     if floor == "auto":

@@ -214,7 +214,7 @@ class OutputFolder:
             if isinstance(error, FileExistsError | NotADirectoryError):
                 raise kind(
                     str(self.path),
-                    f"the output cannot go there, since {error.filename or self.path} is a file",
+                    "it is a file" if self.path.is_file() else "a part of this path is a file",
                     "Choose a folder with --out.",
                 ) from error
             raise kind(
@@ -238,6 +238,8 @@ def _sync(path: Path) -> None:
 
 def _keep(path: Path, aside: Path) -> None:
     """A second name for a file, so that it can be put back; a move where links are unknown."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, f"{path.name} is a directory", str(path))
     try:
         os.link(path, aside)
     except OSError:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+import locale
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -59,7 +61,8 @@ def write_3mf(
     model.SetBuildUUID(_uuid("build/" + "/".join(names)))
     writer = model.QueryWriter("3mf")
     writer.SetDecimalPrecision(DECIMALS)
-    writer.WriteToFile(str(path))
+    with _locale_kept():
+        writer.WriteToFile(str(path))
 
 
 def read_back_strict(path: Path) -> list[str]:
@@ -69,7 +72,8 @@ def read_back_strict(path: Path) -> list[str]:
     reader = lib3mf.get_wrapper().CreateModel().QueryReader("3mf")
     reader.SetStrictModeActive(True)
     try:
-        reader.ReadFromFile(str(path))
+        with _locale_kept():
+            reader.ReadFromFile(str(path))
     except lib3mf.ELib3MFException as error:
         return [str(error)]
     return [str(reader.GetWarning(i)) for i in range(reader.GetWarningCount())]
@@ -94,6 +98,16 @@ def _set_geometry(
             triangles.ctypes.data_as(ctypes.POINTER(lib3mf.Triangle)),
         ),
     )
+
+
+@contextmanager
+def _locale_kept() -> Iterator[None]:
+    """lib3mf leaves the process in the locale "C", where Python opens text files as ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
 
 
 def _uuid(name: str) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["BEHIND", "capsule_distance"]
+__all__ = ["BEHIND", "capsule_distance", "ray_miss"]
 
 BEHIND = -1e9  # the signed distance (px) of what lies behind the light
 _TINY = 1e-30
@@ -23,6 +23,28 @@ def _moment(p: Tensor, qx: Tensor, qy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     mx = z * qy - p[..., 1]
     my = p[..., 0] - z * qx
     return mx, my, -(mx * qx + my * qy)
+
+
+def ray_miss(
+    a: Tensor,  # [..., 3] receiver axes, mm
+    b: Tensor,  # [..., 3]
+    qx: Tensor,  # [...] ray direction, x/z
+    qy: Tensor,  # [...]
+) -> tuple[Tensor, Tensor]:
+    """How far rays pass from segments a-b (mm), and the depth of the segment's closest point (mm).
+
+    All arguments broadcast; differentiable with respect to `a` and `b`.
+    """
+    ax, ay, az = _moment(a, qx, qy)
+    ex, ey, ez = (m1 - m0 for m0, m1 in zip((ax, ay, az), _moment(b, qx, qy), strict=True))
+    square = ex * ex + ey * ey + ez * ez
+    # a ray that runs along the segment has no best t: any serves, so take the first end
+    t = (-(ax * ex + ay * ey + az * ez) / square.clamp_min(_TINY)).clamp(0.0, 1.0)
+    t = t.detach()  # at the closest point the distance does not depend on t to first order
+    cx, cy, cz = ax + t * ex, ay + t * ey, az + t * ez
+    stretch = 1.0 + qx * qx + qy * qy  # |D|^2
+    miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(_TINY).sqrt()
+    return miss, a[..., 2] + t * (b[..., 2] - a[..., 2])
 
 
 def capsule_distance(
@@ -38,16 +60,7 @@ def capsule_distance(
     All arguments broadcast; differentiable with respect to `a` and `b` (design: the ray-distance
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).
     """
-    ax, ay, az = _moment(a, qx, qy)
-    ex, ey, ez = (m1 - m0 for m0, m1 in zip((ax, ay, az), _moment(b, qx, qy), strict=True))
-    square = ex * ex + ey * ey + ez * ez
-    # a ray that runs along the segment has no best t: any serves, so take the first end
-    t = (-(ax * ex + ay * ey + az * ez) / square.clamp_min(_TINY)).clamp(0.0, 1.0)
-    t = t.detach()  # at the closest point the distance does not depend on t to first order
-    cx, cy, cz = ax + t * ex, ay + t * ey, az + t * ez
-    stretch = 1.0 + qx * qx + qy * qy  # |D|^2
-    miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(_TINY).sqrt()
-    depth = a[..., 2] + t * (b[..., 2] - a[..., 2])
+    miss, depth = ray_miss(a, b, qx, qy)
     return torch.where(
         depth > _TINY, (radius - miss) * (focal_px / depth.clamp_min(_TINY)), BEHIND
     )

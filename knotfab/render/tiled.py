@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule import capsule_distance
+from knotfab.render.capsule import capsule_distance, ray_miss
 from knotfab.render.frame import Frame
 
 __all__ = ["CUTOFF", "render_tiled", "winners"]
@@ -69,8 +69,7 @@ def winners(
         wide = spans[capsule, 0]
         tile_u = low[capsule, 0] + k % wide
         tile_v = low[capsule, 1] + k // wide
-        # drop tiles that the straight shadow of the capsule passes by
-        keep = _near_tile(a, b, frame, radius, reach_px, capsule, tile_u, tile_v)
+        keep = _may_win(a, b, frame, radius, reach_px, capsule, tile_u, tile_v)
         capsule, tile_u, tile_v = capsule[keep], tile_u[keep], tile_v[keep]
         columns = -(-frame.width // _TILE)
         rows = -(-frame.height // _TILE)
@@ -142,23 +141,33 @@ def _tile_distance(
     return (radius - miss) * frame.focal_px / depth
 
 
-def _near_tile(
+def _may_win(
     a: Tensor, b: Tensor, frame: Frame, radius: float, reach_px: float,
     capsule: Tensor, tile_u: Tensor, tile_v: Tensor,
 ) -> Tensor:
-    """Which (capsule, tile) pairs are closer than the capsule's widest shadow plus the reach."""
-    pa, pb = frame.pixels(a), frame.pixels(b)
-    near = (torch.minimum(a[:, 2], b[:, 2]) - 2 * radius).clamp_min(1e-6)
-    q = torch.maximum(a[:, :2].abs().amax(-1), b[:, :2].abs().amax(-1)) / near
-    grow = radius / near * (1 + q) ** 2 * frame.focal_px + reach_px * (
-        torch.maximum(a[:, 2], b[:, 2]) / near
-    ) + _TILE * 0.7072
-    centre = torch.stack([tile_u, tile_v], -1).to(a.dtype) * _TILE + (_TILE - 1) / 2
-    along = (pb - pa)[capsule]
-    out = centre - pa[capsule]
-    t = ((out * along).sum(-1) / (along * along).sum(-1).clamp_min(1e-30)).clamp(0, 1)
-    gap = out - t[:, None] * along
-    return (gap * gap).sum(-1) <= grow[capsule] ** 2
+    """Which (capsule, tile) pairs can hold a winner: those not surely beaten all over the tile.
+
+    The distance of a pixel's ray to a segment changes by at most |p| per unit of direction (p the
+    farther end), so its value at the tile's middle bounds it over the tile; depths between the ends'
+    bound the signed distance. A pair whose upper bound is below the tile's best lower bound is out.
+    """
+    half = 0.5 * (_TILE - 1)
+    qx = (tile_u.to(a.dtype) * _TILE + half + frame.u0) * frame.step
+    qy = (tile_v.to(a.dtype) * _TILE + half + frame.v0) * frame.step
+    p, q = a[capsule], b[capsule]
+    miss, _ = ray_miss(p, q, qx, qy)
+    far = torch.maximum(a.norm(dim=1), b.norm(dim=1))[capsule]
+    slack = far * (frame.step * half * 1.4143)
+    near_scale = frame.focal_px / torch.minimum(a[:, 2], b[:, 2])[capsule]
+    far_scale = frame.focal_px / torch.maximum(a[:, 2], b[:, 2])[capsule]
+    inside_most, inside_least = radius - miss + slack, radius - miss - slack
+    most = inside_most * torch.where(inside_most > 0, near_scale, far_scale)
+    least = inside_least * torch.where(inside_least > 0, far_scale, near_scale)
+    columns, rows = -(-frame.width // _TILE), -(-frame.height // _TILE)
+    tile = tile_v * columns + tile_u
+    best = torch.full((columns * rows,), -reach_px, dtype=a.dtype, device=a.device)
+    best.scatter_reduce_(0, tile, least, "amax")
+    return most >= best[tile] - 1e-3
 
 
 def render_tiled(

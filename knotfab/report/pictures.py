@@ -19,8 +19,8 @@ ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
 PANEL_PX = 360
 OVERSAMPLING = 2  # instead of multisampling, which software renderers do not always have
 PAPER = (250, 248, 244)
-TUBE = (0.80, 0.42, 0.28)
-MARGIN = 1.06
+TUBE = (0.82, 0.46, 0.31)
+MARGIN = 1.12
 
 
 def draw_part(
@@ -32,8 +32,8 @@ def draw_part(
 ) -> bool:
     """Draw the part in a row of panels, seen from the light and then turned about the vertical.
 
-    All panels have one scale, parallel projection and the page's background. It is decoration: where
-    this machine cannot render, nothing is written.
+    All panels have one scale, parallel projection and the page's background. It is decoration:
+    where this machine cannot render, nothing is written.
 
     Args:
         vertices: (n, 3) mm in scene coordinates, so that z points to the light and y up.
@@ -65,7 +65,8 @@ def _render(
 
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     points = vertices - middle
-    mesh = pyvista.PolyData.from_regular_faces(points.astype(np.float32), faces)
+    triangles: Any = faces
+    mesh = pyvista.PolyData.from_regular_faces(points.astype(np.float32), triangles)
     mesh.point_data.active_normals = _normals(points, faces)
     # Whatever the turn about y, what is drawn lies in this disc of the horizontal and this height.
     reach = max(float(np.hypot(points[:, 0], points[:, 2]).max()), float(abs(points[:, 1]).max()))
@@ -74,11 +75,11 @@ def _render(
     try:
         plotter.background_color = PAPER
         plotter.add_mesh(
-            mesh, color=TUBE, smooth_shading=True, ambient=0.22, diffuse=0.85, specular=0.25,
+            mesh, color=TUBE, smooth_shading=True, ambient=0.34, diffuse=0.8, specular=0.22,
             specular_power=18,
         )  # fmt: skip
         # A key light from the upper left and a weak one from the lower right, fixed to the camera.
-        for where, strength in (((-0.6, 0.9, 1.0), 0.9), ((0.9, -0.4, 0.6), 0.25)):
+        for where, strength in (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25)):
             plotter.add_light(
                 pyvista.Light(position=where, light_type="camera light", intensity=strength)
             )
@@ -110,4 +111,4 @@ def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.float
         axis=1,
     )
     length = np.sqrt(np.einsum("ij,ij->i", total, total))
-    return (total / np.maximum(length, 1e-300)[:, None]).astype(np.float32)
+    return np.asarray(total / np.maximum(length, 1e-300)[:, None], dtype=np.float32)

@@ -30,7 +30,7 @@ class Camera:
 
     @property
     def projection(self) -> Array:
-        """(3, 4): scene point -> homogeneous pixel, w = 1 on the receiver, w > 0 before the light."""
+        """(3, 4): scene point -> homogeneous pixel; w = 1 on the receiver, > 0 before the light."""
         frame = np.stack([self.du, self.dv, self.corner - self.eye], axis=1)
         inverse = np.linalg.inv(frame)
         return np.concatenate([inverse, -inverse @ self.eye[:, None]], axis=1)

@@ -50,10 +50,12 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
     """
     try:
         raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(
-            what, f"it is not valid TOML: {error or 'nested too deep'}", "Correct that line."
-        ) from error
+    except tomllib.TOMLDecodeError as error:
+        last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
+        reason = str(error).replace("at end of document", last)
+        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
+    except RecursionError as error:
+        raise InputError(what, "its lists are nested too deep", "Correct it.") from error
     try:
         scene = Scene.model_validate(raw)
     except ValidationError as error:

@@ -21,7 +21,7 @@ _USUAL = 0.0102  # of the frame's width: thinner only where the picture forbids 
 _THICKEST = 0.035
 _GIVE = 0.003  # IoU that a thicker tube may cost
 _WELL = 0.955  # trial IoU below which thinner tubes are tried as well
-_TRIALS = 6
+_TRIALS = 5
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def _try(
     few = sorted(promise, key=lambda r: promise[r], reverse=True)[:_TRIALS]
     short = settings.model_copy(
         update={
-            "coarse_px": 192, "fine_px": 256, "coarse_iterations": 40, "fine_iterations": 20,
+            "coarse_px": 160, "fine_px": 256, "coarse_iterations": 40, "fine_iterations": 20,
             "settle_iterations": 0, "depth_candidates": 4,
         }
     )

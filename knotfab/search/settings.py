@@ -25,7 +25,7 @@ class SearchSettings(BaseModel):
     edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
-    radius_candidates: int = Field(16, ge=2)  # tube radii tried when the radius is "auto"
+    radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     tolerance_px: float = Field(0.25, gt=0)  # an effect below this is not simulated (fine_px pixels)
     mesh_sides: int = Field(48, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
@@ -44,13 +44,13 @@ class SearchSettings(BaseModel):
 PRESETS: dict[str, SearchSettings] = {
     "draft": SearchSettings(
         coarse_px=160, fine_px=256, coarse_iterations=50, fine_iterations=40, settle_iterations=30,
-        depth_candidates=30, radius_candidates=12, tolerance_px=0.5, mesh_sides=32,
+        depth_candidates=30, radius_candidates=8, tolerance_px=0.5, mesh_sides=32,
         iou_slack=0.08,
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
         coarse_px=256, fine_px=640, coarse_iterations=120, fine_iterations=160, settle_iterations=80,
-        winners_every=2, depth_candidates=150, radius_candidates=24, tolerance_px=0.1, mesh_sides=64,
+        winners_every=2, depth_candidates=150, radius_candidates=16, tolerance_px=0.1, mesh_sides=64,
         iou_slack=0.04,
     ),
 }

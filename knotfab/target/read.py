@@ -96,7 +96,7 @@ def read_target(source: str | Path, *, invert: bool = False, base: Path | None =
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
     """
-    what = str(source)
+    what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         return _from_raster(text.render_text(content), what, _text_name(content), "", invert)

@@ -47,7 +47,7 @@ def _font_for(character: str, what: str) -> str:
     for name in _FONTS:
         if _font(name).get_char_index(ord(character)):
             return name
-    known = unicodedata.name(character, "unnamed").lower()
+    known = unicodedata.name(character, "a control or unassigned character").lower()
     raise InputError(
         what,
         f"no font of this program has the character {character!r} "
@@ -69,7 +69,7 @@ def text_outline(text: str) -> tuple[str, tuple[float, float, float, float]]:
     Raises:
         InputError: no ink, too long, or a character that no font has.
     """
-    what = f"text:{text}"
+    what = "text:" + "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     # Variation selectors and joiners choose between styles of a glyph; these fonts have one.
     drawn = [c for c in text if c not in "\ufe0e\ufe0f\u200d"]
     if len(drawn) > _LONGEST:
@@ -153,4 +153,4 @@ def render_text(text: str) -> bytes:
         f'viewBox="{x} {y} {w} {h}" preserveAspectRatio="none">'
         f'<rect x="{x}" y="{y}" width="{w}" height="{h}" fill="white"/><path d="{data}"/></svg>'
     )
-    return render(svg, f"text:{text}")
+    return render(svg, "text:")

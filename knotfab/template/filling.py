@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
@@ -20,6 +21,7 @@ __all__ = ["Template", "even_samples", "fill", "rings_of", "simple_curves"]
 Array = NDArray[np.float64]
 
 _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
+_BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
 
 
@@ -82,10 +84,10 @@ def even_samples(points: Array, step: float) -> Array:
 
 def _turning(points: Array) -> Array:
     """Unsigned turning angle at each vertex, averaged over a few neighbours."""
-    edge = np.roll(points, -1, axis=0) - points
+    edge = np.diff(points, axis=0, append=points[:1])
     angle = np.arctan2(edge[:, 1], edge[:, 0])
-    turn = np.abs((angle - np.roll(angle, 1) + np.pi) % (2 * np.pi) - np.pi)
-    return np.asarray(sum(np.roll(turn, k, axis=0) for k in range(-3, 4)))
+    turn = np.abs((np.diff(angle, prepend=angle[-1:]) + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(uniform_filter1d(turn, 7, mode="wrap")) * 7
 
 
 def _closest(one: Array, other: Array, radius: float) -> tuple[float, int, int]:
@@ -131,18 +133,24 @@ def simple_curves(curves: list[Array]) -> bool:
     return bool((one == other).all())
 
 
-def _join(curves: list[Array], radius: float, step: float) -> list[Array]:
-    """Closed curves joined into one along a minimum spanning tree of their gaps."""
+def _join(curves: list[Array], radius: float, step: float, until: int = 1) -> list[Array]:
+    """Closed curves joined, smallest first and each to its nearest, until so many are left."""
     curves = list(curves)
-    while len(curves) > 1:
+    while len(curves) > until:
         # the smallest curve joins its nearest neighbour: rings nest, so the tree stays short
         smallest = min(range(len(curves)), key=lambda k: len(curves[k]))
         one = curves.pop(smallest)
-        options = sorted(
-            ((*_closest(one, c, radius), k) for k, c in enumerate(curves)), key=lambda o: o[0]
-        )
+        boxes = np.array([(*c.min(0), *c.max(0)) for c in curves])
+        low, high = one.min(0), one.max(0)
+        apart = np.maximum(0.0, np.maximum(boxes[:, :2] - high, low - boxes[:, 2:]))
+        bound = np.hypot(apart[:, 0], apart[:, 1])
+        options: list[tuple[float, int, int, int]] = []
+        for k in np.argsort(bound, kind="stable").tolist():
+            if len(options) >= _BRIDGES and bound[k] > options[_BRIDGES - 1][0]:
+                break
+            options = sorted([*options, (*_closest(one, curves[k], radius), k)])
         joined = None
-        for _, at, to, k in options[:4]:
+        for _, at, to, k in options[:_BRIDGES]:
             rest = curves[:k] + curves[k + 1 :]
             for width in (2.0, 1.2, 0.6, 0.3):
                 gap = max(1, round(width * radius / step))
@@ -173,7 +181,7 @@ def fill(
     Args:
         polygon: silhouette in the plane of the template, mm.
         radius: projected tube radius there, mm.
-        knots: None for one curve a piece, 1 for a single curve bridged through gaps.
+        knots: None for one curve a piece; a number to bridge pieces until so many are left.
         spacing: distance between neighbouring rings in tube radii.
     """
     step = radius * 0.25
@@ -181,8 +189,8 @@ def fill(
     for piece in _polygons(polygon):
         rings = [even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)]
         curves.extend(_join(rings, radius, step))
-    if knots == 1:
-        curves = _join(curves, radius, step)
+    if knots is not None:
+        curves = _join(curves, radius, step, knots)
     smoothed = curves
     for sigma in (2.0, 1.0, 0.5):
         trial = [_smooth(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]

@@ -1,0 +1,50 @@
+# Two commands set everything up on a fresh Debian or Ubuntu with python3 and make:
+#   make demo    the main job on a picture of the project's own
+#   make test    all tests, linters and the type checker
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DONE := $(VENV)/.installed
+
+.PHONY: demo test lint accuracy-table renderer-table system clean
+
+$(DONE): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --upgrade pip
+	$(BIN)/python -m pip install -q -c constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[dev]'
+	touch $(DONE)
+
+# VTK renders off-screen through libEGL and libGL: install them where we may, name them where not
+system:
+	@if ! ldconfig -p | grep -q libEGL.so.1 || ! ldconfig -p | grep -q libGL.so.1; then \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    apt-get update -q >/dev/null && \
+	    apt-get install -y -q --no-install-recommends libegl1 libgl1 >/dev/null; \
+	  else \
+	    echo "Rendering needs two system libraries: sudo apt-get install libegl1 libgl1" >&2; exit 3; \
+	  fi; \
+	fi
+
+demo: system $(DONE)
+	$(BIN)/knotfab build examples/knight.png --print --out demo-out
+	@echo "Open demo-out/report.html"
+
+lint: $(DONE)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: system $(DONE) lint
+	$(BIN)/python -m pytest
+
+# IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 12 min)
+accuracy-table: system $(DONE)
+	$(BIN)/python -m examples.accuracy_table
+
+# the tiled renderer against the dense formula, side by side in one run
+renderer-table: $(DONE)
+	$(BIN)/python -m examples.renderer_table
+
+clean:
+	rm -rf $(VENV) demo-out out

@@ -1,0 +1,1 @@
+"""Examples and measurements: each is run as `python -m examples.NAME`."""

@@ -1,0 +1,5 @@
+"""`python -m knotfab`: the command line."""
+
+from knotfab.cli.app import main
+
+main()

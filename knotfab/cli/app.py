@@ -1,0 +1,218 @@
+"""The command line: thin wrappers over library calls, and the exit codes of the contract."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+from cyclopts.exceptions import CycloptsError
+
+from knotfab import __version__
+from knotfab.errors import InputError, KnotfabError
+
+__all__ = ["app", "main"]
+
+app = App(
+    name="knotfab",
+    version=__version__,
+    help="A picture becomes a knotted tube whose shadow is that picture, proved before it is printed.\n\n"
+    "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
+    "2 wrong input; 3 this machine lacks something; 130 interrupted.",
+)
+
+Skip = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
+
+
+@app.command
+def build(
+    *pictures: str,
+    print_: Annotated[bool, Parameter(name="--print", negative="")] = False,
+    out: Path = Path("knotfab-out"),
+    scene: Path | None = None,
+    accuracy: Literal["draft", "standard", "fine"] | None = None,
+    time_budget: str | None = None,
+    tube_radius: str | None = None,
+    depth: str | None = None,
+    knots: str | None = None,
+    search: Literal["flow"] = "flow",
+    mount: Literal["none"] = "none",
+    printer: str | None = None,
+    seed: int | None = None,
+    invert: Annotated[bool, Parameter(negative="")] = False,
+    device: Literal["cpu", "cuda"] = "cpu",
+    skip: Skip = (),
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+    verbose: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Turn a picture into a verified part.
+
+    Parameters
+    ----------
+    pictures
+        An image file, an SVG, or text:… (a glyph); may be left out where the scene names it.
+    print_
+        Check it against the printer too, and pose it for printing.
+    out
+        The folder to write.
+    scene
+        A scene.toml; the other options are shorthands for its keys and win over it.
+    accuracy
+        draft, standard (default) or fine.
+    time_budget
+        Seconds for the whole build, such as 30 or 30s; sets the iterations.
+    tube_radius
+        mm, or auto (default): the thickest tube that draws the picture well.
+    depth
+        Extent along the view in mm, auto (default: unreadable from elsewhere), or flat.
+    knots
+        auto (default: one a piece of the picture) or 1: all bridged into one.
+    search
+        The method; flow is the certified flow.
+    mount
+        What holds the piece; none yet.
+    printer
+        A printer's name, such as prusa-mk4.
+    seed
+        Of the random depth profiles.
+    invert
+        Draw what is light on dark.
+    device
+        Where the search runs.
+    skip
+        Checks to go on without, such as shadow-render.
+    quiet
+        Say nothing but errors.
+    verbose
+        Say how long each stage took.
+    """
+    from knotfab.cli.options import scene_of, seconds_of
+    from knotfab.cli.progress import Mode, Progress
+
+    chosen, base = scene_of(
+        scene, accuracy=accuracy, tube_radius=tube_radius, depth=depth, knots=knots, printer=printer,
+        seed=seed, invert=invert,
+    )
+    source = _one_picture(pictures, chosen.views[0].picture, scene)
+    budget = None if time_budget is None else seconds_of(time_budget)
+    mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
+    from knotfab.build import Request, build as run
+
+    request = Request(
+        chosen, source, out, base if not pictures else None, print_, device, frozenset(skip), budget,
+        shlex.join(["knotfab", *sys.argv[1:]]),
+    )
+    with Progress(mode) as progress:
+        outcome = run(request, progress)
+    if not quiet:
+        from knotfab.cli.summary import print_summary
+
+        print_summary(outcome)
+    return outcome.exit_code
+
+
+@app.command
+def validate(
+    part: Path | None = None,
+    *,
+    knots: Path | None = None,
+    scene: Path | None = None,
+    json: Annotated[bool, Parameter(negative="")] = False,
+    skip: Skip = (),
+) -> int:
+    """Measure written files again, with other code than wrote them.
+
+    Parameters
+    ----------
+    part
+        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file.
+    knots
+        The centre lines, knots.json.
+    scene
+        The scene, scene.toml.
+    json
+        Print {"status", "checks", "views"} as JSON.
+    skip
+        Checks to go on without, such as shadow-render.
+    """
+    from knotfab.cli.options import files_to_validate
+    from knotfab.verify import Verifier
+
+    files = files_to_validate(part, knots, scene)
+    with Verifier() as verifier:
+        verifier.begin(files.part, files.knots, files.scene, skip, None)
+        verdict = verifier.verdict()
+    if json:
+        import json as codec
+
+        print(codec.dumps({k: verdict[k] for k in ("status", "checks", "views")}))
+    else:
+        from knotfab.cli.summary import print_checks
+
+        print_checks(verdict["checks"])
+    return int(verdict["exit_code"])
+
+
+@app.command
+def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> int:
+    """Render the shadow that a part casts in a scene, as a picture.
+
+    Parameters
+    ----------
+    part
+        An STL or 3MF in print coordinates.
+    scene
+        scene.toml with its [pose].
+    out
+        The PNG to write.
+    view
+        Name of the view; the first by default.
+    """
+    from knotfab.verify import render_shadow
+
+    render_shadow(part, scene, out, view)
+    return 0
+
+
+@app.command
+def doctor() -> int:
+    """Say what this machine has and lacks, with the remedy for each."""
+    from knotfab.cli.summary import print_findings
+    from knotfab.doctor import examine
+
+    findings = examine()
+    print_findings(findings)
+    return 3 if any(f.status == "missing" for f in findings) else 0
+
+
+def _one_picture(pictures: tuple[str, ...], of_scene: str, scene: Path | None) -> str:
+    if len(pictures) > 1:
+        raise InputError(
+            "several pictures", "several views of one part are not built yet", "Give one picture"
+        )
+    if pictures:
+        return pictures[0]
+    if of_scene:
+        return of_scene
+    raise InputError(
+        "the call" if scene is None else str(scene), "no picture is given",
+        "Name one, as in: knotfab build target.png --print",
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit code."""
+    try:
+        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except KnotfabError as error:
+        print(f"knotfab: {error}", file=sys.stderr)
+        code = error.exit_code
+    except CycloptsError as error:
+        print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
+        code = 2
+    except KeyboardInterrupt:
+        print("knotfab: interrupted; nothing was changed", file=sys.stderr)
+        code = 130
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,128 @@
+"""From the words of the command line to a scene and the files it names."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from knotfab.errors import InputError
+from knotfab.scene.model import Printer, Scene
+
+__all__ = ["Files", "files_to_validate", "scene_of", "seconds_of"]
+
+
+def _number(name: str, text: str, unit: str, words: tuple[str, ...]) -> Any:
+    """A positive number, or one of the words."""
+    plain = text.strip().lower()
+    if plain in words:
+        return plain
+    value = plain.removesuffix(unit).strip()
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(
+            f"{name} {text}", "it is not a positive number", f"Give {unit}, such as {name} 2, or {' or '.join(words)}"
+            if words else f"Give {unit}, such as {name} 30",
+        )
+    return number
+
+
+def seconds_of(text: str) -> float:
+    """`30`, `30s` -> 30.0."""
+    return float(_number("--time-budget", text, "s", ()))
+
+
+def scene_of(
+    path: Path | None,
+    *,
+    accuracy: str | None,
+    tube_radius: str | None,
+    depth: str | None,
+    knots: str | None,
+    printer: str | None,
+    seed: int | None,
+    invert: bool,
+) -> tuple[Scene, Path | None]:
+    """The scene of a file (or the default one) with the command line's shorthands over it.
+
+    Returns the scene and the folder that its pictures are relative to.
+    """
+    from knotfab.scene.load import check_scene, load_scene
+
+    scene = load_scene(path) if path is not None else Scene()
+    piece: dict[str, Any] = {}
+    if tube_radius is not None:
+        piece["tube_radius_mm"] = _number("--tube-radius", tube_radius, "mm", ("auto",))
+    if depth is not None:
+        piece["depth"] = _number("--depth", depth, "mm", ("auto", "flat"))
+    if knots is not None:
+        if knots != "auto" and not (knots.isdecimal() and int(knots) > 0):
+            raise InputError(
+                f"--knots {knots}", "it is neither auto nor a number",
+                "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
+            )
+        piece["knots"] = knots if knots == "auto" else int(knots)
+    update: dict[str, Any] = {}
+    if piece:
+        update["piece"] = scene.piece.model_copy(update=piece)
+    if accuracy is not None:
+        update["accuracy"] = scene.accuracy.model_copy(update={"name": accuracy})
+        if accuracy != scene.accuracy.name:
+            update["search"] = {}  # another preset: the settings of the old one go
+    if printer is not None:
+        update["printer"] = Printer(name=printer)
+    if seed is not None:
+        if seed < 0:
+            raise InputError(f"--seed {seed}", "it is negative", "Use a whole number from 0")
+        update["search"] = {**update.get("search", scene.search), "seed": seed}
+    if invert:
+        first = scene.views[0].model_copy(update={"invert": True})
+        update["views"] = (first, *scene.views[1:])
+    scene = scene.model_copy(update=update)
+    if len(scene.views) > 1:
+        raise InputError(
+            str(path), "it has several views, which are not built yet", "Leave one [[views]] table"
+        )
+    check_scene(scene, "the command line" if path is None else str(path))
+    return scene, None if path is None else path.resolve().parent
+
+
+@dataclass(frozen=True)
+class Files:
+    """What `knotfab validate` measures; None for what was not given."""
+
+    part: Path | None
+    knots: Path | None
+    scene: Path | None
+
+
+def files_to_validate(part: Path | None, knots: Path | None, scene: Path | None) -> Files:
+    """The files of a call: a folder stands for the part, knots and scene in it.
+
+    Raises:
+        InputError: nothing is given, or something named is not there.
+    """
+    if part is not None and part.is_dir():
+        folder = part
+        part = folder / "part.stl"
+        knots = knots or _if_there(folder / "knots.json")
+        scene = scene or _if_there(folder / "scene.toml")
+        if not part.is_file():
+            raise InputError(str(folder), "it holds no part.stl", "Name a folder that a build wrote")
+    if part is None and knots is None:
+        raise InputError(
+            "the call", "there is nothing to validate",
+            "Name a folder, a part, or --knots knots.json",
+        )
+    for path in (part, knots, scene):
+        if path is not None and not path.is_file():
+            raise InputError(str(path), "there is no such file", "Check the path")
+    return Files(part, knots, scene)
+
+
+def _if_there(path: Path) -> Path | None:
+    return path if path.is_file() else None

@@ -1,0 +1,80 @@
+"""What a person reads at the end of a command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from knotfab.build import Outcome
+    from knotfab.doctor import Finding
+
+__all__ = ["print_checks", "print_findings", "print_summary"]
+
+_MARKS = {"pass": "[green]pass[/]", "fail": "[red]FAIL[/]", "skipped": "[yellow]skip[/]"}
+_STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    return "" if value is None else str(value)
+
+
+def print_checks(checks: Sequence[dict[str, Any]]) -> None:
+    """A line a check; the detail of those that did not pass."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, show_header=True, header_style="dim")
+    for column in ("", "check", "measured", "limit", "unit"):
+        table.add_column(column)
+    for check in checks:
+        table.add_row(
+            _MARKS[check["status"]], escape(check["name"]), escape(_value(check["measured"])),
+            escape(_value(check["limit"])), escape(check["unit"]),
+        )
+    console = Console()
+    console.print(table)
+    for check in checks:
+        if check["status"] != "pass" and check["detail"]:
+            console.print(f"  {escape(check['name'])}: {escape(check['detail'])}", highlight=False)
+
+
+def print_summary(outcome: Outcome) -> None:
+    """Where the result lies, how good it is, and what did not pass."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    report, console = outcome.report, Console(highlight=False)
+    verdict = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
+    console.print(f"{verdict}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s")
+    for view in report["views"]:
+        read = view["legibility"].get("45")
+        console.print(
+            f"  {escape(view['name'])}: IoU {view['iou']:.4f}"
+            + (f", legibility at 45° {read:.2f}" if read is not None else "")
+        )
+    piece, knots = report["print"], report["knots"]
+    size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"])
+    console.print(
+        f"  {len(knots)} knot{'s' if len(knots) > 1 else ''}, tube radius "
+        f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"
+    )
+    for note in report["settings"]["notes"]:
+        console.print(f"  {escape(note)}")
+    if outcome.exit_code != 0:
+        print_checks([c for c in report["checks"] if c["status"] != "pass"])
+
+
+def print_findings(findings: Sequence[Finding]) -> None:
+    """What the machine has, a line each."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False)
+    for finding in findings:
+        console.print(f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}")
+        if finding.remedy and finding.status != "ok":
+            console.print(f"        {escape(finding.remedy)}")

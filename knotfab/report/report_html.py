@@ -1,0 +1,118 @@
+"""report.html: the report for a reader, one file that opens offline."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+__all__ = ["Picture", "render_html", "write_report_html"]
+
+TEMPLATE = "template.html.j2"
+DIGITS = 4
+MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture to embed. `role` places it: "compare" and "shadow" with the view named `view`,
+    "part" with the views of the part from several sides."""
+
+    path: Path
+    role: str
+    caption: str = ""
+    view: str = ""
+
+    @property
+    def data_uri(self) -> str:
+        """The file as a data URI."""
+        content = base64.b64encode(self.path.read_bytes()).decode("ascii")
+        return f"data:{MEDIA[self.path.suffix.lower()]};base64,{content}"
+
+
+def render_html(
+    report: Mapping[str, Any], pictures: Sequence[Picture] = (), title: str = "knotfab"
+) -> str:
+    """The page for `report` (as `assemble` gives it, or read from report.json).
+
+    Nothing is loaded from elsewhere: styles and pictures are inside, and there are no scripts.
+    Every text of the report is escaped.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = _number
+    environment.filters["fixed"] = _fixed
+    environment.filters["percent"] = _percent
+    environment.filters["flat"] = _flat
+    return environment.get_template(TEMPLATE).render(
+        report=report,
+        pictures=pictures,
+        title=title,
+        failed=[c for c in report["checks"] if c["required"] and c["status"] != "pass"],
+        stages=[(k, v) for k, v in report["timings"].items() if k != "total"],
+    )
+
+
+def write_report_html(
+    path: Path,
+    report: Mapping[str, Any],
+    pictures: Sequence[Picture] = (),
+    title: str = "knotfab",
+) -> None:
+    """Write `render_html`'s page as UTF-8."""
+    path.write_text(render_html(report, pictures, title), encoding="utf-8")
+
+
+def _number(value: object, digits: int = DIGITS) -> str:
+    """A number with `digits` significant ones, whole digits never lost; a dash for nothing."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return " × ".join(_number(item, digits) for item in value)
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if not isinstance(value, float):
+        return str(value)
+    if not isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    places = digits - 1 - floor(log10(abs(value)))
+    if places > 8:
+        return f"{value:.2e}".replace("-", "−")
+    text = f"{value:,.{max(places, 0)}f}".replace(",", "\u202f").replace("-", "−")
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _fixed(value: object, places: int) -> str:
+    """A number with so many decimals, for columns that are compared."""
+    return f"{value:.{places}f}" if isinstance(value, float | int) and isfinite(value) else "–"
+
+
+def _percent(value: object) -> float:
+    """A fraction as a width in percent, within 0 to 100."""
+    ok = isinstance(value, int | float) and isfinite(value)
+    return round(100 * min(max(float(value), 0.0), 1.0), 2) if ok else 0.0  # type: ignore[arg-type]
+
+
+def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Nested tables as (dotted key, value) rows."""
+    rows: list[tuple[str, Any]] = []
+    for key, item in value.items():
+        if isinstance(item, Mapping):
+            rows += _flat(item, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", item))
+    return rows

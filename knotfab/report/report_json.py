@@ -1,0 +1,119 @@
+"""report.json: all that a build measured, under the contract's keys (schema 1), from plain data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["assemble", "plain", "verdict", "write_report_json"]
+
+Record = Mapping[str, Any]
+
+SCHEMA = 1
+# What a script may rely on; a record may have more keys.
+KEYS = {
+    "views": "name kind picture width height projection receiver iou iou_tube precision recall"
+    " outline_error_px outline_error_mm legibility",
+    "checks": "name status required measured limit unit detail",
+    "effects": "name simulated magnitude threshold unit seconds reason",
+    "knots": "type vertices length_mm thickness_mm min_bend_radius_mm",
+    "print": "volume_mm3 mass_g bounding_box_mm depth_ratio printer",
+    "settings": "accuracy seed versions command tube_radius_mm",
+}
+CHECK_STATES = ("pass", "fail", "skipped")
+
+
+def assemble(
+    *,
+    views: Sequence[Record],
+    checks: Sequence[Record],
+    effects: Sequence[Record],
+    timings: Mapping[str, float],
+    knots: Sequence[Record],
+    print_: Record,
+    settings: Record,
+    notes: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The report as plain data: finite numbers, None for what could not be measured.
+
+    `status` follows from the checks (see `verdict`); `total` of the timings is their sum unless it
+    is given. `notes` are sentences that a reader must not miss. Numpy scalars and arrays become
+    numbers and lists.
+
+    Raises:
+        ValueError: a record lacks a key of the contract, or a check has no known status.
+    """
+    parts: dict[str, Any] = {
+        "views": views,
+        "checks": checks,
+        "effects": effects,
+        "knots": knots,
+        "print": print_,
+        "settings": settings,
+    }
+    for section, content in parts.items():
+        for record in [content] if isinstance(content, Mapping) else content:
+            lacking = [key for key in KEYS[section].split() if key not in record]
+            if lacking:
+                raise ValueError(f"report.json: {section} lacks {', '.join(lacking)}")
+    total = timings.get("total", sum(timings.values()))
+    times = {**{k: v for k, v in timings.items() if k != "total"}, "total": total}
+    report = {
+        "schema": SCHEMA,
+        "status": verdict(checks),
+        "views": views,
+        "checks": checks,
+        "effects": effects,
+        "timings": times,
+        "knots": knots,
+        "print": print_,
+        "settings": settings,
+    }
+    if notes:
+        report["notes"] = notes
+    content = plain(report)
+    assert isinstance(content, dict)
+    return content
+
+
+def verdict(checks: Sequence[Record]) -> str:
+    """ "pass" when every required check passed, else "fail": a skipped one proves nothing."""
+    for check in checks:
+        if check["status"] not in CHECK_STATES:
+            raise ValueError(f"check {check['name']!r} has the status {check['status']!r}")
+    passed = all(check["status"] == "pass" for check in checks if check["required"])
+    return "pass" if passed else "fail"
+
+
+def write_report_json(path: Path, report: Record) -> None:
+    """Write `report` as UTF-8 JSON that any parser reads: no NaN, no infinity."""
+    text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """`value` in JSON's own types; numbers that are not finite become None.
+
+    Raises:
+        TypeError: something that has no such form.
+    """
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} has no place in report.json")

@@ -1,0 +1,130 @@
+"""The validators, run in a process of their own: it starts while the search runs, and may die alone."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from knotfab.errors import InputError, MachineError
+
+__all__ = ["Verifier", "render_shadow"]
+
+
+class Verifier:
+    """`python -m knotfab_validators` as a child: it loads VTK while its parent still searches.
+
+    A graphics library that crashes takes the child down, not the build; the answer is then a
+    MachineError that says what to do.
+    """
+
+    def __init__(self) -> None:
+        self._child: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Verifier:
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "knotfab_validators"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            # Ctrl-C is for the parent, which then ends the child
+            start_new_session=True,
+        )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+            self._child = None
+
+    def begin(
+        self, part: Path | None, knots: Path | None, scene: Path | None, skip: Collection[str], pictures_dir: Path | None
+    ) -> None:
+        """Hand over the written files; `verdict` waits for the answer."""
+        assert self._child is not None and self._child.stdin is not None
+        request = {
+            name: None if path is None else str(path)
+            for name, path in (
+                ("part", part), ("knots", knots), ("scene", scene), ("pictures_dir", pictures_dir)
+            )
+        }
+        try:
+            self._child.stdin.write(json.dumps({**request, "skip": sorted(skip)}) + "\n")
+            self._child.stdin.flush()
+        except BrokenPipeError:
+            self._crashed()
+
+    def verdict(self) -> dict[str, Any]:
+        """{"status", "exit_code", "checks", "views", "seconds"} of the files.
+
+        Raises:
+            MachineError: the child crashed. InputError: it could not read a file.
+        """
+        assert self._child is not None
+        out, err = self._child.communicate()
+        if self._child.returncode != 0 and not out.strip():
+            self._crashed(err)
+        answer: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+        if "error" in answer:
+            raise InputError("the written files", str(answer["error"]), "Please report this build")
+        return answer
+
+    def _crashed(self, err: str = "") -> None:
+        assert self._child is not None
+        code = self._child.wait()
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        last = err.strip().splitlines()[-1:] or [""]
+        raise MachineError(
+            "verification", f"its process ended with {how} {last[0]}".rstrip(),
+            "Install the graphics libraries (apt-get install libegl1 libgl1), or go on without rendering: "
+            "--skip shadow-render",
+        )
+
+
+def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = None) -> None:
+    """Write the picture of the shadow that `part` casts in a view of `scene`.
+
+    Raises:
+        InputError: a file cannot be read, there is no such view, or `out` cannot be written.
+        MachineError: this machine cannot render.
+    """
+    import numpy as np
+    from knotfab_validators.pictures import write_shadow
+    from knotfab_validators.read_mesh import read_mesh
+    from knotfab_validators.read_scene import read_scene
+    from knotfab_validators.render import CannotRender, SilhouetteRenderer
+    from knotfab_validators.silhouette import read_silhouette, working_frame
+    from knotfab_validators.view import view_geometry
+
+    try:
+        setting, mesh = read_scene(scene), read_mesh(part)
+        named = [v for v in setting.views if view_name in (None, v.name)]
+        if not named:
+            names = ", ".join(v.name for v in setting.views)
+            raise InputError(f"--view {view_name}", "the scene has no such view", f"It has: {names}")
+        height, width = read_silhouette(scene.parent / named[0].picture).shape
+        pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
+        vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+        frame = working_frame(width, height)
+        geometry = view_geometry(named[0], width, height).resampled(frame)
+        with SilhouetteRenderer(vertices, mesh.faces) as renderer:
+            seen = renderer.render(geometry)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        staged = out.with_name(f".{out.stem}-new.png")
+        write_shadow(staged, seen, frame)
+        staged.replace(out)
+    except CannotRender as error:
+        raise MachineError("rendering", error.reason, error.remedy) from error
+    except ValueError as error:
+        raise InputError("the call", str(error), "Correct the file that it names") from error
+    except OSError as error:
+        raise InputError(str(out), str(error.strerror), "Choose another place for --out") from error

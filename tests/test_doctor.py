@@ -1,0 +1,115 @@
+"""The doctor: finds what is there, names what is not, and survives what crashes."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import sys
+from collections import namedtuple
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from knotfab import doctor
+from knotfab.doctor import Finding, examine
+
+
+def by_name(findings: list[Finding]) -> dict[str, Finding]:
+    return {finding.name: finding for finding in findings}
+
+
+def test_this_machine() -> None:
+    findings = examine()
+    found = by_name(findings)
+    assert len(found) == len(findings)
+    for name in ("python", "torch", "numpy", "manifold3d", "lib3mf", "cadquery", "libigl"):
+        assert found[name].status == "ok", found[name]
+    assert "threads" in found["torch"].detail
+    for finding in findings:
+        assert finding.detail
+        assert finding.status == "ok" or finding.remedy, finding
+
+
+def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    finding = doctor._installed("shapely", "shapely")
+    assert finding == Finding("shapely", "missing", "not installed", "pip install shapely")
+
+
+def test_a_broken_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert doctor._installed("shapely", "shapely").status == "missing"
+    assert doctor._rendering().remedy == "pip install pyvista"
+    assert doctor._fonts().remedy == "pip install matplotlib"
+
+
+def test_no_rendering_names_the_system_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
+    finding = doctor._rendering()
+    assert finding.status == "missing"
+    assert finding.remedy == "apt-get install libegl1 libgl1"
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended by signal 11"),
+        ("raise ImportError('no such library')", "ImportError: no such library"),
+        ("import sys; sys.exit(7)", "exit code 7"),
+    ],
+)
+def test_a_child_that_dies_is_a_finding_not_a_crash(
+    monkeypatch: pytest.MonkeyPatch, code: str, said: str
+) -> None:
+    monkeypatch.setattr(doctor, "TORCH_CHILD", code)
+    finding = doctor._torch()
+    assert finding.status == "missing" and finding.detail == said and finding.remedy
+
+
+def test_a_child_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*args: Any, **kwargs: Any) -> Any:
+        raise subprocess.TimeoutExpired("python", 60)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    assert doctor._answer("pass") == (False, "no answer in 60 s")
+
+
+def test_libraries_that_break_on_import(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One raises, one kills the process: both are named, and those behind them are still tried."""
+    (tmp_path / "raising.py").write_text("raise OSError('libGL.so.1: cannot open')")
+    (tmp_path / "killing.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert doctor._import_errors(["json", "raising", "killing", "csv", "raising"]) == {
+        "raising": "OSError: libGL.so.1: cannot open",
+        "killing": "ended by signal 11",
+    }
+    monkeypatch.setattr(doctor, "_import_errors", lambda modules: {"scipy": "it broke"})
+    numpy, scipy = doctor._libraries([("numpy", "numpy"), ("scipy", "scipy")])
+    assert numpy.status == "ok" and scipy.status == "missing" and "it broke" in scipy.detail
+
+
+def test_scarce_things_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9, 10**6))
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(doctor, "LEAST_MEMORY_GB", 1e6)
+    monkeypatch.setattr(doctor, "GLYPH_FONTS", ("NoSuchFont.ttf",))
+    for look in (doctor._disk, doctor._slicer, doctor._memory, doctor._fonts):
+        finding = look()
+        assert finding.status == "warning" and finding.remedy
+
+
+def test_examining_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from knotfab import doctor; doctor._child = lambda *a: (0, 'x', '');"
+        "doctor.examine();"
+        "print([m for m in ('torch', 'vtkmodules', 'OCP', 'pyvista') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,225 @@
+"""The output folder appears whole or not at all, whatever goes wrong."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from knotfab.errors import InputError, MachineError
+from knotfab.output import REJECTED, OutputFolder
+
+
+def listing(folder: Path) -> dict[str, bytes]:
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if not p.is_dir()
+    } | {str(p.relative_to(folder)) + "/": b"" for p in folder.rglob("*") if p.is_dir()}
+
+
+def build(folder: Path, **files: str) -> None:
+    with OutputFolder(folder) as out:
+        for name, content in files.items():
+            out.write(name.replace("__", "."), content)
+        out.commit()
+
+
+def test_commit_creates_parents_and_replaces_an_earlier_build(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    build(folder, knots__json="one", note="kept")
+    (folder / "mine.txt").write_text("user")
+    build(folder, knots__json="two")
+    assert listing(folder) == {"knots.json": b"two", "note": b"kept", "mine.txt": b"user"}
+
+
+def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> None:
+    build(tmp_path, report__json="{}", part__3mf="old", knots__json="old")
+    (tmp_path / "plate-2.3mf").write_text("old")
+    (tmp_path / "plate-notes.txt").write_text("user")
+    build(tmp_path, report__json="{ }", knots__json="new")
+    assert set(listing(tmp_path)) == {"report.json", "knots.json", "plate-notes.txt"}
+
+
+def test_without_a_report_nothing_is_taken_for_an_earlier_build(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_text("user")
+    build(tmp_path, knots__json="new")
+    assert set(listing(tmp_path)) == {"part.stl", "knots.json"}
+
+
+def test_nothing_appears_before_commit(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as out:
+        out.write("knots.json", "new")
+        assert [p for p in tmp_path.iterdir() if not p.name.startswith(".")] == []
+    assert listing(tmp_path) == {}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, InputError, SystemExit])
+def test_any_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseException]) -> None:
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
+    arguments = ("what", "why", "remedy") if error is InputError else ()
+    with pytest.raises(error), OutputFolder(tmp_path) as out:
+        out.write("knots.json", "half")
+        raise error(*arguments)
+    assert listing(tmp_path) == before
+
+
+def test_failure_removes_the_folders_it_made(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "new" / "deep"):
+        raise KeyboardInterrupt
+    assert listing(tmp_path) == {}
+
+
+def test_reject_leaves_the_good_result_and_replaces_the_rejected(tmp_path: Path) -> None:
+    build(tmp_path, knots__json="good")
+    for content in ("bad", "worse"):
+        with OutputFolder(tmp_path) as out:
+            out.write("knots.json", content)
+            if content == "bad":
+                out.write("extra.png", "x")
+            out.reject()
+    assert listing(tmp_path) == {
+        "knots.json": b"good",
+        f"{REJECTED}/": b"",
+        f"{REJECTED}/knots.json": b"worse",
+    }
+
+
+@pytest.mark.parametrize("failing", [1, 2, 3])
+def test_a_move_that_fails_undoes_those_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int
+) -> None:
+    build(tmp_path, report__json="old", part__stl="old", plate__3mf="old")
+    before = listing(tmp_path)
+    real, calls = os.replace, []
+
+    def replace(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) == failing:
+            raise OSError(errno.EIO, "Input/output error")
+        real(source, target)
+
+    with pytest.raises(MachineError, match="Input/output error"), OutputFolder(tmp_path) as out:
+        for name in ("knots.json", "part.stl", "report.json"):
+            out.write(name, "new")
+        monkeypatch.setattr(os, "replace", replace)
+        out.commit()
+    assert listing(tmp_path) == before
+
+
+def test_a_directory_in_the_way_is_not_removed(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").mkdir()
+    (tmp_path / "part.stl" / "mine").write_text("user")
+    before = listing(tmp_path)
+    with pytest.raises(MachineError, match=r"part\.stl is a directory"):
+        build(tmp_path, knots__json="new", part__stl="new")
+    assert listing(tmp_path) == before
+
+
+def test_rejects_a_path_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("user")
+    with pytest.raises(InputError, match=r"it is a file.*--out") as caught:
+        OutputFolder(tmp_path / "out").__enter__()
+    assert caught.value.exit_code == 2
+    with pytest.raises(InputError, match="part of this path is a file"):
+        OutputFolder(tmp_path / "out" / "deeper").__enter__()
+    assert listing(tmp_path) == {"out": b"user"}
+
+
+def test_rejects_a_file_where_failed_builds_go(tmp_path: Path) -> None:
+    (tmp_path / REJECTED).write_text("user")
+    with pytest.raises(InputError, match="failed builds go there"):
+        OutputFolder(tmp_path).__enter__()
+    assert listing(tmp_path) == {REJECTED: b"user"}
+
+
+def test_rejects_a_folder_that_may_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(**_: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("knotfab.output.tempfile.mkdtemp", denied)
+    with pytest.raises(InputError, match=r"cannot be written \(Permission denied\).*--out"):
+        OutputFolder(tmp_path / "new").__enter__()
+    assert listing(tmp_path) == {}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_rejects_a_read_only_folder(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    try:
+        with pytest.raises(InputError, match="cannot be written"):
+            OutputFolder(tmp_path / "new").__enter__()
+    finally:
+        tmp_path.chmod(0o755)
+
+
+def test_full_disk_is_said_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
+
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    said = r"the disk is full.*untouched.*Free some space"
+    with pytest.raises(MachineError, match=said) as caught, OutputFolder(tmp_path) as out:
+        monkeypatch.setattr(Path, "write_bytes", full)
+        out.write("knots.json", "new")
+    monkeypatch.undo()
+    assert caught.value.exit_code == 3
+    assert listing(tmp_path) == before
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(MachineError, match="the disk is full"):
+        OutputFolder(tmp_path).__enter__()  # noticed before any long work
+    monkeypatch.undo()
+    assert listing(tmp_path) == before
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a disk of 64 KiB."""
+    mount = shutil.which("mount")
+    if os.geteuid() != 0 or mount is None:
+        pytest.skip("mounting a small tmpfs needs root")
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        [mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip(f"a tmpfs cannot be mounted: {mounted.stderr.decode().strip()}")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_disk_that_really_is_full(small_disk: Path) -> None:
+    build(small_disk, knots__json="good")
+    before = listing(small_disk)
+    with pytest.raises(MachineError, match="the disk is full"), OutputFolder(small_disk) as out:
+        out.write("part.stl", b"x" * 200_000)
+    assert listing(small_disk) == before
+
+
+def test_a_library_that_ignores_a_full_disk_is_caught(small_disk: Path) -> None:
+    build(small_disk, knots__json="good")
+    before = listing(small_disk)
+    with pytest.raises(MachineError, match="the disk is full"), OutputFolder(small_disk) as out:
+        with out.file("part.stl").open("wb", buffering=0) as file:
+            while file.tell() < 200_000:
+                try:
+                    file.write(b"x" * 4096)
+                except OSError:
+                    break
+        out.commit()
+    assert listing(small_disk) == before
+
+
+def test_work_is_only_there_while_open(tmp_path: Path) -> None:
+    out = OutputFolder(tmp_path)
+    with pytest.raises(RuntimeError):
+        out.file("x")

@@ -1,0 +1,130 @@
+"""STL and 3MF: what is read back is what was written, byte for byte the same each time."""
+
+from __future__ import annotations
+
+import locale
+import zipfile
+from pathlib import Path
+
+import lib3mf
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from knotfab.part.stl import write_stl
+from knotfab.part.threemf import read_back_strict, write_3mf
+from knotfab.sweep.tube import mesh_volume, sweep
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+
+
+@pytest.fixture
+def bodies() -> list[Mesh]:
+    """Two rings, apart, in the positive octant, at single precision."""
+    t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    ring = np.stack([30 * np.cos(t), 30 * np.sin(t), 5 * np.sin(2 * t)], axis=1)
+    return [
+        (vertices.astype(np.float32).astype(np.float64), faces)
+        for vertices, faces in (
+            sweep(ring + np.array([40, 40, 10]), 2.0, 12),
+            sweep(0.5 * ring + np.array([100, 40, 10]), 2.0, 12),
+        )
+    ]
+
+
+def test_stl_reads_back_closed_with_the_same_volume(tmp_path: Path, bodies: list[Mesh]) -> None:
+    write_stl(tmp_path / "part.stl", bodies)
+    part = trimesh.load_mesh(tmp_path / "part.stl")
+    assert part.is_watertight and part.is_winding_consistent and part.body_count == 2
+    assert part.volume == pytest.approx(sum(mesh_volume(*b) for b in bodies), rel=1e-6)
+    wanted = np.concatenate([vertices[faces] for vertices, faces in bodies])
+    assert (part.triangles == wanted).all()
+    raw = (tmp_path / "part.stl").read_bytes()
+    assert len(raw) == 84 + 50 * len(wanted) and not raw.startswith(b"solid")
+    facets = np.frombuffer(raw[84:], dtype=[("n", "<f4", 3), ("c", "<f4", 9), ("a", "<u2")])
+    assert facets["n"] == pytest.approx(part.face_normals, abs=1e-5)
+
+
+def test_files_are_repeatable(tmp_path: Path, bodies: list[Mesh]) -> None:
+    for suffix, write in ((".stl", write_stl), (".3mf", write_3mf)):
+        first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+        write(first, bodies)
+        write(second, bodies)
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
+    path = tmp_path / "part.3mf"
+    write_3mf(path, bodies, title="Ring & <ring>")
+    assert read_back_strict(path) == []
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(path))
+    assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
+    about = model.GetMetaDataGroup()
+    found = {about.GetMetaData(i).GetName(): about.GetMetaData(i).GetValue() for i in range(2)}
+    assert found["Title"] == "Ring & <ring>" and found["Application"].startswith("knotfab ")
+    items = model.GetBuildItems()
+    for name, (vertices, faces) in zip(("knot 1", "knot 2"), bodies, strict=True):
+        assert items.MoveNext()
+        item = items.GetCurrent()
+        transform = item.GetObjectTransform() if item.HasObjectTransform() else None
+        if transform is not None:
+            assert np.array(transform.Fields) == pytest.approx(np.eye(4)[:, :3])
+        body = model.GetMeshObjectByID(item.GetObjectResourceID())
+        assert body.GetName() == name and body.IsManifoldAndOriented()
+        read = np.array([list(p.Coordinates) for p in body.GetVertices()])
+        assert read == pytest.approx(vertices, abs=1e-5) and (read >= 0).all()
+        corners = [list(t.Indices) for t in body.GetTriangleIndices()]
+        assert np.array_equal(corners, faces)
+    assert not items.MoveNext()
+
+
+def test_locale_is_left_as_it_was(tmp_path: Path, bodies: list[Mesh]) -> None:
+    before = locale.setlocale(locale.LC_ALL)
+    write_3mf(tmp_path / "part.3mf", bodies)
+    assert locale.setlocale(locale.LC_ALL) == before
+    read_back_strict(tmp_path / "part.3mf")
+    read_back_strict(tmp_path / "missing.3mf")
+    assert locale.setlocale(locale.LC_ALL) == before
+
+
+def test_3mf_names(tmp_path: Path, bodies: list[Mesh]) -> None:
+    write_3mf(tmp_path / "part.3mf", bodies, names=["tube", "plate"])
+    with zipfile.ZipFile(tmp_path / "part.3mf") as archive:
+        model = archive.read("3D/3dmodel.model").decode()
+    assert 'name="tube"' in model and 'name="plate"' in model
+
+
+def test_what_cannot_be_written_is_refused(tmp_path: Path, bodies: list[Mesh]) -> None:
+    below = [(bodies[0][0] - [50.0, 0.0, 0.0], bodies[0][1])]
+    broken = [(np.where(bodies[0][0] > 60, np.nan, bodies[0][0]), bodies[0][1])]
+    for wrong in (below, broken, [], [(bodies[0][0], bodies[0][1][:0])]):
+        with pytest.raises(ValueError):
+            write_3mf(tmp_path / "part.3mf", wrong)
+    with pytest.raises(ValueError):
+        write_3mf(tmp_path / "part.3mf", bodies, names=["one"])
+    for wrong in (broken, []):
+        with pytest.raises(ValueError):
+            write_stl(tmp_path / "part.stl", wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_strict_reader_refuses_a_broken_archive(tmp_path: Path, bodies: list[Mesh]) -> None:
+    """An index beyond the vertices, a repeated index, and no archive at all."""
+    path = tmp_path / "part.3mf"
+    write_3mf(path, bodies)
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    for wrong in (b'<triangle v1="0" v2="99999" v3="1"', b'<triangle v1="1" v2="1" v3="2"'):
+        model = files["3D/3dmodel.model"]
+        start = model.index(b"<triangle ")
+        end = model.index(b" />", start)
+        changed = {**files, "3D/3dmodel.model": model[:start] + wrong + model[end:]}
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in changed.items():
+                archive.writestr(name, content)
+        assert read_back_strict(path)
+    path.write_bytes(b"no archive")
+    assert read_back_strict(path)

@@ -1,0 +1,96 @@
+"""The print pose: rigid, on the bed's corner, of least height among those that fit."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knot, Knots
+from knotfab.part.pose import PrintPose, choose_pose
+from knotfab.sweep.tube import mesh_volume, sweep
+
+Array = NDArray[np.float64]
+
+
+def oval(size: tuple[float, float, float], n: int = 120) -> Array:
+    """A closed curve whose extents are `size`."""
+    t = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    return np.stack([np.cos(t), np.sin(t), np.sin(2 * t)], axis=1) * (np.array(size) / 2)
+
+
+def posed(
+    curves: list[Array],
+    build: tuple[float, float, float],
+    radius: float = 2.0,
+    frame: tuple[float, float] | None = None,
+) -> PrintPose:
+    knots = Knots(tuple(Knot(c) for c in curves), radius)
+    return choose_pose(knots, [sweep(c, radius, 16) for c in curves], build, frame)
+
+
+@pytest.mark.parametrize("size", [(180, 170, 90), (180, 60, 170), (40, 160, 170), (100, 100, 100)])
+def test_least_height_and_exact_corner(size: tuple[float, float, float]) -> None:
+    there = np.array([3.0, -100.0, 40.0])
+    curves = [oval(size) + there, oval((20, 30, 25)) + there]
+    pose = posed(curves, (250.0, 210.0, 220.0))
+    corner = np.min([v.min(axis=0) for v, _ in pose.tubes], axis=0)
+    assert (corner == 0.0).all()
+    assert pose.size_mm[2] == pytest.approx(min(size) + 4, abs=0.8)
+    assert (pose.size_mm <= [250, 210, 220]).all()
+
+
+def test_matrix_takes_the_print_back_to_the_scene() -> None:
+    curve = oval((150, 50, 120)) + np.array([1.0, 2.0, 3.0])
+    pose = posed([curve], (250.0, 210.0, 220.0))
+    turn, shift = pose.matrix[:3, :3], pose.matrix[:3, 3]
+    assert turn @ turn.T == pytest.approx(np.eye(3)) and np.linalg.det(turn) == pytest.approx(1)
+    assert pose.matrix[3] == pytest.approx([0, 0, 0, 1])
+    assert pose.knots.points @ turn.T + shift == pytest.approx(curve, abs=1e-9)
+    assert pose.knots.moved(pose.matrix).points == pytest.approx(curve, abs=1e-9)
+    vertices, faces = pose.tubes[0]
+    assert vertices @ turn.T + shift == pytest.approx(sweep(curve, 2.0, 16)[0], abs=1e-9)
+    assert mesh_volume(vertices, faces) > 0
+
+
+def test_a_tie_lies_on_its_back() -> None:
+    """Equal heights: the scene's z, towards the light, points up."""
+    pose = posed([oval((80, 80, 80))], (250.0, 210.0, 220.0), radius=1.0)
+    assert pose.matrix[:3, :3] == pytest.approx(np.eye(3))
+
+
+def test_least_height_gives_way_to_what_fits() -> None:
+    pose = posed([oval((180, 100, 90))], (110.0, 200.0, 200.0))
+    assert (pose.size_mm <= [110.0, 200.0, 200.0]).all()
+    assert pose.size_mm[2] == pytest.approx(94, abs=1)
+
+
+def test_a_long_piece_is_laid_across_the_corners() -> None:
+    bar = oval((210, 12, 30))
+    pose = posed([bar], (180.0, 180.0, 60.0))
+    assert (pose.size_mm <= [180.0 + 1e-6, 180.0 + 1e-6, 60.0]).all()
+    turn = pose.matrix[:3, :3]
+    assert np.linalg.det(turn) == pytest.approx(1) and abs(turn).max(axis=0).min() < 0.9
+    assert min(v.min() for v, _ in pose.tubes) == 0.0
+
+
+def test_too_large_a_piece_names_the_frame_that_would_fit() -> None:
+    with pytest.raises(SceneError, match=r"the printer holds 120\.0 x 120\.0 x 120\.0") as caught:
+        posed([oval((180, 180, 108))], (120.0, 120.0, 120.0), frame=(200.0, 190.0))
+    found = re.search(r"would fit is ([\d.]+) x ([\d.]+) mm", str(caught.value))
+    assert found is not None
+    scale = float(found[1]) / 200
+    assert float(found[2]) / 190 == pytest.approx(scale, abs=1e-3)
+    posed([scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
+    with pytest.raises(SceneError):
+        posed([1.05 * scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
+
+
+def test_a_printer_too_small_for_the_tube() -> None:
+    with pytest.raises(SceneError, match="thickness"):
+        posed([oval((180, 180, 108))], (120.0, 120.0, 3.0))
+    with pytest.raises(SceneError, match=r"at most 6\d\.\d %"):
+        posed([oval((180, 180, 108))], (120.0, 120.0, 120.0))

@@ -1,0 +1,84 @@
+"""Printers and materials by name, and a scene with their figures filled in."""
+
+from __future__ import annotations
+
+import pytest
+
+from knotfab.errors import InputError
+from knotfab.scene.catalogue import materials, printers, resolve
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.model import Material, Printer, Scene
+
+
+def test_known_names() -> None:
+    assert set(printers()) >= {
+        "prusa-mk4", "bambu-x1", "bambu-a1", "ender-3", "voron-2.4-350", "form-3",
+    }  # fmt: skip
+    assert set(materials()) >= {"pla", "petg", "tpu", "resin"}
+
+
+def test_figures_are_plausible() -> None:
+    for printer in printers().values():
+        assert min(printer.build_volume_mm) >= 100 and max(printer.build_volume_mm) <= 500
+        assert 2 * printer.min_tube_radius_mm >= 2 * printer.nozzle_mm
+    for material in materials().values():
+        assert 0.9 < material.density_g_cm3 < 1.5
+
+
+def test_the_defaults_are_those_of_the_files() -> None:
+    assert printers()[Printer().name] == Printer()
+    assert materials()[Material().name] == Material()
+
+
+def test_a_name_alone_brings_its_figures() -> None:
+    scene = resolve(parse_scene("[printer]\nname = 'ender-3'\n[material]\nname = 'petg'"))
+    assert scene.printer.build_volume_mm == (220.0, 220.0, 250.0)
+    assert scene.material.density_g_cm3 == 1.27
+
+
+def test_keys_of_the_scene_win() -> None:
+    scene = resolve(parse_scene("[printer]\nname = 'bambu-x1'\nnozzle_mm = 0.6"))
+    assert (scene.printer.nozzle_mm, scene.printer.build_volume_mm[2]) == (0.6, 256.0)
+    # even where the written value is the model's own default
+    scene = resolve(parse_scene("[printer]\nname = 'form-3'\nnozzle_mm = 0.4"))
+    assert scene.printer.nozzle_mm == 0.4
+
+
+def test_unknown_names_are_refused_and_the_known_ones_listed() -> None:
+    with pytest.raises(InputError, match=r"'bambu'.*Did you mean 'bambu-x1'.*ender-3"):
+        resolve(parse_scene("[printer]\nname = 'bambu'"))
+    with pytest.raises(InputError, match=r"'steel'.*petg, pla, resin, tpu"):
+        resolve(parse_scene("[material]\nname = 'steel'"))
+
+
+def test_a_printer_of_ones_own_needs_every_key() -> None:
+    text = "[printer]\nname = 'mine'\nbuild_volume_mm = [100, 100, 100]\nnozzle_mm = 0.4\n"
+    with pytest.raises(InputError, match="give every key"):
+        resolve(parse_scene(text))
+    own = resolve(parse_scene(text + "min_tube_radius_mm = 1.5")).printer
+    assert (own.name, own.min_tube_radius_mm) == ("mine", 1.5)
+
+
+def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
+    scene = resolve(parse_scene("[printer]\nname = 'ender-3'"), [(300, 400)])
+    again = parse_scene(dump_scene(scene))
+    assert again == scene == resolve(again, [(300, 400)])
+    assert "build_volume_mm" in dump_scene(scene) and "density_g_cm3" in dump_scene(scene)
+
+
+@pytest.mark.parametrize(
+    ("keys", "frame"),
+    [
+        ("", (135.0, 180.0)),
+        ("frame_width_mm = 60", (60.0, 80.0)),
+        ("frame_height_mm = 60", (45.0, 60.0)),
+        ("frame_width_mm = 50\nframe_height_mm = 60", (50.0, 60.0)),
+    ],
+)
+def test_frames_follow_the_picture(keys: str, frame: tuple[float, float]) -> None:
+    view = resolve(parse_scene(f"[[views]]\n{keys}"), [(300, 400)]).views[0]
+    assert (view.frame_width_mm, view.frame_height_mm) == pytest.approx(frame)
+
+
+def test_resolve_without_pictures_leaves_frames_open() -> None:
+    assert resolve(Scene()).views[0].frame_width_mm is None

@@ -1,0 +1,194 @@
+"""The tube: exact area times length, closed, outwards, for every closed polyline it accepts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.sweep.tube import mesh_volume, sides_for, sweep, tube_manifold
+
+Array = NDArray[np.float64]
+
+
+def wiggle(n: int, seed: int = 0, amplitude: float = 0.3) -> Array:
+    """A smooth closed random curve of about 50 mm radius, sampled at n points."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    p = 50 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    for k in range(2, 5):
+        for wave in (np.cos, np.sin):
+            p += wave(k * t)[:, None] * rng.normal(size=3) * 50 * amplitude / k**2
+    return p
+
+
+def trefoil(n: int) -> Array:
+    t = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    ring = 2 + np.cos(3 * t)
+    return 12 * np.stack([ring * np.cos(2 * t), ring * np.sin(2 * t), np.sin(3 * t)], axis=1)
+
+
+def length(p: Array) -> float:
+    return float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum())
+
+
+def edges_are_matched(faces: NDArray[np.int32]) -> bool:
+    """Every directed edge once, and its reverse once: closed and consistently turned."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(int)
+    size = directed.max() + 1
+    ahead, back = directed @ [size, 1], directed @ [1, size]
+    return len(np.unique(ahead)) == len(ahead) and np.array_equal(np.sort(ahead), np.sort(back))
+
+
+@pytest.mark.parametrize("sides", [3, 7, 16, 48])
+@pytest.mark.parametrize("seed", range(3))
+def test_volume_is_that_of_the_round_tube(sides: int, seed: int) -> None:
+    p = wiggle(400, seed)
+    vertices, faces = sweep(p, 1.5, sides)
+    assert vertices.shape == (400 * sides, 3) and vertices.dtype == np.float64
+    assert faces.shape == (800 * sides, 3) and faces.dtype == np.int32
+    wanted = np.pi * 1.5**2 * length(p)
+    # What is missing is the rest of the twist, spread over 400 rings.
+    assert mesh_volume(vertices, faces) == pytest.approx(wanted, rel=3e-6 if sides > 3 else 1e-5)
+    assert edges_are_matched(faces)
+    tube_manifold(vertices, faces, wanted)
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 12])
+def test_planar_polygon_has_exact_volume(corners: int) -> None:
+    """A planar curve needs no closing twist, so nothing is lost, however coarse it is."""
+    t = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    p = np.stack([40 * np.cos(t), 0 * t, 40 * np.sin(t)], axis=1) + np.array([5.0, -7.0, 300.0])
+    for points in (p, p[::-1]):
+        vertices, faces = sweep(points, 3.0, 24)
+        assert mesh_volume(vertices, faces) == pytest.approx(np.pi * 9 * length(p), rel=1e-12)
+
+
+def test_corners_lie_on_the_ring_around_both_segments() -> None:
+    p = trefoil(300)
+    vertices, _ = sweep(p, 1.0, 12)
+    rings = vertices.reshape(300, 12, 3)
+    step = 2 * np.pi / 12
+    for shift in (
+        0,
+        1,
+    ):  # the segment that starts at the ring's vertex, and the one that ends there
+        along = np.roll(p, shift - 1, axis=0) - np.roll(p, shift, axis=0)
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        distance = np.linalg.norm(np.cross(rings - p[:, None], along[:, None]), axis=2)
+        assert distance == pytest.approx(np.sqrt(step / np.sin(step)), rel=1e-9)
+
+
+def test_knotted_curve_and_many_samples() -> None:
+    p = trefoil(3000)
+    vertices, faces = sweep(p, 2.0, 8)
+    solid = tube_manifold(vertices, faces, np.pi * 4 * length(p))
+    assert solid.genus() == 1 and solid.num_tri() == 2 * 8 * 3000
+
+
+def test_straight_stretches_and_every_axis() -> None:
+    side = np.linspace(0, 30, 11)[:-1]
+    zero = np.zeros(10)
+    square = np.concatenate(
+        [np.stack(s, axis=1) for s in ((side, zero), (zero + 30, side), (30 - side, zero + 30))]
+        + [np.stack([zero, 30 - side], axis=1)]
+    )
+    for plane in ((0, 1), (1, 2), (2, 0)):
+        p = np.zeros((40, 3))
+        p[:, plane] = square
+        vertices, faces = sweep(p, 1.0, 16)
+        assert mesh_volume(vertices, faces) == pytest.approx(np.pi * 120, rel=1e-12)
+        assert np.ptp(vertices[:, 3 - sum(plane)]) == pytest.approx(2.0, abs=0.03)
+
+
+@pytest.mark.parametrize("writhe", np.linspace(0.0, 1.2, 13))
+def test_closing_twist_of_any_angle(writhe: float) -> None:
+    """Torus windings whose frames close with all angles, half a turn among them."""
+    t = np.linspace(0, 2 * np.pi, 500, endpoint=False)
+    p = np.stack([50 * np.cos(t), 50 * np.sin(t), 0 * t], axis=1)
+    p += (
+        15
+        * writhe
+        * np.stack([np.cos(3 * t) * np.cos(t), np.cos(3 * t) * np.sin(t), np.sin(3 * t)], axis=1)
+    )
+    vertices, faces = sweep(p, 1.0, 6)
+    assert mesh_volume(vertices, faces) == pytest.approx(np.pi * length(p), rel=1e-5)
+    rings = vertices.reshape(500, 6, 3)
+    # No corner line is longer than the straight mitred one by more than a twist of half a corner.
+    spread = np.linalg.norm(rings[1:] - rings[:-1], axis=2)
+    assert spread.max() < 2.0 * np.linalg.norm(np.diff(p, axis=0), axis=1).max()
+    tube_manifold(vertices, faces)
+
+
+def test_too_tight_a_bend_is_refused_and_placed() -> None:
+    p = wiggle(400)
+    p[100] += [0.0, 0.0, 5.0]
+    with pytest.raises(SceneError, match=r"vertex (99|100|101) .*bends to a radius of") as caught:
+        sweep(p, 1.5, 16)
+    assert caught.value.exit_code == 1
+
+
+def test_bend_limit_is_min_rad() -> None:
+    """A regular polygon's MinRad is its inscribed radius: just below it passes, above it folds."""
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    p = np.stack([10 * np.cos(t), 10 * np.sin(t), 0 * t], axis=1)
+    limit = 10 * np.cos(np.pi / 60)
+    tube_manifold(*sweep(p, 0.998 * limit, 128))
+    for radius in (limit * (1 + 1e-9), 1.1 * limit):
+        with pytest.raises(SceneError, match="bends to a radius of"):
+            sweep(p, radius, 128)
+    with pytest.raises(
+        SceneError, match="cross near"
+    ):  # the corners of a coarse ring reach further
+        sweep(p, 0.9 * limit, 3)
+
+
+def test_fold_back_and_coincident_vertices_are_refused() -> None:
+    back = np.array([[0, 0, 0], [10, 0, 0], [20, 0, 0], [10, 0, 0.0]])
+    with pytest.raises(SceneError, match="bends to a radius of 0 mm"):
+        sweep(back, 0.1, 8)
+    twice = wiggle(50)
+    twice[11] = twice[10]
+    with pytest.raises(SceneError, match="vertices 10 and 11 coincide"):
+        sweep(twice, 0.1, 8)
+
+
+@pytest.mark.parametrize(
+    ("points", "radius", "sides"),
+    [
+        (np.zeros((2, 3)), 1.0, 8),
+        (np.zeros((5, 2)), 1.0, 8),
+        (np.full((5, 3), np.nan), 1.0, 8),
+        (wiggle(30), 0.0, 8),
+        (wiggle(30), np.nan, 8),
+        (wiggle(30), 1.0, 2),
+    ],
+)
+def test_what_is_no_polyline_is_refused(points: Array, radius: float, sides: int) -> None:
+    with pytest.raises(ValueError):
+        sweep(points, radius, sides)
+
+
+def test_manifold_refuses_other_solids() -> None:
+    p = wiggle(60)
+    vertices, faces = sweep(p, 1.0, 12)
+    with pytest.raises(SceneError, match="not closed"):
+        tube_manifold(vertices, faces[1:])
+    with pytest.raises(SceneError, match="encloses"):
+        tube_manifold(vertices, faces[:, ::-1])
+    with pytest.raises(SceneError, match="encloses"):
+        tube_manifold(vertices, faces, 1.01 * np.pi * length(p))
+    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
+    with pytest.raises(SceneError, match="genus is 0"):
+        tube_manifold(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), tetrahedron)
+
+
+@pytest.mark.parametrize("tolerance", [0.2, 0.02, 0.002])
+def test_sides_keep_the_outline_within_the_tolerance(tolerance: float) -> None:
+    sides = sides_for(3.0, tolerance, least=4)
+    assert sides % 4 == 0
+    step = 2 * np.pi / sides
+    corner = 3.0 * np.sqrt(step / np.sin(step))
+    assert max(corner - 3.0, 3.0 - corner * np.cos(step / 2)) <= 1.1 * tolerance
+    assert sides_for(3.0, 0.0) == 256

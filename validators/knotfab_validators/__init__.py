@@ -1,0 +1,1 @@
+"""Independent checks: written files are read from disk and measured anew."""

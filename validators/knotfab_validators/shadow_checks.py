@@ -1,0 +1,96 @@
+"""The checks that follow from verified views: `shadow`, `shadow_exact` and `outline`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .check import Check, at_least, at_most
+from .verify_view import VerifiedView
+
+__all__ = ["shadow_checks", "skipped_shadow_checks"]
+
+NAMES = ("shadow", "shadow_exact", "outline")
+
+
+def skipped_shadow_checks(why: str, *, required: bool) -> list[Check]:
+    """All three, skipped for one reason."""
+    return [_skipped(name, why, required) for name in NAMES]
+
+
+def shadow_checks(
+    views: Mapping[str, VerifiedView],
+    *,
+    iou_floor: float | None,
+    max_outline_px: float,
+    no_rendering: str | None,
+    polygons_decide: bool,
+) -> list[Check]:
+    """The shadow's checks; each takes the worst view, and its detail names it.
+
+    `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
+    asked). Where nothing was rendered (`no_rendering` says why) it is skipped, though required,
+    unless `polygons_decide`. `shadow_exact`: pixels at which rendering and exact polygons disagree
+    away from the outline, at most 0. `outline`: distance from the exact tube's shadow.
+    """
+    checks = []
+    if no_rendering is not None and not polygons_decide:
+        checks.append(_skipped("shadow", no_rendering, True))
+    else:
+        name = min(views, key=lambda n: views[n].whole.iou)
+        by = "rendered" if no_rendering is None else "exact polygons alone"
+        checks.append(
+            at_least(
+                "shadow",
+                views[name].whole.iou,
+                iou_floor,
+                "",
+                f"IoU of the file's shadow and the picture, view {name} ({by})",
+            )
+        )
+    if no_rendering is not None:
+        checks.append(_skipped("shadow_exact", f"nothing to compare with: {no_rendering}", False))
+    else:
+        name = max(views, key=lambda n: views[n].stray_px or 0)
+        view = views[name]
+        checks.append(
+            at_most(
+                "shadow_exact",
+                float(view.stray_px or 0),
+                0.0,
+                "px",
+                "pixels farther than one from the outline at which rendering and exact polygons "
+                f"disagree, view {name} (IoU {view.whole.iou:.5f} and {view.exact_iou:.5f})",
+            )
+        )
+    known = {n: v.outline_px for n, v in views.items() if v.outline_px is not None}
+    if not known:
+        checks.append(_skipped("outline", "not given the knots", False))
+    else:
+        name = max(known, key=lambda n: known[n])
+        outline = views[name].outline
+        assert outline is not None
+        u = outline.where[0] - views[name].frame.pad_x
+        v = outline.where[1] - views[name].frame.pad_y
+        checks.append(
+            at_most(
+                "outline",
+                known[name],
+                max_outline_px,
+                "px",
+                f"file's shadow against the exact tube's, worst at pixel ({u:.0f}, {v:.0f}) of "
+                f"the {views[name].frame.width} x {views[name].frame.height} frame, view {name}",
+            )
+        )
+    return checks
+
+
+def _skipped(name: str, why: str, required: bool) -> Check:
+    return Check(
+        name=name,
+        status="skipped",
+        required=required,
+        measured=None,
+        limit=None,
+        unit="",
+        detail=why,
+    )

@@ -1,0 +1,152 @@
+"""Polygonal thickness of the written knots: how tight a tube around them may be, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .check import Check, at_least, at_most
+from .critical_chords import CurvePoint, shortest_critical_chord
+from .read_knots import Curves
+
+__all__ = ["Thickness", "check_bend", "check_length", "check_thickness", "thickness"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """The polygonal thickness `value` (a radius) and the two numbers it is the minimum of.
+
+    `min_rad_at` is (knot, vertex), `dcsd_at` the two ends of the shortest doubly critical chord as
+    (knot, edge, where on the edge from 0 to 1); either is None where there is none (value inf).
+    `point` is the vertex, or the middle of the chord, that decides. Knots, vertices and edges are
+    counted from 0.
+    """
+
+    value: float
+    min_rad: float
+    min_rad_at: tuple[int, int] | None
+    half_dcsd: float
+    dcsd_at: tuple[CurvePoint, CurvePoint] | None
+    point: tuple[float, float, float]
+
+    @property
+    def bend_decides(self) -> bool:
+        """Whether a bend, rather than two strands, sets the thickness."""
+        return self.min_rad <= self.half_dcsd
+
+
+def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> Thickness:
+    """Polygonal thickness of all polygons together, as a radius, at full double precision.
+
+    The minimum of MinRad over the vertices, min(adjacent edges) / (2 tan(theta/2)) with theta the
+    turning angle, and half the shortest doubly critical chord (Rawdon, "Approximating the
+    thickness of a knot", 1998; "Approximating smooth thickness", 2000).
+
+    Args:
+        polygons: arrays (n, 3), n >= 2, of one unit. closed: all, by default.
+
+    Raises:
+        ValueError: there is no polygon, or a coordinate that is not finite.
+    """
+    if not polygons:
+        raise ValueError("there is no polygon to measure")
+    arrays = [np.asarray(p, dtype=np.float64) for p in polygons]
+    if any(p.ndim != 2 or p.shape[1] != 3 or len(p) < 2 for p in arrays):
+        raise ValueError("each polygon must be an array (n, 3) with at least two vertices")
+    if not all(np.isfinite(p).all() for p in arrays):
+        raise ValueError("a coordinate is not finite")
+    is_closed = [True] * len(arrays) if closed is None else list(closed)
+    min_rad, at = _min_rad(arrays, is_closed)
+    chord = shortest_critical_chord(arrays, is_closed)
+    half = chord.length / 2 if chord is not None else float("inf")
+    point = arrays[0][0]
+    if at is not None:
+        point = arrays[at[0]][at[1]]
+    if chord is not None and half < min_rad:
+        point = chord.middle
+    return Thickness(
+        value=min(min_rad, half),
+        min_rad=min_rad,
+        min_rad_at=at,
+        half_dcsd=half,
+        dcsd_at=None if chord is None else chord.ends,
+        point=(float(point[0]), float(point[1]), float(point[2])),
+    )
+
+
+def _min_rad(
+    polygons: Sequence[Array], closed: Sequence[bool]
+) -> tuple[float, tuple[int, int] | None]:
+    """The smallest MinRad and its (knot, vertex); inf and None where nothing bends."""
+    best, at = float("inf"), None
+    for k, (polygon, is_closed) in enumerate(zip(polygons, closed, strict=True)):
+        radii = _bend_radii(polygon, is_closed)
+        vertex = int(np.argmin(radii))
+        if radii[vertex] < best:
+            best, at = float(radii[vertex]), (k, vertex)
+    return best, at
+
+
+def _bend_radii(polygon: Array, closed: bool) -> Array:
+    """MinRad (n,) at each vertex: 0 beside an edge of no length, inf where it is straight."""
+    ahead = np.roll(polygon, -1, axis=0) - polygon
+    length = np.linalg.norm(ahead, axis=1)
+    unit = ahead / np.where(length > 0, length, 1.0)[:, None]
+    before = np.roll(unit, 1, axis=0)
+    shorter = np.minimum(length, np.roll(length, 1))
+    # tan(theta/2) of two unit vectors, exact for small angles too
+    across = np.linalg.norm(unit - before, axis=1)
+    along = np.linalg.norm(unit + before, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radii = np.where(shorter > 0, shorter * along / (2 * across), 0.0)
+    if not closed:
+        radii[[0, -1]] = np.inf
+    return radii
+
+
+def _spot(point: tuple[float, float, float]) -> str:
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
+
+
+def _end(end: CurvePoint) -> str:
+    return f"knot {end[0]} vertex {end[1]}"
+
+
+def check_thickness(curves: Curves, required_mm: float | None) -> Check:
+    """`thickness`: the polygonal thickness is at least `required_mm`, the tube's radius."""
+    found = thickness(curves.polygons, curves.closed)
+    if found.bend_decides and found.min_rad_at is not None:
+        knot, vertex = found.min_rad_at
+        detail = f"a bend decides, at knot {knot} vertex {vertex}, {_spot(found.point)}"
+    elif found.dcsd_at is not None:
+        one, other = found.dcsd_at
+        detail = f"two strands decide, {_end(one)} and {_end(other)}, near {_spot(found.point)}"
+    else:
+        detail = "nothing bends and no strands face each other"
+    return at_least("thickness", found.value, required_mm, unit="mm", detail=detail)
+
+
+def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
+    """`bend`: no bend radius (MinRad) of the centre lines is below `min_bend_radius_mm`."""
+    radius, at = _min_rad(curves.polygons, curves.closed)
+    if at is None:
+        detail = "nothing bends"
+    else:
+        x, y, z = curves.polygons[at[0]][at[1]]
+        detail = f"tightest at knot {at[0]} vertex {at[1]}, {_spot((x, y, z))}"
+    return at_least("bend", radius, min_bend_radius_mm, unit="mm", detail=detail)
+
+
+def check_length(curves: Curves, max_mm: float | None) -> Check:
+    """`length`: the centre lines together are no longer than `max_mm`."""
+    lengths = []
+    for polygon, closed in zip(curves.polygons, curves.closed, strict=True):
+        path = np.concatenate([polygon, polygon[:1]]) if closed else polygon
+        lengths.append(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()))
+    detail = "" if len(lengths) == 1 else f"{len(lengths)} knots; the longest {max(lengths):.1f} mm"
+    return at_most("length", sum(lengths), max_mm, unit="mm", detail=detail)

@@ -1,0 +1,60 @@
+"""What a validation found: its checks, its views, and the exit code that follows from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from .check import Check
+
+__all__ = ["Verdict", "verdict_of"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of `validate`.
+
+    `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
+    failed, 3 when one could not run on this machine. `views` has the keys of the report's views;
+    `seconds` says what each stage cost.
+    """
+
+    status: str
+    exit_code: int
+    checks: tuple[Check, ...]
+    views: tuple[dict[str, Any], ...]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """{"status", "checks", "views"}, of values that JSON knows (no infinities)."""
+        return {
+            "status": self.status,
+            "checks": [_plain(asdict(check)) for check in self.checks],
+            "views": [_plain(view) for view in self.views],
+        }
+
+
+def verdict_of(
+    checks: list[Check], views: list[dict[str, Any]], seconds: dict[str, float]
+) -> Verdict:
+    """Sum up: a required check that failed decides, then a required one that could not run."""
+    failed = any(c.required and c.status == "fail" for c in checks)
+    unable = any(c.required and c.status == "skipped" for c in checks)
+    return Verdict(
+        status="fail" if failed or unable else "pass",
+        exit_code=1 if failed else 3 if unable else 0,
+        checks=tuple(checks),
+        views=tuple(views),
+        seconds=seconds,
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

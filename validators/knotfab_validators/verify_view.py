@@ -1,0 +1,127 @@
+"""One view verified: the file's shadow by rendering and by exact polygons, against its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from .compare import Overlap, legibility, overlap
+from .exact_shadow import shadow_lines, shadow_mask, shadow_polygon
+from .render import SilhouetteRenderer
+from .silhouette import WorkingFrame, padded_mask, working_frame
+from .tube_field import OutlineError, outline_error, tube_field
+from .view import ViewGeometry
+
+__all__ = ["VerifiedView", "second_opinion", "verify_view"]
+
+Array = NDArray[np.float64]
+Faces = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class VerifiedView:
+    """What was measured in one view.
+
+    The masks lie on the padded working frame. `rendered` is None where nothing was rendered;
+    `stray_px` counts the pixels at which rendering and polygons disagree farther than one pixel
+    from the outline. `tube` and `outline` are None without knots.
+    """
+
+    frame: WorkingFrame
+    target: Mask
+    exact: Mask
+    rendered: Mask | None
+    area_px: float
+    whole: Overlap
+    exact_iou: float
+    stray_px: int | None
+    tube: Overlap | None
+    outline: OutlineError | None
+    outline_px: float | None
+    legibility: dict[str, float] | None
+
+    @property
+    def shadow(self) -> Mask:
+        """The verified shadow: the rendered one where there is one."""
+        return self.exact if self.rendered is None else self.rendered
+
+
+def verify_view(
+    vertices: Array,
+    faces: Faces,
+    target: Mask,
+    geometry: ViewGeometry,
+    *,
+    polygons: Sequence[Array] | None = None,
+    radius: float | None = None,
+    bodies: Sequence[Faces] | None = None,
+    renderer: SilhouetteRenderer | None = None,
+    longer: int = 1024,
+) -> VerifiedView:
+    """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
+
+    Args:
+        vertices, faces: (n, 3) and (m, 3), the part. target: (H, W), the picture's silhouette.
+        geometry: the view, on the picture's pixels.
+        polygons, radius: the knots' centre lines and the tube's radius, where they are known.
+        bodies: the faces of the knots alone, where the part has more; None: all of it is knots.
+        renderer: of this mesh, where rendering is possible.
+        longer: pixels on the longer side of the frame.
+
+    Raises:
+        ShadowError: the part reaches the light.
+    """
+    frame = working_frame(target.shape[1], target.shape[0], longer)
+    fine = geometry.resampled(frame)
+    wanted = padded_mask(target, frame)
+    lines = shadow_lines(vertices, faces, fine)
+    exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
+    rendered = renderer.render(fine) if renderer is not None else None
+    whole = overlap(exact if rendered is None else rendered, wanted)
+    result = VerifiedView(
+        frame=frame,
+        target=wanted,
+        exact=exact,
+        rendered=rendered,
+        area_px=float(polygon.area),
+        whole=whole,
+        exact_iou=overlap(exact, wanted).iou,
+        stray_px=None if rendered is None else second_opinion(rendered, exact),
+        tube=whole if bodies is None else None,
+        outline=None,
+        outline_px=None,
+        legibility=None,
+    )
+    if bodies is not None and len(bodies):
+        lines = shadow_lines(vertices, np.concatenate(bodies), fine)
+        tube_exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
+        result = replace(result, tube=overlap(tube_exact, wanted))
+    else:
+        tube_exact = exact
+    if polygons is not None and radius is not None:
+        field = tube_field(polygons, radius, fine)
+        error = outline_error(field, shapely.get_coordinates(polygon), tube_exact)
+        result = replace(result, outline=error, outline_px=error.largest_mm / fine.pixel_mm)
+    if renderer is not None:
+        read = legibility(renderer, vertices, geometry, target)
+        result = replace(result, legibility=read)
+    return result
+
+
+def second_opinion(rendered: Mask, exact: Mask) -> int:
+    """Pixels at which two masks disagree, but which are farther than a pixel from the outline.
+
+    A pixel is near the outline when its 3 x 3 neighbourhood in `exact` has both values.
+    """
+    rows, columns = np.nonzero(rendered != exact)
+    around = np.pad(exact, 1, mode="edge")
+    near = np.zeros(len(rows), dtype=bool)
+    for i in range(3):
+        for j in range(3):
+            near |= around[rows + i, columns + j] != exact[rows, columns]
+    return int(np.count_nonzero(~near))
