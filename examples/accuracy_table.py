@@ -47,9 +47,20 @@ def measure(picture: Path, out: Path, *options: str) -> dict[str, Any]:
     """One whole build in a process of its own: exit code, seconds, peak memory and the report."""
     begun = time.perf_counter()
     child = subprocess.Popen(
-        [sys.executable, "-m", "knotfab", "build", str(picture), "--print", "--out", str(out), "--quiet",
-         *options],
-        stderr=subprocess.PIPE, text=True,
+        [
+            sys.executable,
+            "-m",
+            "knotfab",
+            "build",
+            str(picture),
+            "--print",
+            "--out",
+            str(out),
+            "--quiet",
+            *options,
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
     )
     peak = 0.0
     while child.poll() is None:
@@ -60,8 +71,13 @@ def measure(picture: Path, out: Path, *options: str) -> dict[str, Any]:
     folder = out if child.returncode == 0 else out / "rejected"
     written = folder / "report.json"
     report = json.loads(written.read_text()) if written.is_file() else None
-    return {"code": child.returncode, "seconds": seconds, "peak_mb": peak, "report": report,
-            "error": error.strip()}
+    return {
+        "code": child.returncode,
+        "seconds": seconds,
+        "peak_mb": peak,
+        "report": report,
+        "error": error.strip(),
+    }
 
 
 def main() -> None:
@@ -94,25 +110,39 @@ def main() -> None:
         if asked.flat:
             other = measure(path, folder / f"{name}-flat", "--depth", "flat")["report"]
             flat = other["views"][0]["legibility"]["45"] if other else None
-        row = {"iou": view["iou_tube"], "radius": radius, "depth": report["print"]["depth_ratio"],
-               "leg": view["legibility"]["45"], "failed": len(failed), "seconds": got["seconds"],
-               "peak": got["peak_mb"], "code": got["code"]}
+        row = {
+            "iou": view["iou_tube"],
+            "radius": radius,
+            "depth": report["print"]["depth_ratio"],
+            "leg": view["legibility"]["45"],
+            "failed": len(failed),
+            "seconds": got["seconds"],
+            "peak": got["peak_mb"],
+            "code": got["code"],
+        }
         if flat is not None:
             row["drop"] = flat - row["leg"]
         rows.append(row)
-        print(f"{name:<10} {got['code']:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
-              f"{row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  {len(failed):>6}  "
-              f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}", flush=True)
+        print(
+            f"{name:<10} {got['code']:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
+            f"{row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  {len(failed):>6}  "
+            f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}",
+            flush=True,
+        )
 
     def all_of(key: str) -> list[float]:
         return [row[key] for row in rows if key in row]
 
-    print(f"\n{len(rows)} pictures: IoU mean {statistics.mean(all_of('iou')):.4f}, least {min(all_of('iou')):.4f}; "
-          f"legibility at 45 deg mean {statistics.mean(all_of('leg')):.3f}; depth ratio least "
-          f"{min(all_of('depth')):.3f}; failed checks {int(sum(all_of('failed')))}; "
-          f"exit codes other than 0: {sum(code != 0 for code in all_of('code'))}")
-    print(f"seconds median {statistics.median(all_of('seconds')):.1f}, worst {max(all_of('seconds')):.1f}; "
-          f"peak memory {max(all_of('peak')):.0f} MB")
+    print(
+        f"\n{len(rows)} pictures: IoU mean {statistics.mean(all_of('iou')):.4f}, least {min(all_of('iou')):.4f}; "
+        f"legibility at 45 deg mean {statistics.mean(all_of('leg')):.3f}; depth ratio least "
+        f"{min(all_of('depth')):.3f}; failed checks {int(sum(all_of('failed')))}; "
+        f"exit codes other than 0: {sum(code != 0 for code in all_of('code'))}"
+    )
+    print(
+        f"seconds median {statistics.median(all_of('seconds')):.1f}, worst {max(all_of('seconds')):.1f}; "
+        f"peak memory {max(all_of('peak')):.0f} MB"
+    )
     if asked.flat:
         print(f"legibility below the flat build's: least {min(all_of('drop')):.3f}")
 

@@ -63,7 +63,9 @@ def main() -> None:
         tiled.extend(_seconds(False, points, frame, tau, chunk) for _ in range(5))
     slow, fast = statistics.median(dense), statistics.median(tiled)
     print(f"{asked.pixels} px, {asked.capsules} capsules, forward and backward, float32")
-    print(f"dense (chunks of {chunk} pixels) {slow:.2f} s, tiled {1000 * fast:.1f} ms: {slow / fast:.0f} times")
+    print(
+        f"dense (chunks of {chunk} pixels) {slow:.2f} s, tiled {1000 * fast:.1f} ms: {slow / fast:.0f} times"
+    )
     small = frame_of(camera_of(view, 96, 96), torch.float64)
     exact = curve(asked.capsules, torch.float64).requires_grad_()
     results = []
@@ -72,8 +74,10 @@ def main() -> None:
         (gradient,) = torch.autograd.grad((image * image).sum(), exact)
         results.append((image.detach(), gradient))
     (image_a, grad_a), (image_b, grad_b) = results
-    print(f"float64: image differs by {float((image_a - image_b).abs().max()):.1e}, gradient by "
-          f"{float((grad_a - grad_b).norm() / grad_a.norm()):.1e} relative")
+    print(
+        f"float64: image differs by {float((image_a - image_b).abs().max()):.1e}, gradient by "
+        f"{float((grad_a - grad_b).norm() / grad_a.norm()):.1e} relative"
+    )
 
 
 if __name__ == "__main__":

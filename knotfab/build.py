@@ -15,7 +15,6 @@ from knotfab import __version__
 from knotfab.cli.progress import Progress
 from knotfab.design import Design, design
 from knotfab.effects.penumbra import PENUMBRA
-
 from knotfab.output import OutputFolder
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.stl import write_stl
@@ -88,8 +87,11 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             with progress.stage("verify"):
                 skip = set(request.skip) | ({"build_volume"} if not request.printing else set())
                 verifier.begin(
-                    folder.file("part.stl"), folder.file("knots.json"), folder.file("scene.toml"),
-                    skip, folder.work,
+                    folder.file("part.stl"),
+                    folder.file("knots.json"),
+                    folder.file("scene.toml"),
+                    skip,
+                    folder.work,
                 )
                 # the other core draws meanwhile
                 drawn = _draw(folder, bodies, pose, request.skip)
@@ -132,7 +134,7 @@ def part_of(made: Design, printing: bool) -> tuple[list[Mesh], PrintPose]:
 
 def _pose(matrix: Array) -> Pose:
     a, b, c, d = (tuple(float(x) for x in row) for row in matrix)
-    return Pose(matrix=(a, b, c, d))  # type: ignore[arg-type]
+    return Pose(matrix=(a, b, c, d))
 
 
 def _write_part(
@@ -158,9 +160,14 @@ def _draw(folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, skip: froze
 
 def _check_3mf(warnings: list[str]) -> dict[str, Any]:
     return {
-        "name": "3mf", "status": "fail" if warnings else "pass", "required": True,
-        "measured": len(warnings), "limit": 0, "unit": "warnings",
-        "detail": "; ".join(warnings) or "lib3mf reads part.3mf back in strict mode without a warning",
+        "name": "3mf",
+        "status": "fail" if warnings else "pass",
+        "required": True,
+        "measured": len(warnings),
+        "limit": 0,
+        "unit": "warnings",
+        "detail": "; ".join(warnings)
+        or "lib3mf reads part.3mf back in strict mode without a warning",
     }
 
 
@@ -168,8 +175,12 @@ def _check_certificate(made: Design) -> dict[str, Any]:
     """The maker's own proof of the knot type: every step of the search an isotopy."""
     a = made.result.account
     return {
-        "name": "isotopy", "status": "pass" if a.certified else "fail", "required": True,
-        "measured": round(a.least_margin_mm, 6), "limit": 0.0, "unit": "mm",
+        "name": "isotopy",
+        "status": "pass" if a.certified else "fail",
+        "required": True,
+        "measured": round(a.least_margin_mm, 6),
+        "limit": 0.0,
+        "unit": "mm",
         "detail": f"the template is {a.template}; {a.accepted} steps and {a.resamplings} resamplings "
         f"were certified, {a.shortened} of them shortened; {a.refused} steps and "
         f"{a.resamplings_refused} resamplings were refused and not taken. Least margin between a step "
@@ -178,7 +189,11 @@ def _check_certificate(made: Design) -> dict[str, Any]:
 
 
 def _report(
-    request: Request, made: Design, pose: PrintPose, bodies: list[Mesh], verdict: dict[str, Any],
+    request: Request,
+    made: Design,
+    pose: PrintPose,
+    bodies: list[Mesh],
+    verdict: dict[str, Any],
     progress: Progress,
 ) -> dict[str, Any]:
     from knotfab.search.feasible import bend_radii, strand_gap
@@ -192,10 +207,15 @@ def _report(
         rings = rings_of_sizes((len(knot.points),))
         bend = float(bend_radii(knot.points, rings).min())
         gap = strand_gap(knot.points, rings, limits, 3 * limits.separation).gap
-        knots.append({
-            "type": knot.type, "vertices": len(knot.points), "length_mm": knot.length_mm,
-            "thickness_mm": min(bend, 0.5 * gap), "min_bend_radius_mm": bend,
-        })
+        knots.append(
+            {
+                "type": knot.type,
+                "vertices": len(knot.points),
+                "length_mm": knot.length_mm,
+                "thickness_mm": min(bend, 0.5 * gap),
+                "min_bend_radius_mm": bend,
+            }
+        )
     volume = sum(mesh_volume(v, f) for v, f in bodies)
     sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
     effects = [d.to_dict() for d in result.effects.values()]
@@ -205,7 +225,9 @@ def _report(
     depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
     warnings = ["Nothing holds the knots: this piece has no mount yet."]
     if len(pose.knots.knots) > 1:
-        warnings.append(f"Its {len(pose.knots.knots)} knots are loose pieces; the file keeps them in place.")
+        warnings.append(
+            f"Its {len(pose.knots.knots)} knots are loose pieces; the file keeps them in place."
+        )
     return assemble(
         views=verdict["views"],
         checks=verdict["checks"],
@@ -213,19 +235,33 @@ def _report(
         timings={**progress.timings, "total": progress.total},
         knots=knots,
         print_={
-            "volume_mm3": volume, "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
-            "bounding_box_mm": sized.tolist(), "depth_ratio": depth, "printer": scene.printer.name,
+            "volume_mm3": volume,
+            "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
+            "bounding_box_mm": sized.tolist(),
+            "depth_ratio": depth,
+            "printer": scene.printer.name,
         },
         settings={
-            "accuracy": scene.accuracy.name, "seed": made.settings.seed, "command": request.command,
-            "tube_radius_mm": made.knots.radius_mm, "tube_radius": _radius_note(made),
-            "search": made.settings.model_dump(), "time_budget_s": request.time_budget_s,
-            "device": request.device, "mount": "none", "notes": warnings,
-            "opening_iou": made.opening_iou, "thickness_mm": thickness,
+            "accuracy": scene.accuracy.name,
+            "seed": made.settings.seed,
+            "command": request.command,
+            "tube_radius_mm": made.knots.radius_mm,
+            "tube_radius": _radius_note(made),
+            "search": made.settings.model_dump(),
+            "time_budget_s": request.time_budget_s,
+            "device": request.device,
+            "mount": "none",
+            "notes": warnings,
+            "opening_iou": made.opening_iou,
+            "thickness_mm": thickness,
             "certificate": result.account.__dict__,
             "versions": {
-                "knotfab": __version__, "python": platform.python_version(),
-                **{n: version(n) for n in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d")},
+                "knotfab": __version__,
+                "python": platform.python_version(),
+                **{
+                    n: version(n)
+                    for n in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d")
+                },
             },
         },
     )
@@ -238,8 +274,11 @@ def _radius_note(made: Design) -> dict[str, Any]:
     return {
         "chosen_by": "trying: the thickest whose short search comes near the best",
         "trials": [
-            {"radius_mm": t.radius_mm, "template_iou": t.template_iou,
-             "search_iou": None if np.isnan(t.trial_iou) else t.trial_iou}
+            {
+                "radius_mm": t.radius_mm,
+                "template_iou": t.template_iou,
+                "search_iou": None if np.isnan(t.trial_iou) else t.trial_iou,
+            }
             for t in made.radius.trials
         ],
     }
@@ -251,7 +290,9 @@ def _pictures(folder: OutputFolder, drawn: bool) -> list[Picture]:
     for path in sorted(folder.work.glob("compare-*.png")):
         name = path.stem.removeprefix("compare-")
         found.append(
-            Picture(path, "compare", "target, shadow of the written file, and where they differ", name)
+            Picture(
+                path, "compare", "target, shadow of the written file, and where they differ", name
+            )
         )
     if drawn:
         caption = "from the light, and turned by 30, 60 and 90 degrees"

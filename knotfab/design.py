@@ -58,7 +58,9 @@ def resolve_view(view: View, target: Target) -> View:
         )
     if view.azimuth_deg != 0:
         raise InputError(
-            "scene key views.azimuth_deg", "with one view it is 0", "Turn the finished piece instead"
+            "scene key views.azimuth_deg",
+            "with one view it is 0",
+            "Turn the finished piece instead",
         )
     return view.model_copy(update={"picture": f"picture-{view.name}{target.suffix}"})
 
@@ -104,8 +106,14 @@ def problem_of(scene: Scene, target: Target) -> Problem:
         )
     bend = scene.material.min_bend_radius_mm
     return Problem(
-        view, target.mask, polygon, scene.piece.clearance_mm, None if bend == "auto" else float(bend),
-        scene.material.max_length_mm, region, _depth(scene, polygon, region, 2.0),
+        view,
+        target.mask,
+        polygon,
+        scene.piece.clearance_mm,
+        None if bend == "auto" else float(bend),
+        scene.material.max_length_mm,
+        region,
+        _depth(scene, polygon, region, 2.0),
     )
 
 
@@ -123,7 +131,8 @@ def _depth(scene: Scene, polygon: MultiPolygon, region: Region, radius: float) -
     room = region.size_mm[2] - 2 * abs(region.center_mm[2]) - 4.0 * radius
     if scene.piece.depth != "auto" and wanted > room:
         raise SceneError(
-            "scene key piece.depth", f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
+            "scene key piece.depth",
+            f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
             "Ask for less depth, or enlarge the region and the distance to the wall",
         )
     return round(min(wanted, room), 4)
@@ -179,7 +188,11 @@ def design(
         assert view.frame_width_mm is not None
         with progress.stage("radius"):
             choice = choose_radius(
-                problem, view.frame_width_mm, scene.printer.min_tube_radius_mm, count, settings,
+                problem,
+                view.frame_width_mm,
+                scene.printer.min_tube_radius_mm,
+                count,
+                settings,
                 progress.update,
             )
         radius, template = choice.radius_mm, choice.template
@@ -197,7 +210,9 @@ def design(
     problem = Problem(**{**problem.__dict__, "depth_mm": depth})
     if budget_s is not None:
         with progress.stage("calibrate"):
-            settings = _within(budget_s - (time.perf_counter() - begun), problem, template, radius, settings)
+            settings = _within(
+                budget_s - (time.perf_counter() - begun), problem, template, radius, settings
+            )
     with progress.stage("search"):
         result = search(problem, template, radius, settings, device, progress.update)
     opened = opening_iou(problem.polygon, radius)
@@ -211,7 +226,9 @@ def design(
                 update={"tube_radius_mm": radius, "depth": "flat" if depth is None else depth}
             ),
             "region": problem.region,
-            "material": scene.material.model_copy(update={"min_bend_radius_mm": limits.bend_radius}),
+            "material": scene.material.model_copy(
+                update={"min_bend_radius_mm": limits.bend_radius}
+            ),
             "accuracy": scene.accuracy.model_copy(update={"iou_floor": floor}),
             "search": settings.model_dump(),
         }

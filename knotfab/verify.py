@@ -39,7 +39,10 @@ class Verifier:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._child is not None:
             self._child.kill()
@@ -47,14 +50,22 @@ class Verifier:
             self._child = None
 
     def begin(
-        self, part: Path | None, knots: Path | None, scene: Path | None, skip: Collection[str], pictures_dir: Path | None
+        self,
+        part: Path | None,
+        knots: Path | None,
+        scene: Path | None,
+        skip: Collection[str],
+        pictures_dir: Path | None,
     ) -> None:
         """Hand over the written files; `verdict` waits for the answer."""
         assert self._child is not None and self._child.stdin is not None
         request = {
             name: None if path is None else str(path)
             for name, path in (
-                ("part", part), ("knots", knots), ("scene", scene), ("pictures_dir", pictures_dir)
+                ("part", part),
+                ("knots", knots),
+                ("scene", scene),
+                ("pictures_dir", pictures_dir),
             )
         }
         try:
@@ -84,7 +95,8 @@ class Verifier:
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         last = err.strip().splitlines()[-1:] or [""]
         raise MachineError(
-            "verification", f"its process ended with {how} {last[0]}".rstrip(),
+            "verification",
+            f"its process ended with {how} {last[0]}".rstrip(),
             "Install the graphics libraries (apt-get install libegl1 libgl1), or go on without rendering: "
             "--skip shadow-render",
         )
@@ -98,6 +110,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         MachineError: this machine cannot render.
     """
     import numpy as np
+
     from knotfab_validators.pictures import write_shadow
     from knotfab_validators.read_mesh import read_mesh
     from knotfab_validators.read_scene import read_scene
@@ -110,7 +123,9 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         named = [v for v in setting.views if view_name in (None, v.name)]
         if not named:
             names = ", ".join(v.name for v in setting.views)
-            raise InputError(f"--view {view_name}", "the scene has no such view", f"It has: {names}")
+            raise InputError(
+                f"--view {view_name}", "the scene has no such view", f"It has: {names}"
+            )
         height, width = read_silhouette(scene.parent / named[0].picture).shape
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]

@@ -92,16 +92,30 @@ def build(
     from knotfab.cli.progress import Mode, Progress
 
     chosen, base = scene_of(
-        scene, accuracy=accuracy, tube_radius=tube_radius, depth=depth, knots=knots, printer=printer,
-        seed=seed, invert=invert,
+        scene,
+        accuracy=accuracy,
+        tube_radius=tube_radius,
+        depth=depth,
+        knots=knots,
+        printer=printer,
+        seed=seed,
+        invert=invert,
     )
     source = _one_picture(pictures, chosen.views[0].picture, scene)
     budget = None if time_budget is None else seconds_of(time_budget)
     mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
-    from knotfab.build import Request, build as run
+    from knotfab.build import Request
+    from knotfab.build import build as run
 
     request = Request(
-        chosen, source, out, base if not pictures else None, print_, device, frozenset(skip), budget,
+        chosen,
+        source,
+        out,
+        base if not pictures else None,
+        print_,
+        device,
+        frozenset(skip),
+        budget,
         shlex.join(["knotfab", *sys.argv[1:]]),
     )
     with Progress(mode) as progress:
@@ -197,7 +211,8 @@ def _one_picture(pictures: tuple[str, ...], of_scene: str, scene: Path | None) -
     if of_scene:
         return of_scene
     raise InputError(
-        "the call" if scene is None else str(scene), "no picture is given",
+        "the call" if scene is None else str(scene),
+        "no picture is given",
         "Name one, as in: knotfab build target.png --print",
     )
 

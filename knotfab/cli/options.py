@@ -25,8 +25,11 @@ def _number(name: str, text: str, unit: str, words: tuple[str, ...]) -> Any:
         number = math.nan
     if not (math.isfinite(number) and number > 0):
         raise InputError(
-            f"{name} {text}", "it is not a positive number", f"Give {unit}, such as {name} 2, or {' or '.join(words)}"
-            if words else f"Give {unit}, such as {name} 30",
+            f"{name} {text}",
+            "it is not a positive number",
+            f"Give {unit}, such as {name} 2, or {' or '.join(words)}"
+            if words
+            else f"Give {unit}, such as {name} 30",
         )
     return number
 
@@ -62,7 +65,8 @@ def scene_of(
     if knots is not None:
         if knots != "auto" and not (knots.isdecimal() and int(knots) > 0):
             raise InputError(
-                f"--knots {knots}", "it is neither auto nor a number",
+                f"--knots {knots}",
+                "it is neither auto nor a number",
                 "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
             )
         piece["knots"] = knots if knots == "auto" else int(knots)
@@ -112,10 +116,13 @@ def files_to_validate(part: Path | None, knots: Path | None, scene: Path | None)
         knots = knots or _if_there(folder / "knots.json")
         scene = scene or _if_there(folder / "scene.toml")
         if not part.is_file():
-            raise InputError(str(folder), "it holds no part.stl", "Name a folder that a build wrote")
+            raise InputError(
+                str(folder), "it holds no part.stl", "Name a folder that a build wrote"
+            )
     if part is None and knots is None:
         raise InputError(
-            "the call", "there is nothing to validate",
+            "the call",
+            "there is nothing to validate",
             "Name a folder, a part, or --knots knots.json",
         )
     for path in (part, knots, scene):

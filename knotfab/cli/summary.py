@@ -32,8 +32,11 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
         table.add_column(column)
     for check in checks:
         table.add_row(
-            _MARKS[check["status"]], escape(check["name"]), escape(_value(check["measured"])),
-            escape(_value(check["limit"])), escape(check["unit"]),
+            _MARKS[check["status"]],
+            escape(check["name"]),
+            escape(_value(check["measured"])),
+            escape(_value(check["limit"])),
+            escape(check["unit"]),
         )
     console = Console()
     console.print(table)
@@ -49,7 +52,9 @@ def print_summary(outcome: Outcome) -> None:
 
     report, console = outcome.report, Console(highlight=False)
     verdict = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
-    console.print(f"{verdict}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s")
+    console.print(
+        f"{verdict}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s"
+    )
     for view in report["views"]:
         read = view["legibility"].get("45")
         console.print(
@@ -75,6 +80,8 @@ def print_findings(findings: Sequence[Finding]) -> None:
 
     console = Console(highlight=False)
     for finding in findings:
-        console.print(f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}")
+        console.print(
+            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}"
+        )
         if finding.remedy and finding.status != "ok":
             console.print(f"        {escape(finding.remedy)}")

@@ -94,7 +94,11 @@ class Decision:
             else f"{name}: {self.magnitude:.3g} {unit} stays below {self.threshold:.3g} {unit}"
         )
         return {
-            "name": name, "simulated": self.simulated, "magnitude": self.magnitude,
-            "threshold": self.threshold, "unit": unit, "seconds": round(self.seconds, 4),
+            "name": name,
+            "simulated": self.simulated,
+            "magnitude": self.magnitude,
+            "threshold": self.threshold,
+            "unit": unit,
+            "seconds": round(self.seconds, 4),
             "reason": reason,
         }

@@ -30,10 +30,15 @@ def term(state: State, limits: Limits) -> Tensor:
     folded = (product + cosine).clamp_min(1e-9 * product.detach())
     curvature = 2 * ((product - cosine) / folded).clamp_min(1e-12).sqrt() / torch.minimum(one, two)
     hinge = (curvature * (limits.bend_radius * _OVERSHOOT) - 1).clamp_min(0)
-    return (hinge * hinge).sum() * (state.spacing / limits.radius)
+    squared: Tensor = (hinge * hinge).sum() * (state.spacing / limits.radius)
+    return squared
 
 
 BEND = Effect(
-    "bend", "of the limit", magnitude, lambda s: 0.25,
-    "the curve turns, and the picture will ask it to turn tighter", term,
+    "bend",
+    "of the limit",
+    magnitude,
+    lambda s: 0.25,
+    "the curve turns, and the picture will ask it to turn tighter",
+    term,
 )

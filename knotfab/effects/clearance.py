@@ -41,7 +41,10 @@ def term(state: State, limits: Limits) -> Tensor:
     s, t = closest_parameters(start[i], edge[i], start[j], edge[j])
     device = state.points.device
     rows_i, rows_j = torch.as_tensor(i, device=device), torch.as_tensor(j, device=device)
-    at_i, at_j = torch.as_tensor(s, device=device)[:, None], torch.as_tensor(t, device=device)[:, None]
+    at_i, at_j = (
+        torch.as_tensor(s, device=device)[:, None],
+        torch.as_tensor(t, device=device)[:, None],
+    )
     p = state.points[rows_i] + at_i * state.edge[rows_i]
     q = state.points[rows_j] + at_j * state.edge[rows_j]
     gap = ((p - q) ** 2).sum(-1).clamp_min(1e-12).sqrt()
@@ -50,6 +53,10 @@ def term(state: State, limits: Limits) -> Tensor:
 
 
 CLEARANCE = Effect(
-    "clearance", "mm", magnitude, lambda s: -2.0 * s.limits.separation,
-    "strands run side by side, closer than the flow could carry them together", term,
+    "clearance",
+    "mm",
+    magnitude,
+    lambda s: -2.0 * s.limits.separation,
+    "strands run side by side, closer than the flow could carry them together",
+    term,
 )

@@ -22,7 +22,8 @@ def magnitude(situation: Situation) -> float:
 def term(state: State, limits: Limits) -> Tensor:
     """Squared hinge of the excess in tube radii (paper, length loss)."""
     excess = (state.edge.norm(dim=-1).sum() - 0.99 * limits.length) / limits.radius
-    return excess.clamp_min(0) ** 2
+    squared: Tensor = excess.clamp_min(0) ** 2
+    return squared
 
 
 LENGTH = Effect("length", "mm", magnitude, lambda s: 0.0, "the budget binds", term)

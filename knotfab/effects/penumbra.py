@@ -22,6 +22,9 @@ def magnitude(situation: Situation) -> float:
 
 
 PENUMBRA = Effect(
-    "penumbra", "px", magnitude, lambda s: 4 * s.tolerance_px,
+    "penumbra",
+    "px",
+    magnitude,
+    lambda s: 4 * s.tolerance_px,
     "the lamp is wide enough to blur the outline: the verification averages over it",
 )

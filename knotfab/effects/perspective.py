@@ -23,6 +23,9 @@ def magnitude(situation: Situation) -> float:
 
 
 PERSPECTIVE = Effect(
-    "perspective", "px", magnitude, lambda s: s.tolerance_px,
+    "perspective",
+    "px",
+    magnitude,
+    lambda s: s.tolerance_px,
     "the lamp is near: its rays spread through the depth of the piece",
 )

@@ -21,9 +21,11 @@ def outside(points: Tensor, region: Region, radius: float) -> Tensor:
     half = 0.5 * torch.tensor(region.size_mm, dtype=points.dtype, device=points.device)
     p = points - center
     if region.kind == "box":
-        return (p.abs() - half + radius).amax(-1)
+        excess: Tensor = (p.abs() - half + radius).amax(-1)
+        return excess
     if region.kind == "sphere":
-        return p.norm(dim=-1) - half[0] + radius
+        from_middle: Tensor = p.norm(dim=-1) - half[0] + radius
+        return from_middle
     around = (p[:, 0] ** 2 + p[:, 2] ** 2).clamp_min(1e-12).sqrt() - half[0]
     return torch.maximum(around, p[:, 1].abs() - half[1]) + radius
 
@@ -37,7 +39,9 @@ def magnitude(situation: Situation) -> float:
 
 def term(state: State, limits: Limits) -> Tensor:
     """Squared hinge of what sticks out, in squared tube radii (paper, occupancy loss)."""
-    hinge = (outside(state.points, limits.region, limits.radius * 1.02) / limits.radius).clamp_min(0)
+    hinge = (outside(state.points, limits.region, limits.radius * 1.02) / limits.radius).clamp_min(
+        0
+    )
     return (hinge * hinge).sum() * (state.spacing / limits.radius)
 
 

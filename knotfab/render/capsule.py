@@ -40,8 +40,9 @@ def ray_miss(
     square = ex * ex + ey * ey + ez * ez
     # a ray that runs along the segment has no best t: any serves, so take the first end
     t = (-(ax * ex + ay * ey + az * ez) / square.clamp_min(_TINY)).clamp(0.0, 1.0)
-    t = t.detach()  # at the closest point the distance does not depend on t to first order
-    cx, cy, cz = ax + t * ex, ay + t * ey, az + t * ez
+    # the least distance does not depend on t to first order, the depth there does
+    at = t.detach()
+    cx, cy, cz = ax + at * ex, ay + at * ey, az + at * ez
     stretch = 1.0 + qx * qx + qy * qy  # |D|^2
     miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(_TINY).sqrt()
     return miss, a[..., 2] + t * (b[..., 2] - a[..., 2])
@@ -61,6 +62,4 @@ def capsule_distance(
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).
     """
     miss, depth = ray_miss(a, b, qx, qy)
-    return torch.where(
-        depth > _TINY, (radius - miss) * (focal_px / depth.clamp_min(_TINY)), BEHIND
-    )
+    return torch.where(depth > _TINY, (radius - miss) * (focal_px / depth.clamp_min(_TINY)), BEHIND)

@@ -27,7 +27,8 @@ def render_dense(
     count = frame.width * frame.height
     index = torch.arange(count, device=a.device)
     image = []
-    for pixels in index.split(chunk_pixels):
+    for first in range(0, count, chunk_pixels):
+        pixels = index[first : first + chunk_pixels]
         qx = ((pixels % frame.width).to(a.dtype) + frame.u0) * frame.step
         qy = ((pixels // frame.width).to(a.dtype) + frame.v0) * frame.step
         s = capsule_distance(a[None], b[None], qx[:, None], qy[:, None], radius, frame.focal_px)

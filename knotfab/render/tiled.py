@@ -32,9 +32,9 @@ def _bounds(
     z = ends[..., 2]
     near = (z - 2 * radius).clamp_min(1e-6)
     q = ends[..., :2] / near[..., None].clamp_min(1e-6)
-    grow = radius / near * (1 + q.abs().amax(-1)) ** 2 * frame.focal_px + margin_px * (
-        z / near
-    ) + 1.0
+    grow = (
+        radius / near * (1 + q.abs().amax(-1)) ** 2 * frame.focal_px + margin_px * (z / near) + 1.0
+    )
     uv = frame.pixels(ends)
     low = (uv - grow[..., None]).amin(0)
     high = (uv + grow[..., None]).amax(0)
@@ -61,9 +61,7 @@ def winners(
     with torch.no_grad():
         low, spans = _bounds(a, b, frame, radius, reach_px)
         counts = spans[:, 0] * spans[:, 1]
-        capsule = torch.repeat_interleave(
-            torch.arange(len(counts), device=a.device), counts
-        )
+        capsule = torch.repeat_interleave(torch.arange(len(counts), device=a.device), counts)
         first = torch.cumsum(counts, 0) - counts
         k = torch.arange(len(capsule), device=a.device) - first[capsule]
         wide = spans[capsule, 0]
@@ -73,9 +71,12 @@ def winners(
         capsule, tile_u, tile_v = capsule[keep], tile_u[keep], tile_v[keep]
         columns = -(-frame.width // _TILE)
         rows = -(-frame.height // _TILE)
-        best = torch.full((columns * rows, _TILE * _TILE), -reach_px, dtype=a.dtype, device=a.device)
+        best = torch.full(
+            (columns * rows, _TILE * _TILE), -reach_px, dtype=a.dtype, device=a.device
+        )
         slots, values = [], []
-        for part in torch.arange(len(capsule), device=a.device).split(_CHUNK):
+        for first_pair in range(0, len(capsule), _CHUNK):
+            part = slice(first_pair, first_pair + _CHUNK)
             c, tu, tv = capsule[part], tile_u[part], tile_v[part]
             s = _tile_distance(a, b, c, tu, tv, frame, radius)
             slot = tv * columns + tu
@@ -97,7 +98,13 @@ def winners(
 
 
 def _tile_distance(
-    a: Tensor, b: Tensor, capsule: Tensor, tile_u: Tensor, tile_v: Tensor, frame: Frame, radius: float
+    a: Tensor,
+    b: Tensor,
+    capsule: Tensor,
+    tile_u: Tensor,
+    tile_v: Tensor,
+    frame: Frame,
+    radius: float,
 ) -> Tensor:
     """`capsule_distance` of [m] capsules at the [m, 64] pixels of their tiles, with fewer operations.
 
@@ -142,8 +149,14 @@ def _tile_distance(
 
 
 def _may_win(
-    a: Tensor, b: Tensor, frame: Frame, radius: float, reach_px: float,
-    capsule: Tensor, tile_u: Tensor, tile_v: Tensor,
+    a: Tensor,
+    b: Tensor,
+    frame: Frame,
+    radius: float,
+    reach_px: float,
+    capsule: Tensor,
+    tile_u: Tensor,
+    tile_v: Tensor,
 ) -> Tensor:
     """Which (capsule, tile) pairs can hold a winner: those not surely beaten all over the tile.
 

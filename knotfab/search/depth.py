@@ -45,7 +45,9 @@ def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: floa
     angle = 2 * np.pi * arc[:, None] / length * k + phase
     profile = (amplitude * np.cos(angle)).sum(1) / np.sqrt(0.5 * waves)
     # a curve shorter than a wave keeps its slope small and goes to a depth of its own instead
-    return np.asarray(profile * min(1.0, length / shortest) + rng.normal() * (length < 3 * shortest))
+    return np.asarray(
+        profile * min(1.0, length / shortest) + rng.normal() * (length < 3 * shortest)
+    )
 
 
 def choose_depth(

@@ -82,14 +82,20 @@ class Standing:
         """One sentence a violated limit, with the place in mm; empty when feasible."""
         lim, out = self.limits, []
         if not self.bend_mm >= lim.bend_radius:
-            out.append(f"bend radius {self.bend_mm:.3f} mm is below {lim.bend_radius:.3f} mm at "
-                       f"{_place(self.bend_at)}")
+            out.append(
+                f"bend radius {self.bend_mm:.3f} mm is below {lim.bend_radius:.3f} mm at "
+                f"{_place(self.bend_at)}"
+            )
         if not self.gap_mm >= lim.separation:
-            out.append(f"strands come within {self.gap_mm:.3f} mm, {lim.separation:.3f} mm is needed, "
-                       f"at {_place(self.gap_at)}")
+            out.append(
+                f"strands come within {self.gap_mm:.3f} mm, {lim.separation:.3f} mm is needed, "
+                f"at {_place(self.gap_at)}"
+            )
         if not self.outside_mm <= 0:
-            out.append(f"the tube leaves the region by {self.outside_mm:.3f} mm at "
-                       f"{_place(self.outside_at)}")
+            out.append(
+                f"the tube leaves the region by {self.outside_mm:.3f} mm at "
+                f"{_place(self.outside_at)}"
+            )
         if not self.length_mm <= lim.length:
             out.append(f"length {self.length_mm:.0f} mm exceeds the budget of {lim.length:.0f} mm")
         return out
@@ -112,6 +118,12 @@ def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
     worst_out = int(np.argmax(out))
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
     return Standing(
-        float(bends[worst_bend]), points[worst_bend], gap.gap, points[max(gap.i, 0)],
-        float(out[worst_out]), points[worst_out], length, limits,
+        float(bends[worst_bend]),
+        points[worst_bend],
+        gap.gap,
+        points[max(gap.i, 0)],
+        float(out[worst_out]),
+        points[worst_out],
+        length,
+        limits,
     )

@@ -60,7 +60,12 @@ class Objective:
         loss = self.weights.image * self.image_term(points, progress)
         edge = points[self.following] - points
         state = State(
-            points, edge, edge[self.following], self.following, self.rings, near,
+            points,
+            edge,
+            edge[self.following],
+            self.following,
+            self.rings,
+            near,
             float(edge.detach().norm(dim=-1).mean()),
         )
         for name, decision in self.effects.items():

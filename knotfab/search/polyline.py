@@ -53,6 +53,4 @@ def rings_of_sizes(sizes: tuple[int, ...]) -> Rings:
     ring = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
     rows = np.arange(len(start), dtype=np.int64)
     inside = rows - start
-    return Rings(
-        sizes, start, size, ring, start + (inside + 1) % size, start + (inside - 1) % size
-    )
+    return Rings(sizes, start, size, ring, start + (inside + 1) % size, start + (inside - 1) % size)

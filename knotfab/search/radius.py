@@ -90,7 +90,10 @@ def choose_radius(
 
 
 def _try(
-    problem: Problem, radii: NDArray[np.float64], knots: int | None, settings: SearchSettings,
+    problem: Problem,
+    radii: NDArray[np.float64],
+    knots: int | None,
+    settings: SearchSettings,
     report: Callable[[float, float | None], None] | None,
 ) -> tuple[list[RadiusTrial], dict[float, Template]]:
     """Template scores for all radii, short searches for the most promising."""
@@ -106,8 +109,12 @@ def _try(
     few = sorted(promise, key=lambda r: promise[r], reverse=True)[:_TRIALS]
     short = settings.model_copy(
         update={
-            "coarse_px": 160, "fine_px": 256, "coarse_iterations": 40, "fine_iterations": 20,
-            "settle_iterations": 0, "depth_candidates": 4,
+            "coarse_px": 160,
+            "fine_px": 256,
+            "coarse_iterations": 40,
+            "fine_iterations": 20,
+            "settle_iterations": 0,
+            "depth_candidates": 4,
         }
     )
     found: dict[float, float] = {}
@@ -117,5 +124,3 @@ def _try(
             report(0.3 + 0.7 * (n + 1) / len(few), max(found.values()))
     trials = [RadiusTrial(r, scores[r], found.get(r, float("nan"))) for r in radii.tolist()]
     return trials, templates
-
-

@@ -112,21 +112,39 @@ def search(
     done = 0
     phases = (
         (settings.coarse_px, settings.coarse_iterations, Weights(), (1.5, 3.0), (0.15, 0.06)),
-        (settings.fine_px, settings.fine_iterations, Weights(clearance=3.0, bend=0.5), (3.0, 6.0),
-         (0.06, 0.02)),
-        (settings.fine_px, settings.settle_iterations, Weights(clearance=20.0, bend=5.0, region=50.0),
-         (6.0, 6.0), (0.03, 0.01)),
+        (
+            settings.fine_px,
+            settings.fine_iterations,
+            Weights(clearance=3.0, bend=0.5),
+            (3.0, 6.0),
+            (0.06, 0.02),
+        ),
+        (
+            settings.fine_px,
+            settings.settle_iterations,
+            Weights(clearance=20.0, bend=5.0, region=50.0),
+            (6.0, 6.0),
+            (0.03, 0.01),
+        ),
     )
     seen: float | None = None
     for pixels, iterations, weights, tau, rates in phases:
         if iterations == 0:
             continue
         points, rings = _evened(points, rings, settings.edge_radii * radius, account)
-        objective = _objective(problem, limits, rings, effects, pixels, weights, tau, settings, device)
+        objective = _objective(
+            problem, limits, rings, effects, pixels, weights, tau, settings, device
+        )
 
-        def tell(progress: float, _: float, base: int = done, n: int = iterations) -> None:
+        def tell(
+            progress: float,
+            _: float,
+            base: int = done,
+            n: int = iterations,
+            iou: float | None = seen,
+        ) -> None:
             if report is not None:
-                report((base + progress * n) / total, seen)
+                report((base + progress * n) / total, iou)
 
         walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
         points = _walk(points, rings, objective, limits, walk, account, device, tell)
@@ -144,7 +162,14 @@ def search(
         )
         walk = FlowSettings(iterations=60, rate=0.04, rate_end=0.005)
         points = _walk(
-            points, rings, objective, limits, walk, account, device, None,
+            points,
+            rings,
+            objective,
+            limits,
+            walk,
+            account,
+            device,
+            None,
             lambda p: not standing(p, rings, limits).violations,
         )
         state = standing(points, rings, limits)
@@ -154,7 +179,8 @@ def search(
     result = SearchResult(knots, state, account, effects, depth, seen or 0.0, total)
     if state.violations and repairs > 0:
         raise SceneError(
-            "the search", "; ".join(state.violations),
+            "the search",
+            "; ".join(state.violations),
             "Give the piece more room (a larger frame, a thinner tube, more depth), or loosen that limit",
         )
     return result
@@ -168,8 +194,13 @@ def _lifted(
     flat = problem.depth_mm is None
     extent = _FLAT_RADII * limits.radius if problem.depth_mm is None else problem.depth_mm
     depth = choose_depth(
-        template.curves, limits.radius, light, extent, stretched(problem.mask),
-        1 if flat else settings.depth_candidates, settings.seed,
+        template.curves,
+        limits.radius,
+        light,
+        extent,
+        stretched(problem.mask),
+        1 if flat else settings.depth_candidates,
+        settings.seed,
     )
     step = settings.edge_radii * limits.radius
     parts = [
@@ -183,10 +214,13 @@ def _lifted(
         shadows = list(template.curves)
     if not simple_curves(shadows):
         raise SceneError(
-            "the filling template", "its curves cross each other",
+            "the filling template",
+            "its curves cross each other",
             "This is a fault of knotfab: please report the picture",
         )
-    account.template = "simple and disjoint seen from the light: an unlink of unknots, by inspection"
+    account.template = (
+        "simple and disjoint seen from the light: an unlink of unknots, by inspection"
+    )
     return np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts)), depth
 
 
@@ -202,8 +236,14 @@ def _evened(points: Array, rings: Rings, edge: float, account: Account) -> tuple
 
 
 def _walk(
-    points: Array, rings: Rings, objective: Objective, limits: Limits, walk: FlowSettings,
-    account: Account, device: str, report: Callable[[float, float], None] | None,
+    points: Array,
+    rings: Rings,
+    objective: Objective,
+    limits: Limits,
+    walk: FlowSettings,
+    account: Account,
+    device: str,
+    report: Callable[[float, float], None] | None,
     done: Callable[[Array], bool] | None = None,
 ) -> Array:
     """One phase of the flow, its certificates entered into the account."""
@@ -216,8 +256,15 @@ def _walk(
 
 
 def _objective(
-    problem: Problem, limits: Limits, rings: Rings, effects: dict[str, Decision], pixels: int,
-    weights: Weights, tau: tuple[float, float], settings: SearchSettings, device: str,
+    problem: Problem,
+    limits: Limits,
+    rings: Rings,
+    effects: dict[str, Decision],
+    pixels: int,
+    weights: Weights,
+    tau: tuple[float, float],
+    settings: SearchSettings,
+    device: str,
 ) -> Objective:
     """The objective at a picture of `pixels` on its longer side."""
     frame, target, pixel_mm = picture_at(
@@ -226,6 +273,13 @@ def _objective(
     view = problem.view
     magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
     return Objective(
-        frame, target, rings, limits, effects, weights, tau,
-        limits.radius * magnified / pixel_mm, settings.winners_every,
+        frame,
+        target,
+        rings,
+        limits,
+        effects,
+        weights,
+        tau,
+        limits.radius * magnified / pixel_mm,
+        settings.winners_every,
     )

@@ -26,7 +26,9 @@ class SearchSettings(BaseModel):
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
-    tolerance_px: float = Field(0.25, gt=0)  # an effect below this is not simulated (fine_px pixels)
+    tolerance_px: float = Field(
+        0.25, gt=0
+    )  # an effect below this is not simulated (fine_px pixels)
     mesh_sides: int = Field(48, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
 
@@ -43,14 +45,29 @@ class SearchSettings(BaseModel):
 
 PRESETS: dict[str, SearchSettings] = {
     "draft": SearchSettings(
-        coarse_px=160, fine_px=256, coarse_iterations=50, fine_iterations=40, settle_iterations=30,
-        depth_candidates=30, radius_candidates=8, tolerance_px=0.5, mesh_sides=32,
+        coarse_px=160,
+        fine_px=256,
+        coarse_iterations=50,
+        fine_iterations=40,
+        settle_iterations=30,
+        depth_candidates=30,
+        radius_candidates=8,
+        tolerance_px=0.5,
+        mesh_sides=32,
         iou_slack=0.08,
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
-        coarse_px=256, fine_px=640, coarse_iterations=120, fine_iterations=160, settle_iterations=80,
-        winners_every=2, depth_candidates=150, radius_candidates=16, tolerance_px=0.1, mesh_sides=64,
+        coarse_px=256,
+        fine_px=640,
+        coarse_iterations=120,
+        fine_iterations=160,
+        settle_iterations=80,
+        winners_every=2,
+        depth_candidates=150,
+        radius_candidates=16,
+        tolerance_px=0.1,
+        mesh_sides=64,
         iou_slack=0.04,
     ),
 }
@@ -66,14 +83,18 @@ def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
     for key in overrides:
         if key not in known:
             raise InputError(
-                f"scene key [search] {key}", "there is no such setting",
+                f"scene key [search] {key}",
+                "there is no such setting",
                 f"The search takes: {', '.join(known)}",
             )
     try:
         return SearchSettings(**{**PRESETS[accuracy].model_dump(), **overrides})
     except ValueError as error:
-        first = error.errors()[0] if hasattr(error, "errors") else {"loc": ("?",), "msg": str(error)}
+        first = (
+            error.errors()[0] if hasattr(error, "errors") else {"loc": ("?",), "msg": str(error)}
+        )
         raise InputError(
-            f"scene key [search] {first['loc'][0]}", str(first["msg"]).lower(),
+            f"scene key [search] {first['loc'][0]}",
+            str(first["msg"]).lower(),
             "Correct it, or leave it out for the preset's value",
         ) from error

@@ -187,7 +187,9 @@ def fill(
     step = radius * 0.25
     curves: list[Array] = []
     for piece in _polygons(polygon):
-        rings = [even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)]
+        rings = [
+            even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
+        ]
         curves.extend(_join(rings, radius, step))
     if knots is not None:
         curves = _join(curves, radius, step, knots)

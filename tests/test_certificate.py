@@ -1,0 +1,143 @@
+"""Certificates: what they let pass is an isotopy, and what crosses is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from knotfab.search.certificate import certify, step_limits
+from knotfab.search.neighbours import closest_parameters, find_neighbours
+from knotfab.search.polyline import rings_of_sizes
+from knotfab.search.resample import resample
+
+
+def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:
+    t = np.arange(n) / n * 2 * np.pi
+    return np.column_stack([radius * np.cos(t), radius * np.sin(t), np.full(n, z)])
+
+
+def test_no_motion_is_an_isotopy() -> None:
+    points, rings = _circle(60), rings_of_sizes((60,))
+    near = find_neighbours(points, rings, 5.0, 6)
+    assert certify(points, np.zeros_like(points), rings, near).valid
+
+
+def test_a_strand_may_not_pass_through_another() -> None:
+    # two circles one above the other; the upper falls through the lower
+    points = np.concatenate([_circle(60), _circle(60, z=2.0)])
+    rings = rings_of_sizes((60, 60))
+    near = find_neighbours(points, rings, 8.0, 6)
+    step = np.zeros_like(points)
+    step[60:, 2] = -1.5
+    assert certify(points, step, rings, near).valid
+    step[60:, 2] = -2.5
+    verdict = certify(points, step, rings, near)
+    assert not verdict.valid
+    assert "pass through" in verdict.reason
+
+
+def test_both_moving_together_is_no_crossing() -> None:
+    points = np.concatenate([_circle(60), _circle(60, z=0.5)])
+    rings = rings_of_sizes((60, 60))
+    near = find_neighbours(points, rings, 60.0, 6)
+    step = np.full_like(points, 9.0)
+    assert certify(points, step, rings, near).valid
+
+
+def test_an_old_neighbour_list_is_refused() -> None:
+    points, rings = _circle(60), rings_of_sizes((60,))
+    near = find_neighbours(points, rings, 3.0, 6)
+    far = points + 5.0 * points / 10.0
+    assert "too old" in certify(far, np.zeros_like(points), rings, near).reason
+
+
+def test_folding_back_is_refused() -> None:
+    points, rings = _circle(60), rings_of_sizes((60,))
+    near = find_neighbours(points, rings, 8.0, 6)
+    step = np.zeros_like(points)
+    step[7] = 1.2 * (points[9] - points[7])
+    assert not certify(points, step, rings, near).valid
+    step[7] = np.nan
+    assert not certify(points, step, rings, near).valid
+
+
+def _linking(points: np.ndarray, n: int) -> int:
+    """Linking number of the first n points' ring with the rest's, by crossings along z."""
+    a, b = points[:n], points[n:]
+    total = 0
+    for i in range(len(a)):
+        p, u = a[i], a[(i + 1) % len(a)] - a[i]
+        for j in range(len(b)):
+            q, v = b[j], b[(j + 1) % len(b)] - b[j]
+            det = u[0] * v[1] - u[1] * v[0]
+            if abs(det) < 1e-12:
+                continue
+            w = q - p
+            s, t = (w[0] * v[1] - w[1] * v[0]) / det, (w[0] * u[1] - w[1] * u[0]) / det
+            if 0 <= s < 1 and 0 <= t < 1 and (p + s * u)[2] > (q + t * v)[2]:
+                total += int(np.sign(det))
+    return total
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.05, 3.0))
+def test_random_certified_steps_never_change_the_linking_number(seed: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    n = 24
+    one = _circle(n, 5.0)
+    other = _circle(n, 5.0)[:, [0, 2, 1]] + np.array([5.0, 0.0, 0.0])
+    points, rings = np.concatenate([one, other]), rings_of_sizes((n, n))
+    before = _linking(points + rng.normal(size=3) * 1e-6, n)
+    for _ in range(6):
+        near = find_neighbours(points, rings, 40.0, 6)
+        step = rng.normal(size=points.shape) * size
+        if certify(points, step, rings, near).valid:
+            points = points + step
+    assert _linking(points, n) == before == pytest.approx(before)
+    assert abs(before) == 1
+
+
+def test_limited_steps_cannot_meet_and_pass() -> None:
+    points = np.concatenate([_circle(60), _circle(60, z=1.0)])
+    rings = rings_of_sizes((60, 60))
+    near = find_neighbours(points, rings, 8.0, 6)
+    limit = step_limits(points, rings, near, 5.0)
+    assert limit.max() <= 0.45 * 1.0 + 1e-9
+
+
+def test_closest_parameters_against_a_grid() -> None:
+    rng = np.random.default_rng(1)
+    p, u, q, v = rng.normal(size=(4, 200, 3))
+    s, t = closest_parameters(p, u, q, v)
+    found = np.linalg.norm(p + s[:, None] * u - q - t[:, None] * v, axis=1)
+    grid = np.linspace(0, 1, 41)
+    a, b = (x.ravel() for x in np.meshgrid(grid, grid))
+    for k in range(200):
+        sampled = p[k] + a[:, None] * u[k] - q[k] - b[:, None] * v[k]
+        assert found[k] <= np.linalg.norm(sampled, axis=1).min() + 1e-9
+
+
+def test_resampling_is_even_and_certified() -> None:
+    t = np.sort(np.random.default_rng(3).uniform(0, 2 * np.pi, 150))
+    points = np.column_stack([10 * np.cos(t), 10 * np.sin(t), 3 * np.sin(3 * t)])
+    fresh, rings, verdict = resample(points, rings_of_sizes((150,)), 0.3)
+    assert verdict.valid
+    edges = np.linalg.norm(fresh[rings.next] - fresh, axis=1)
+    assert edges.max() / edges.min() < 1.02
+
+
+def test_resampling_too_coarsely_is_refused() -> None:
+    # a thin hairpin pair of strands that coarse vertices would make cross
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    wave = np.sin(40 * t)
+    points = np.concatenate(
+        [
+            np.column_stack([10 * np.cos(t), 10 * np.sin(t), wave]),
+            np.column_stack([10 * np.cos(t), 10 * np.sin(t), wave + 0.2]),
+        ]
+    )
+    rings = rings_of_sizes((400, 400))
+    same, same_rings, verdict = resample(points, rings, 3.0)
+    assert not verdict.valid
+    assert same is points
+    assert same_rings is rings

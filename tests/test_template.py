@@ -1,0 +1,68 @@
+"""The filling template: simple disjoint curves that cover the silhouette."""
+
+import numpy as np
+import pytest
+import shapely
+from shapely import LinearRing, MultiPolygon, Point, Polygon, box
+
+from knotfab.search.radius import template_iou
+from knotfab.template.filling import even_samples, fill, rings_of, simple_curves
+
+DISC = Point(0, 0).buffer(50, quad_segs=64)
+RING = Polygon(DISC.exterior, [Point(0, 0).buffer(30, quad_segs=64).exterior])
+COMB = shapely.union_all([box(0, 0, 100, 12)] + [box(x, 0, x + 7, 60) for x in range(0, 100, 18)])
+
+
+@pytest.mark.parametrize("shape", [DISC, RING, COMB], ids=["disc", "ring", "comb"])
+@pytest.mark.parametrize("radius", [1.2, 2.0, 3.1])
+def test_one_simple_curve_covers_a_piece(shape: Polygon, radius: float) -> None:
+    template = fill(MultiPolygon([shape]), radius)
+    assert len(template.curves) == 1
+    assert LinearRing(template.curves[0]).is_simple
+    assert template_iou(template, template.polygon) > 0.9
+
+
+def test_pieces_become_knots_of_their_own_or_are_bridged() -> None:
+    both = MultiPolygon([DISC, box(60, -20, 90, 20), box(100, -20, 120, 20)])
+    apart = fill(both, 2.0)
+    assert len(apart.curves) == 3
+    assert simple_curves(list(apart.curves))
+    two = fill(both, 2.0, knots=2)
+    assert len(two.curves) == 2
+    one = fill(both, 2.0, knots=1)
+    assert len(one.curves) == 1
+    assert LinearRing(one.curves[0]).is_simple
+    # every piece is still drawn
+    for piece in both.geoms:
+        drawn = LinearRing(one.curves[0]).buffer(2.0).intersection(piece).area
+        assert drawn > 0.9 * piece.area
+
+
+def test_rings_keep_their_distance_from_the_outline() -> None:
+    for ring in rings_of(DISC, 2.0):
+        assert ring.distance(DISC.exterior) >= 2.0 - 1e-6
+
+
+def test_a_piece_smaller_than_the_tube_still_gets_a_loop() -> None:
+    template = fill(MultiPolygon([box(0, 0, 1, 1)]), 2.0)
+    assert len(template.curves) == 1
+    assert len(template.curves[0]) >= 8
+
+
+def test_even_samples_are_even_and_stay_on_the_curve() -> None:
+    rng = np.random.default_rng(0)
+    polygon = rng.normal(size=(40, 3))
+    samples = even_samples(polygon, 0.05)
+    closed = np.concatenate([polygon, polygon[:1]])
+    a, e = closed[:-1], np.diff(closed, axis=0)
+    for p in samples[::17]:
+        t = np.clip(((p - a) * e).sum(1) / (e * e).sum(1), 0, 1)
+        assert np.linalg.norm(a + t[:, None] * e - p, axis=1).min() < 1e-9
+
+
+def test_crossing_curves_are_told() -> None:
+    eight = np.array([[0, 0], [10, 10], [10, 0], [0, 10]], dtype=float)
+    square = np.array([[0, 0], [10, 0], [10, 10], [0, 10]], dtype=float)
+    assert simple_curves([square, square + 20])
+    assert not simple_curves([eight])
+    assert not simple_curves([square, square + 5])

@@ -1,0 +1,277 @@
+"""Take vertices out of closed polygons without changing their knot type, as far as it goes.
+
+Vertex B between A and C may go when no other edge meets the triangle ABC: pulling B straight to AC
+is then an isotopy (Koniaris and Muthukumar, "Knottedness in ring polymers", Phys. Rev. Lett. 66,
+1991; Taylor, "A deeply knotted protein structure", Nature 406, 2000). A polygon that shrinks to a
+triangle is an unknot, proved; a triangle that nothing else meets is split from the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+__all__ = ["Reduced", "general_position", "orientation", "pierced", "reduce_polygons"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Signs = NDArray[np.int8]
+Mask = NDArray[np.bool_]
+
+# The error of the determinant below is at most 8e-16 times its permanent (Shewchuk, "Adaptive
+# precision floating-point arithmetic", 1997), which is at most 5.2 times the product of the rows.
+UNCERTAIN = 1e-14
+NUDGE = 1e-5  # of the shortest edge: the random shift into general position
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """What is left: `polygons`, (m, 3) each, of the given ones number `components`.
+
+    Those that are missing were found to be unknots, split from all others. Where nothing is left,
+    the polygons are an unknot or unlink, proved.
+    """
+
+    polygons: tuple[Array, ...]
+    components: tuple[int, ...]
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices left."""
+        return sum(len(p) for p in self.polygons)
+
+
+@dataclass(frozen=True)
+class _Ring:
+    """Vertices of all polygons in a row: `at` (n, 3), their polygon, neighbours by position."""
+
+    at: Array
+    knot: Ints
+    before: Ints
+    after: Ints
+
+
+def reduce_polygons(polygons: Sequence[Array], seed: int = 0, shakes: int = 0) -> Reduced:
+    """Remove vertices, many at a time, until none can go.
+
+    Args:
+        polygons: (n >= 3, 3) each, in general position (see `general_position`): where signs
+            cannot be told the triangle counts as met, so degenerate input only stays longer.
+        seed: of the order in which vertices are tried. shakes: when nothing can go any more, move
+            the vertices about (by isotopies also) and try again, so many times.
+    """
+    rng = np.random.default_rng(seed)
+    ring = _ring(polygons)
+    share, shaken = 0.5, 0
+    while len(ring.at):
+        ring = _without_triangles(ring)
+        gone = _removable(ring, share, rng)
+        if gone.any():
+            ring, share = _without(ring, gone), 0.5
+        elif share < 1:
+            share = 1.0
+        elif shaken < shakes and len(ring.at):
+            ring, shaken = _shaken(ring, rng), shaken + 1
+        else:
+            break
+    knots = np.unique(ring.knot)
+    return Reduced(tuple(ring.at[ring.knot == k] for k in knots), tuple(int(k) for k in knots))
+
+
+def general_position(polygons: Sequence[Array], seed: int = 0) -> tuple[Array, ...] | None:
+    """The polygons with each vertex shifted at random by 1e-5 of the shortest edge; None if unsafe.
+
+    Safe is what is an isotopy: while no vertex moves by more than d, edges that are not adjacent
+    and more than 2 d apart do not meet, and adjacent ones that open by more than what d can close
+    do not fold onto each other. None means that the polygons touch themselves, to that accuracy.
+    """
+    ring = _ring(polygons)
+    edge = ring.at[ring.after] - ring.at
+    length = np.linalg.norm(edge, axis=1)
+    d = NUDGE * float(length.min())
+    if not d > 0:
+        return None
+    unit = edge / length[:, None]
+    # Each of two adjacent edges turns by at most asin(2 d / length): |sum of directions| shrinks by
+    # no more than twice that.
+    opening = np.linalg.norm(unit + unit[ring.before], axis=1)
+    if opening.min() < 8 * NUDGE or _closest(ring, 4 * d) < 4 * d:
+        return None
+    shift = np.random.default_rng(seed).uniform(-1, 1, ring.at.shape) * (d / np.sqrt(3))
+    moved = ring.at + shift
+    return tuple(moved[ring.knot == k] for k in range(len(polygons)))
+
+
+def orientation(a: Array, b: Array, c: Array, d: Array) -> Signs:
+    """Sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
+    u, v, w = a - d, b - d, c - d
+    det = (
+        u[:, 0] * (v[:, 1] * w[:, 2] - v[:, 2] * w[:, 1])
+        + u[:, 1] * (v[:, 2] * w[:, 0] - v[:, 0] * w[:, 2])
+        + u[:, 2] * (v[:, 0] * w[:, 1] - v[:, 1] * w[:, 0])
+    )
+    size2 = np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v) * np.einsum("ij,ij->i", w, w)
+    certain = np.abs(det) > UNCERTAIN * np.sqrt(size2)
+    return np.where(certain, np.sign(det), 0).astype(np.int8)
+
+
+def pierced(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
+    """Whether segment pq may meet triangle abc (rows of points); False is certain.
+
+    Where p or q is the triangle's corner a or c, bit for bit, the segment may touch it there.
+    """
+    result = np.ones(len(a), dtype=bool)
+    p_shared = (p == a).all(axis=1) | (p == c).all(axis=1)
+    q_shared = (q == a).all(axis=1) | (q == c).all(axis=1)
+    side_p = orientation(a, b, c, p)
+    side_q = orientation(a, b, c, q)
+    result[p_shared & ~q_shared & (side_q != 0)] = False
+    result[q_shared & ~p_shared & (side_p != 0)] = False
+    result[side_p * side_q > 0] = False
+    rest = np.flatnonzero(result & ~p_shared & ~q_shared)
+    a, b, c, p, q = a[rest], b[rest], c[rest], p[rest], q[rest]
+    turns = np.stack([orientation(p, q, a, b), orientation(p, q, b, c), orientation(p, q, c, a)])
+    result[rest[(turns.max(axis=0) > 0) & (turns.min(axis=0) < 0)]] = False
+    return result
+
+
+def _ring(polygons: Sequence[Array]) -> _Ring:
+    sizes = [len(p) for p in polygons]
+    return _linked(
+        np.concatenate(polygons).astype(np.float64), np.repeat(np.arange(len(sizes)), sizes)
+    )
+
+
+def _linked(at: Array, knot: Ints) -> _Ring:
+    """Join each run of equal `knot` into a ring."""
+    index = np.arange(len(at))
+    first = np.flatnonzero(np.diff(knot, prepend=-1))
+    last = np.append(first[1:], len(at)) - 1
+    after, before = index + 1, index - 1
+    after[last[: len(first)]], before[first] = first, last[: len(first)]
+    return _Ring(at, knot, before, after)
+
+
+def _without(ring: _Ring, gone: Mask) -> _Ring:
+    return _linked(ring.at[~gone], ring.knot[~gone])
+
+
+def _without_triangles(ring: _Ring) -> _Ring:
+    """Take out polygons of three vertices whose triangle meets no edge of another polygon."""
+    sizes = np.bincount(ring.knot)
+    for k in np.flatnonzero(sizes == 3):
+        own = np.flatnonzero(ring.knot == k)
+        others = np.flatnonzero(ring.knot != k)
+        corner = [np.broadcast_to(ring.at[i], (len(others), 3)) for i in own]
+        if not pierced(*corner, ring.at[others], ring.at[ring.after[others]]).any():
+            ring = _without(ring, ring.knot == k)
+    return ring
+
+
+def _removable(ring: _Ring, share: float, rng: np.random.Generator) -> Mask:
+    """Vertices that can go together: free ones of the smallest triangles, no two adjacent.
+
+    After one has gone its triangle's third side is an edge; so those must not meet the triangles
+    of the others that go.
+    """
+    gone = np.zeros(len(ring.at), dtype=bool)
+    sizes = np.bincount(ring.knot)
+    a, b, c = ring.at[ring.before], ring.at, ring.at[ring.after]
+    tried = np.flatnonzero(sizes[ring.knot] > 3)
+    if not len(tried):
+        return gone
+    normal = np.cross(a[tried] - b[tried], c[tried] - b[tried])
+    area = np.einsum("ij,ij->i", normal, normal)
+    tried = tried[area <= np.quantile(area, share)]
+    t, e = _near(a[tried], b[tried], c[tried], ring.at, ring.at[ring.after])
+    own = (e == tried[t]) | (e == ring.before[tried[t]])
+    t, e = tried[t[~own]], e[~own]
+    met = t[pierced(a[t], b[t], c[t], ring.at[e], ring.at[ring.after[e]])]
+    gone[tried] = True
+    gone[met] = False
+
+    rank = np.where(gone, rng.permutation(len(gone)).astype(np.float64), np.inf)
+    gone &= (rank < rank[ring.before]) & (rank < rank[ring.after])
+    for k in np.flatnonzero((sizes > 3) & (sizes < 7)):  # too small for two at a time
+        own = ring.knot == k
+        gone &= ~own | (rank == rank[own].min())
+    chosen = np.flatnonzero(gone)
+    t, e = _near(a[chosen], b[chosen], c[chosen], a[chosen], c[chosen])
+    t, e = chosen[t[t != e]], chosen[e[t != e]]
+    met_pairs = pierced(a[t], b[t], c[t], a[e], c[e])
+    t, e = t[met_pairs], e[met_pairs]
+    gone[np.where(rank[t] > rank[e], t, e)] = False
+    return gone
+
+
+def _near(a: Array, b: Array, c: Array, p: Array, q: Array) -> tuple[Ints, Ints]:
+    """Pairs (triangle, segment) whose boxes overlap."""
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    low_e, high_e = np.minimum(p, q), np.maximum(p, q)
+    tree = shapely.STRtree(shapely.box(low_e[:, 0], low_e[:, 1], high_e[:, 0], high_e[:, 1]))
+    t, e = tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+    keep = (low[t, 2] <= high_e[e, 2]) & (low_e[e, 2] <= high[t, 2])
+    return t[keep].astype(np.int64), e[keep].astype(np.int64)
+
+
+def _shaken(ring: _Ring, rng: np.random.Generator) -> _Ring:
+    """Move each vertex in turn, mostly towards its neighbours' middle, where nothing is in the way.
+
+    Moving B to D is an isotopy when no other edge meets the triangles ABD and CBD.
+    """
+    at = ring.at.copy()
+    for i in rng.permutation(len(at)):
+        before, after = ring.before[i], ring.after[i]
+        a, b, c = at[before], at[i], at[after]
+        reach = np.linalg.norm(a - c) + np.linalg.norm(a + c - 2 * b)
+        target = b + rng.uniform(0, 1) * ((a + c) / 2 - b) + rng.normal(0, 0.1 * reach, 3)
+        others = np.flatnonzero((np.arange(len(at)) != i) & (np.arange(len(at)) != before))
+        p, q = at[others], at[ring.after[others]]
+        free = True
+        for end in (a, c):
+            corner = [np.broadcast_to(x, p.shape) for x in (end, b, target)]
+            free = free and not pierced(*corner, p, q).any()
+        # The two new edges must not fold onto each other either.
+        if free and orientation(a[None], b[None], target[None], c[None])[0] != 0:
+            at[i] = target
+    return replace(ring, at=at)
+
+
+def _closest(ring: _Ring, reach: float) -> float:
+    """Distance of the closest edges that are not adjacent, or infinity if none is within `reach`."""
+    p, q = ring.at, ring.at[ring.after]
+    i, j = _near(np.minimum(p, q) - reach, p, np.maximum(p, q) + reach, p, q)
+    apart = (i != j) & (ring.after[i] != j) & (ring.after[j] != i)
+    i, j = i[apart], j[apart]
+    if not len(i):
+        return float("inf")
+    return float(_segment_distance(p[i], q[i], p[j], q[j]).min())
+
+
+def _segment_distance(p: Array, q: Array, r: Array, s: Array) -> Array:
+    """Distances between segments pq and rs (rows of points): inside to inside, or at an end."""
+    best = np.minimum(
+        np.minimum(_to_segment(p, r, s), _to_segment(q, r, s)),
+        np.minimum(_to_segment(r, p, q), _to_segment(s, p, q)),
+    )
+    u, v, w = q - p, s - r, r - p
+    uu, vv, uv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (v, v), (u, v)))
+    uw, vw = np.einsum("ij,ij->i", u, w), np.einsum("ij,ij->i", v, w)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (uw * vv - vw * uv) / (uu * vv - uv * uv)
+        other = (uw * uv - vw * uu) / (uu * vv - uv * uv)
+    inside = np.flatnonzero((along > 0) & (along < 1) & (other > 0) & (other < 1))
+    gap = w[inside] + other[inside, None] * v[inside] - along[inside, None] * u[inside]
+    best[inside] = np.minimum(best[inside], np.linalg.norm(gap, axis=1))
+    return best
+
+
+def _to_segment(x: Array, p: Array, q: Array) -> Array:
+    """Distances of points from segments pq (rows)."""
+    u, w = q - p, x - p
+    t = np.clip(np.einsum("ij,ij->i", u, w) / np.einsum("ij,ij->i", u, u), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(w - t[:, None] * u, axis=1))
