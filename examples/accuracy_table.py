@@ -134,7 +134,8 @@ def main() -> None:
         return [row[key] for row in rows if key in row]
 
     print(
-        f"\n{len(rows)} pictures: IoU mean {statistics.mean(all_of('iou')):.4f}, least {min(all_of('iou')):.4f}; "
+        f"\n{len(rows)} pictures: IoU mean {statistics.mean(all_of('iou')):.4f}, "
+        f"least {min(all_of('iou')):.4f}; "
         f"legibility at 45 deg mean {statistics.mean(all_of('leg')):.3f}; depth ratio least "
         f"{min(all_of('depth')):.3f}; failed checks {int(sum(all_of('failed')))}; "
         f"exit codes other than 0: {sum(code != 0 for code in all_of('code'))}"

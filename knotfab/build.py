@@ -75,7 +75,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         with progress.stage("picture"):
             view = request.scene.views[0]
             target = read_target(request.source, invert=view.invert, base=request.base)
-        with Verifier() as verifier:
+        with Verifier(graphics="shadow-render" not in request.skip) as verifier:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)

@@ -80,7 +80,7 @@ def silhouette_polygon(view: View, target: Target) -> MultiPolygon:
 
 
 def _region(region: Region, view: View) -> Region:
-    """The region with its size settled: what stands clear of wall and lamp, a fifth wider than the picture."""
+    """The region with its size settled: clear of wall and lamp, a quarter wider than the picture."""
     if region.size_mm != "auto":
         return region
     assert view.frame_width_mm is not None and view.frame_height_mm is not None

@@ -23,12 +23,13 @@ class Verifier:
     MachineError that says what to do.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, graphics: bool = True) -> None:
+        self._arguments = [] if graphics else ["--no-graphics"]
         self._child: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Verifier:
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "knotfab_validators"],
+            [sys.executable, "-m", "knotfab_validators", *self._arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -131,7 +131,7 @@ def _crossings(polygons: Sequence[Array], seed: int) -> _Crossings:
         over_at=np.where(i_over, s, t),
         under=np.where(i_over, j, i),
         under_at=np.where(i_over, t, s),
-        sign=sign * int(round(float(np.linalg.det(turn)))),
+        sign=sign * round(float(np.linalg.det(turn))),
     )
 
 

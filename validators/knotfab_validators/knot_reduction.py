@@ -166,8 +166,8 @@ def _without_triangles(ring: _Ring) -> _Ring:
     for k in np.flatnonzero(sizes == 3):
         own = np.flatnonzero(ring.knot == k)
         others = np.flatnonzero(ring.knot != k)
-        corner = [np.broadcast_to(ring.at[i], (len(others), 3)) for i in own]
-        if not pierced(*corner, ring.at[others], ring.at[ring.after[others]]).any():
+        a, b, c = (np.broadcast_to(ring.at[i], (len(others), 3)) for i in own)
+        if not pierced(a, b, c, ring.at[others], ring.at[ring.after[others]]).any():
             ring = _without(ring, ring.knot == k)
     return ring
 
@@ -233,8 +233,8 @@ def _shaken(ring: _Ring, rng: np.random.Generator) -> _Ring:
         p, q = at[others], at[ring.after[others]]
         free = True
         for end in (a, c):
-            corner = [np.broadcast_to(x, p.shape) for x in (end, b, target)]
-            free = free and not pierced(*corner, p, q).any()
+            u, v, w = (np.broadcast_to(x, p.shape) for x in (end, b, target))
+            free = free and not pierced(u, v, w, p, q).any()
         # The two new edges must not fold onto each other either.
         if free and orientation(a[None], b[None], target[None], c[None])[0] != 0:
             at[i] = target
@@ -242,7 +242,7 @@ def _shaken(ring: _Ring, rng: np.random.Generator) -> _Ring:
 
 
 def _closest(ring: _Ring, reach: float) -> float:
-    """Distance of the closest edges that are not adjacent, or infinity if none is within `reach`."""
+    """Distance of the closest edges that are not adjacent; infinity if none is within `reach`."""
     p, q = ring.at, ring.at[ring.after]
     i, j = _near(np.minimum(p, q) - reach, p, np.maximum(p, q) + reach, p, q)
     apart = (i != j) & (ring.after[i] != j) & (ring.after[j] != i)

@@ -1,8 +1,8 @@
-"""Knot type of the written polygons against the type that the file promises: proved where it can be.
+"""Knot type of the written polygons against the type that the file promises.
 
-Nobody is trusted: the polygon is reduced by isotopies of its own (`knot_reduction`). What shrinks to
-nothing is an unknot, or an unlink, by that proof. What does not shrink is compared by an invariant,
-which can refute its type and otherwise is only consistent with it.
+Nobody is trusted: the polygon is reduced by isotopies of its own (`knot_reduction`). What shrinks
+to nothing is an unknot, or an unlink, by that proof. What does not shrink is compared by an
+invariant, which can refute its type and otherwise is only consistent with it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from .read_knots import Curves
 
 __all__ = ["KnotFinding", "KnotTypes", "check_knot_type", "knot_types"]
 
-Array = NDArray[np.float64]
 Verdict = Literal["proved", "consistent", "refuted", "unknown"]
 
 UNKNOTS = ("unknot", "0_1")
@@ -105,7 +104,7 @@ def check_knot_type(curves: Curves) -> Check:
     return Check("knot_type", status, not unknown, _summary(found), promised, "", detail)
 
 
-def _finding(polygon: Array, promised: str) -> KnotFinding:
+def _finding(polygon: NDArray[np.float64], promised: str) -> KnotFinding:
     """What one polygon alone is, as far as it can be told."""
     wanted = expected_determinant(promised)
     rest = reduce_polygons([polygon], seed=1)

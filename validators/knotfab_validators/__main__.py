@@ -1,0 +1,57 @@
+"""`python -m knotfab_validators`: one request as a JSON line on stdin, one verdict as JSON on stdout.
+
+Everything slow to load is loaded while the request is still awaited, so that a parent can start this
+process early; and a graphics library that crashes takes only this process with it.
+
+Request: {"part", "knots", "scene", "pictures_dir": path or null, "skip": [name, …]}.
+Answer: {"status", "exit_code", "checks", "views", "seconds"}, or {"error": sentence} for bad files.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+
+NO_GRAPHICS = "--no-graphics"
+
+
+def _warm_up() -> None:
+    """Draw one triangle, so that VTK and its OpenGL are loaded."""
+    import numpy as np
+
+    from .render import SilhouetteRenderer, why_no_rendering
+    from .view import ViewGeometry
+
+    if why_no_rendering() is not None:
+        return
+    x, y, z = np.eye(3)
+    geometry = ViewGeometry(
+        light=10 * z, origin=y - x, du=x, dv=-y, right=x, up=y, width=3, height=3
+    )
+    with SilhouetteRenderer(np.array([x, y, z]), np.array([[0, 1, 2]])) as renderer:
+        renderer.render(geometry)
+
+
+def main() -> None:
+    """Answer one request."""
+    from .validate import validate
+
+    if NO_GRAPHICS not in sys.argv:
+        _warm_up()
+    line = sys.stdin.readline()
+    if not line.strip():
+        return
+    request = json.loads(line)
+    paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir")}
+    try:
+        verdict = validate(**paths, skip=request["skip"])
+    except ValueError as error:
+        print(json.dumps({"error": str(error)}))
+        return
+    answer = {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()
