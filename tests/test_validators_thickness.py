@@ -34,6 +34,10 @@ def turned(points: Array, seed: int = 0) -> Array:
     return points @ q.T + rng.normal(size=3) * 30
 
 
+def shifted(points: Array, x: float, y: float, z: float) -> Array:
+    return points + np.array([x, y, z])
+
+
 def curves(*polygons: Array) -> Curves:
     n = len(polygons)
     return Curves(polygons, ("unknot",) * n, (True,) * n, 1.0)
@@ -161,7 +165,7 @@ def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
 @pytest.mark.parametrize("n", [4, 8, 12])
 def test_hopf_link_of_regular_polygons(n: int) -> None:
     a = ngon(n, 2.0)
-    b = ngon(n, 2.0, (0, 2)) + [2.0, 0, 0]
+    b = shifted(ngon(n, 2.0, (0, 2)), 2.0, 0, 0)
     found = thickness([turned(a), turned(b)])
     rad, half = oracle([a, b], [True, True])
     assert found.min_rad == pytest.approx(rad, rel=1e-9)
@@ -169,7 +173,7 @@ def test_hopf_link_of_regular_polygons(n: int) -> None:
 
 
 def test_hopf_link_of_round_polygons_is_half_a_radius_thick() -> None:
-    found = thickness([turned(ngon(400, 2.0)), turned(ngon(400, 2.0, (0, 2)) + [2.0, 0, 0])])
+    found = thickness([turned(ngon(400, 2.0)), turned(shifted(ngon(400, 2.0, (0, 2)), 2.0, 0, 0))])
     assert found.value == pytest.approx(1.0, abs=1e-4)
     assert found.dcsd_at is not None and found.dcsd_at[0][0] != found.dcsd_at[1][0]
 
@@ -211,9 +215,9 @@ def test_open_ends() -> None:
     line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     straight = thickness([line], [False])
     assert straight.value == np.inf and straight.dcsd_at is None and straight.min_rad_at is None
-    facing = thickness([line, line + [5, 0, 0]], [False, False])  # end to end, 3 apart
+    facing = thickness([line, shifted(line, 5, 0, 0)], [False, False])  # end to end, 3 apart
     assert facing.half_dcsd == pytest.approx(1.5)
-    aside = thickness([line, line + [0, 3, 0]], [False, False])
+    aside = thickness([line, shifted(line, 0, 3, 0)], [False, False])
     assert aside.half_dcsd == pytest.approx(1.5)
     hook = np.array([[0.0, 0, 0], [10, 0, 0], [10, 6, 0], [5, 6, 0]])  # its end above an edge
     assert thickness([hook], [False]).half_dcsd == pytest.approx(3.0)
@@ -263,7 +267,7 @@ def test_a_long_tangle_of_many_vertices() -> None:
 def test_check_thickness_rejects_strands_at_0_999_diameters() -> None:
     radius = 2.0
     one = stadium(60.0, 20.0, 60)
-    near, far = one + [0, 0, 0.999 * 2 * radius], one + [0, 0, 1.001 * 2 * radius]
+    near, far = (shifted(one, 0, 0, f * 2 * radius) for f in (0.999, 1.001))
     bad = check_thickness(curves(one, near), radius)
     assert bad.status == "fail" and bad.name == "thickness" and bad.unit == "mm"
     assert bad.measured == pytest.approx(0.999 * radius, rel=1e-9)
@@ -283,7 +287,7 @@ def test_check_bend_rejects_a_bend_at_0_99_of_the_limit() -> None:
 
 def test_check_length() -> None:
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
-    both = curves(square, square + [0, 0, 5])
+    both = curves(square, shifted(square, 0, 0, 5))
     assert check_length(both, 16.0).status == "pass"
     short = check_length(both, 15.999)
     assert short.status == "fail" and short.measured == pytest.approx(16.0)

@@ -22,7 +22,7 @@ needs_rendering = pytest.mark.skipif(why_no_rendering() is not None, reason="no 
 PIXELS = (900, 780)
 VIEW = PlainView(frame_width_mm=150.0, frame_height_mm=130.0, wall_tilt_deg=15.0, azimuth_deg=30.0)
 RADIUS = 3.0
-POSE = np.array([[0.0, 1, 0, -70], [0, 0, 1, -40], [1, 0, 0, -65], [0, 0, 0, 1]])
+POSE = np.array([[0.0, 1, 0, -70], [0, 0, 1, -60], [1, 0, 0, -65], [0, 0, 0, 1]])
 
 
 def write_stl(path: Path, vertices: Array, faces: Array) -> None:

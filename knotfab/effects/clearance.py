@@ -20,7 +20,7 @@ def magnitude(situation: Situation) -> float:
     """How far the closest strands are from what is required, mm; negative when there is room."""
     limits = situation.limits
     reach = 3.0 * limits.separation
-    gap = strand_gap(situation.points, situation.rings, limits, reach).gap
+    gap = strand_gap(situation.points, situation.rings, limits, reach, straight=0.7).gap
     return limits.separation - gap
 
 

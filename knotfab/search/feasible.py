@@ -37,12 +37,15 @@ def bend_radii(points: Array, rings: Rings) -> Array:
     return np.asarray(np.minimum(one, two) / np.maximum(2 * tangent, 1e-300))
 
 
-def strand_gap(points: Array, rings: Rings, limits: Limits, reach: float) -> StrandGap:
+def strand_gap(
+    points: Array, rings: Rings, limits: Limits, reach: float, straight: float = np.inf
+) -> StrandGap:
     """Least distance of centre lines over pairs further than pi (r + c/2) along the curve.
 
     With bends no tighter than r + c/2 nearer pairs have no doubly critical chord below 2r + c (Schur),
     so half of this is a lower bound of that part of the polygonal thickness. `reach`: distances
-    above it are reported as `reach`.
+    above it are reported as `reach`. `straight` leaves out pairs whose distance is more than this share of
+    the arc between them: they are near because they are neighbours, not because the curve came back.
     """
     edge = points[rings.next] - points
     length = np.linalg.norm(edge, axis=1)
@@ -60,6 +63,7 @@ def strand_gap(points: Array, rings: Rings, limits: Limits, reach: float) -> Str
     s, t = closest_parameters(points[i], edge[i], points[j], edge[j])
     apart = points[i] + s[:, None] * edge[i] - points[j] - t[:, None] * edge[j]
     gap = np.sqrt(dot(apart, apart))
+    gap = np.where((rings.ring[i] == rings.ring[j]) & (gap > straight * along[far]), np.inf, gap)
     k = int(np.argmin(gap))
     return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))
 

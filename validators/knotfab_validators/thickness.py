@@ -15,6 +15,7 @@ from .read_knots import Curves
 __all__ = ["Thickness", "check_bend", "check_length", "check_thickness", "thickness"]
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-12  # relative
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,11 @@ def _end(end: CurvePoint) -> str:
     return f"knot {end[0]} vertex {end[1]}"
 
 
+def _rounding(limit: float | None) -> float:
+    """What a measured number may fall short of its limit by because numbers are rounded."""
+    return ROUNDING * (limit or 0.0)
+
+
 def check_thickness(curves: Curves, required_mm: float | None) -> Check:
     """`thickness`: the polygonal thickness is at least `required_mm`, the tube's radius."""
     found = thickness(curves.polygons, curves.closed)
@@ -128,7 +134,9 @@ def check_thickness(curves: Curves, required_mm: float | None) -> Check:
         detail = f"two strands decide, {_end(one)} and {_end(other)}, near {_spot(found.point)}"
     else:
         detail = "nothing bends and no strands face each other"
-    return at_least("thickness", found.value, required_mm, unit="mm", detail=detail)
+    return at_least(
+        "thickness", found.value, required_mm, "mm", detail, tolerance=_rounding(required_mm)
+    )
 
 
 def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
@@ -139,7 +147,8 @@ def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
     else:
         x, y, z = curves.polygons[at[0]][at[1]]
         detail = f"tightest at knot {at[0]} vertex {at[1]}, {_spot((x, y, z))}"
-    return at_least("bend", radius, min_bend_radius_mm, unit="mm", detail=detail)
+    tolerance = _rounding(min_bend_radius_mm)
+    return at_least("bend", radius, min_bend_radius_mm, "mm", detail, tolerance=tolerance)
 
 
 def check_length(curves: Curves, max_mm: float | None) -> Check:
@@ -149,4 +158,4 @@ def check_length(curves: Curves, max_mm: float | None) -> Check:
         path = np.concatenate([polygon, polygon[:1]]) if closed else polygon
         lengths.append(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()))
     detail = "" if len(lengths) == 1 else f"{len(lengths)} knots; the longest {max(lengths):.1f} mm"
-    return at_most("length", sum(lengths), max_mm, unit="mm", detail=detail)
+    return at_most("length", sum(lengths), max_mm, "mm", detail, tolerance=_rounding(max_mm))
