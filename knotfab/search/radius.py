@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import LinearRing, MultiPolygon
 
 from knotfab.errors import SceneError
@@ -20,8 +19,20 @@ __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 _USUAL = 0.0102  # of the frame's width: thinner only where the picture forbids this
 _THICKEST = 0.035
 _GIVE = 0.003  # IoU that a thicker tube may cost
-_WELL = 0.955  # trial IoU below which thinner tubes are tried as well
+_DRAWN = 0.94  # template IoU below which thinner tubes are tried as well
+_HOPELESS = 0.06  # template IoU behind the best that no search makes up for
+_NOTHING = 0.5  # IoU below which there is no picture
 _TRIALS = 5
+_SHORT = {
+    "coarse_px": 160,
+    "fine_px": 224,
+    "coarse_iterations": 32,
+    "fine_iterations": 16,
+    "settle_iterations": 0,
+    "edge_radii": 0.6,
+    "winners_every": 4,
+    "depth_candidates": 4,
+}
 
 
 @dataclass(frozen=True)
@@ -68,59 +79,35 @@ def choose_radius(
     """
     usual = max(thinnest, _USUAL * frame_width)
     thick = max(_THICKEST * frame_width, 1.5 * usual)
-    radii = np.geomspace(usual, thick, settings.radius_candidates).round(4)
-    trials, best = _try(problem, radii, knots, settings, report)
-    if max(t.trial_iou for t in trials if t.trial_iou == t.trial_iou) < _WELL and thinnest < usual:
+    radii = np.geomspace(usual, thick, settings.radius_candidates).round(4).tolist()
+    templates = {r: fill(problem.polygon, r, knots) for r in radii}
+    scores = {r: template_iou(t, problem.polygon) for r, t in templates.items()}
+    if max(scores.values()) < _DRAWN and thinnest < usual:
         # the picture forbids the usual thickness: thinner ones, as far as the printer goes
-        thin = np.geomspace(thinnest, usual, 6)[:-1].round(4)
-        more, other = _try(problem, thin, knots, settings, report)
-        trials, best = [*trials, *more], {**best, **other}
-    tried = [t for t in trials if t.trial_iou == t.trial_iou]
-    top = max(t.trial_iou for t in tried)
-    if top < 0.5:
+        for r in np.geomspace(thinnest, usual, 5)[:-1].round(4).tolist():
+            templates[r] = fill(problem.polygon, r, knots)
+            scores[r] = template_iou(templates[r], problem.polygon)
+    if report is not None:
+        report(0.2, None)
+    # thicker tubes gain more in the search than their templates show
+    promise = {r: s + 0.01 * np.log(r / usual) for r, s in scores.items()}
+    few = sorted(promise, key=lambda r: promise[r], reverse=True)[:_TRIALS]
+    few = [r for r in few if promise[r] > promise[few[0]] - _HOPELESS]
+    short = settings.model_copy(update=_SHORT)
+    found: dict[float, float] = {}
+    for n, r in enumerate(few):
+        found[r] = search(problem, templates[r], r, short, repairs=0).iou_estimate
+        if report is not None:
+            report(0.2 + 0.8 * (n + 1) / len(few), max(found.values()))
+    top = max(found.values())
+    if top < _NOTHING:
         raise SceneError(
             "the picture",
-            f"it is too fine for any printable tube: at a radius of {thinnest:.2f} mm the shadow reaches "
-            f"an IoU of {top:.2f}",
+            f"it is too fine for any printable tube: at a radius of {min(templates):.2f} mm the shadow "
+            f"reaches an IoU of {top:.2f}",
             "Use a bolder picture, a larger frame (scene key frame_width_mm), or a printer with a "
-            "finer nozzle",
+            "finer nozzle.",
         )
-    chosen = max((t for t in tried if t.trial_iou >= top - _GIVE), key=lambda t: t.radius_mm)
-    return RadiusChoice(chosen.radius_mm, best[chosen.radius_mm], tuple(trials))
-
-
-def _try(
-    problem: Problem,
-    radii: NDArray[np.float64],
-    knots: int | None,
-    settings: SearchSettings,
-    report: Callable[[float, float | None], None] | None,
-) -> tuple[list[RadiusTrial], dict[float, Template]]:
-    """Template scores for all radii, short searches for the most promising."""
-    templates: dict[float, Template] = {}
-    scores: dict[float, float] = {}
-    for n, radius in enumerate(radii.tolist()):
-        templates[radius] = fill(problem.polygon, radius, knots)
-        scores[radius] = template_iou(templates[radius], problem.polygon)
-        if report is not None:
-            report(0.3 * (n + 1) / len(radii), None)
-    # thicker tubes gain more in the search than their templates show
-    promise = {r: s + 0.01 * np.log(r / radii[0]) for r, s in scores.items()}
-    few = sorted(promise, key=lambda r: promise[r], reverse=True)[:_TRIALS]
-    short = settings.model_copy(
-        update={
-            "coarse_px": 160,
-            "fine_px": 256,
-            "coarse_iterations": 40,
-            "fine_iterations": 20,
-            "settle_iterations": 0,
-            "depth_candidates": 4,
-        }
-    )
-    found: dict[float, float] = {}
-    for n, radius in enumerate(few):
-        found[radius] = search(problem, templates[radius], radius, short, repairs=0).iou_estimate
-        if report is not None:
-            report(0.3 + 0.7 * (n + 1) / len(few), max(found.values()))
-    trials = [RadiusTrial(r, scores[r], found.get(r, float("nan"))) for r in radii.tolist()]
-    return trials, templates
+    chosen = max(r for r, iou in found.items() if iou >= top - _GIVE)
+    trials = tuple(RadiusTrial(r, scores[r], found.get(r, float("nan"))) for r in sorted(scores))
+    return RadiusChoice(chosen, templates[chosen], trials)

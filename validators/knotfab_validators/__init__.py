@@ -9,6 +9,9 @@ Importing it loads nothing: numpy, VTK and the rest come with the first name tha
 
 from __future__ import annotations
 
+import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,26 +21,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Check", "Verdict", "validate"]
 
+_HOME = {"Check": "check", "Verdict": "verdict", "validate": "validate"}
+
 
 def __getattr__(name: str) -> Any:
     """The public names, from their modules (PEP 562)."""
-    if name == "Check":
-        from .check import Check
-
-        return Check
-    if name == "Verdict":
-        from .verdict import Verdict
-
-        return Verdict
-    if name == "validate":
-        # The module and its function share a name: importing the module sets the attribute to the
-        # module, and from then on this function is not asked any more.
-        from .validate import validate
-
-        globals()["validate"] = validate
-        return validate
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+class _Package(ModuleType):
+    """Keeps `validate` the function: importing the module of that name would put itself there."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "validate" and isinstance(value, ModuleType):
+            value = value.validate
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

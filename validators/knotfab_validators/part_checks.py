@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from .check import Check, at_least, skipped
 from .knot_type import check_knot_type
+from .mesh_check import NAMES as MESH_CHECKS
 from .mesh_check import check_mesh
 from .read_knots import Curves
 from .read_mesh import Mesh
 from .read_scene import Scene
 from .region import check_build_volume, check_region
 from .thickness import check_bend, check_length, check_thickness, thickness
+from .tube_fit import check_tube
 
 __all__ = ["part_checks"]
 
@@ -19,25 +22,39 @@ __all__ = ["part_checks"]
 def part_checks(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
-    """Mesh, thickness, bend, length, knot type, region and build volume, as far as files are given.
+    """Mesh, tube, thickness, bend, length, knot type, region and build volume.
 
     The thickness must reach the tube's radius, and with a scene half its clearance more; where no
-    radius is known it is measured only. Adds the seconds of each group to `seconds`.
+    radius is known it is measured only. A check whose file is not given is skipped, and says so.
+    Adds the seconds of each group to `seconds`.
     """
     checks: list[Check] = []
-    if mesh is not None:
+    if mesh is None:
+        checks += [skipped(name, "not given the part") for name in (*MESH_CHECKS, "tube")]
+    else:
         with _Clock(seconds, "mesh"):
             checks += check_mesh(mesh, curves)
-    if curves is not None:
+        with _Clock(seconds, "tube"):
+            checks.append(check_tube(mesh, curves))
+    if curves is None:
+        names = ("thickness", "bend", "length", "knot_type")
+        checks += [skipped(name, "not given the knots") for name in names]
+    else:
         with _Clock(seconds, "thickness"):
             checks += _of_curves(curves, scene)
         with _Clock(seconds, "knot type"):
-            checks.append(check_knot_type(curves))
-    if scene is not None:
-        with _Clock(seconds, "region"):
-            checks.append(check_region(scene.region, scene.pose, curves, mesh))
-            if mesh is not None:
-                checks.append(check_build_volume(mesh, scene.printer.build_volume_mm))
+            kind = check_knot_type(curves)
+        # a part is built of unlinked unknots; curves alone are asked for their thickness
+        checks.append(kind if mesh is not None else replace(kind, required=False))
+    if scene is None:
+        checks += [skipped(name, "not given the scene") for name in ("region", "build_volume")]
+        return checks
+    with _Clock(seconds, "region"):
+        checks.append(check_region(scene.region, scene.pose, curves, mesh))
+        if mesh is None:
+            checks.append(skipped("build_volume", "not given the part"))
+        else:
+            checks.append(check_build_volume(mesh, scene.printer.build_volume_mm))
     return checks
 
 
@@ -55,7 +72,7 @@ def _of_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     else:
         checks = [check_thickness(curves, required)]
     if scene is None:
-        return checks
+        return checks + [skipped(name, "not given the scene") for name in ("bend", "length")]
     bend = scene.material.min_bend_radius_mm
     if bend is None:
         bend = required

@@ -35,9 +35,13 @@ class Curves:
     @property
     def length_mm(self) -> float:
         """Length of all polygons together, closing edges included."""
-        return float(
-            sum(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum() for p in self.polygons)
-        )
+        return sum(self.lengths_mm)
+
+    @property
+    def lengths_mm(self) -> tuple[float, ...]:
+        """Length of each polygon, closing edge included."""
+        edges = (np.roll(p, -1, axis=0) - p for p in self.polygons)
+        return tuple(float(np.linalg.norm(edge, axis=1).sum()) for edge in edges)
 
 
 def read_knots(path: Path) -> Curves:

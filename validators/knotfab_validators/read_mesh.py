@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-import logging
+import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 MOST_BYTES = 2_000_000_000  # of a file, or of what a 3MF unpacks to
+MOST_NAME = 1000  # bytes after the last `endsolid`
+STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 MM_PER_UNIT = (0.001, 1.0, 10.0, 25.4, 304.8, 1000.0)  # micrometre, mm, cm, inch, foot, metre
 
 
@@ -50,7 +52,6 @@ def read_mesh(path: Path) -> Mesh:
         content = path.read_bytes()
     except OSError as error:
         raise BadFile(f"{path.name}: cannot be read ({error.strerror})") from error
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     if content[:4] == b"PK\x03\x04":
         corners = _corners_3mf(content, path.name)
     else:
@@ -83,23 +84,36 @@ def merge_equal(corners: NDArray[np.floating[Any]]) -> Mesh:
 
 
 def _corners_stl(content: bytes, name: str) -> NDArray[np.floating[Any]]:
-    """(m, 3, 3) corners as stored: single precision when binary."""
-    from trimesh.exchange.stl import load_stl
+    """(m, 3, 3) corners as stored: single precision when binary.
 
-    whole = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(
-        content[80:84], "little"
-    )
-    if not whole and not content.lstrip()[:5].lower() == b"solid":
+    Read here rather than by trimesh, which loads manifold3d, the maker's library, with itself.
+    """
+    count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    if len(content) == 84 + 50 * count:
+        return np.frombuffer(content, dtype=STL_FACET, offset=84)["corners"]
+    if content.lstrip()[:5].lower() == b"solid":
+        return _corners_text(content, name)
+    if not content:
+        raise BadFile(f"{name}: is empty")
+    if count > 0 and len(content) - 84 > 50:
+        raise BadFile(
+            f"{name}: is not an STL file, or is cut off: its header promises {count} triangles, "
+            f"what follows is {(len(content) - 84) / 50:.6g}"
+        )
+    raise BadFile(f"{name}: is not an STL file, or is cut off")
+
+
+def _corners_text(content: bytes, name: str) -> NDArray[np.floating[Any]]:
+    """(m, 3, 3) corners of an STL file of words: three `vertex x y z` to each `facet`."""
+    text = content.lower()
+    found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
+    facets = len(re.findall(rb"\bfacet\s+normal\b", text))
+    if len(found) != 3 * facets or b"endsolid" not in text[-MOST_NAME:]:
         raise BadFile(f"{name}: is not an STL file, or is cut off")
     try:
-        found = load_stl(io.BytesIO(content))
-        if "vertices" not in found:
-            return np.empty((0, 3, 3))
-        vertices = np.asarray(found["vertices"])
-        faces = np.asarray(found["faces"], dtype=np.int64)
-        return np.asarray(vertices[faces].reshape(-1, 3, 3))
-    except Exception as error:  # a parser that meets garbage may raise anything
-        raise BadFile(f"{name}: is not an STL file, or is cut off") from error
+        return np.array(found, dtype=np.float64).reshape(-1, 3, 3)
+    except ValueError as error:
+        raise BadFile(f"{name}: has a corner that is not three numbers") from error
 
 
 def _corners_3mf(content: bytes, name: str) -> NDArray[np.floating[Any]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from typing import Any
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -91,7 +93,7 @@ def verify_view(
         area_px=float(polygon.area),
         whole=whole,
         exact_iou=overlap(exact, wanted).iou,
-        stray_px=None if rendered is None else second_opinion(rendered, exact),
+        stray_px=None if rendered is None else second_opinion(rendered, exact, polygon),
         tube=whole if bodies is None else None,
         outline=None,
         outline_px=None,
@@ -113,15 +115,17 @@ def verify_view(
     return result
 
 
-def second_opinion(rendered: Mask, exact: Mask) -> int:
+def second_opinion(rendered: Mask, exact: Mask, polygon: Any) -> int:
     """Pixels at which two masks disagree, but which are farther than a pixel from the outline.
 
-    A pixel is near the outline when its 3 x 3 neighbourhood in `exact` has both values.
+    Args:
+        rendered, exact: (H, W). polygon: what `exact` was rastered from, in pixels. Its own boundary
+            is asked, not the raster's: a hole finer than the pixels is outline too.
     """
     rows, columns = np.nonzero(rendered != exact)
-    around = np.pad(exact, 1, mode="edge")
-    near = np.zeros(len(rows), dtype=bool)
-    for i in range(3):
-        for j in range(3):
-            near |= around[rows + i, columns + j] != exact[rows, columns]
+    if len(rows) == 0:
+        return 0
+    outline = polygon.boundary
+    shapely.prepare(outline)
+    near = shapely.dwithin(shapely.points(columns, rows), outline, 1.0)
     return int(np.count_nonzero(~near))
