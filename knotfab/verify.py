@@ -117,7 +117,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     from knotfab_validators.read_scene import read_scene
     from knotfab_validators.render import CannotRender, SilhouetteRenderer
     from knotfab_validators.silhouette import read_silhouette, working_frame
-    from knotfab_validators.view import view_geometry
+    from knotfab_validators.validate import geometry_of
 
     try:
         setting, mesh = read_scene(scene), read_mesh(part)
@@ -131,7 +131,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        geometry = view_geometry(named[0], width, height).resampled(frame)
+        geometry = geometry_of(named[0], width, height).resampled(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -155,7 +155,7 @@ def validate(
     from knotfab.verify import Verifier
 
     files = files_to_validate(part, knots, scene)
-    with Verifier(graphics="shadow-render" not in skip) as verifier:
+    with Verifier(graphics=files.part is not None and "shadow-render" not in skip) as verifier:
         verifier.begin(files.part, files.knots, files.scene, skip, None)
         verdict = verifier.verdict()
     if json:

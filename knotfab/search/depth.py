@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from knotfab.search.legibility import legibility
 
@@ -19,7 +20,7 @@ __all__ = ["DepthChoice", "choose_depth", "lift"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_WAVELENGTHS = (1.0, 1.7, 3.0, 5.0)  # shortest wave of a profile, in extents across the piece
+_WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,9 @@ def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: floa
     k = np.arange(1, waves + 1)
     amplitude, phase = rng.normal(size=waves), rng.uniform(0, 2 * np.pi, waves)
     angle = 2 * np.pi * arc[:, None] / length * k + phase
-    profile = (amplitude * np.cos(angle)).sum(1) / np.sqrt(0.5 * waves)
+    # a normal variable made uniform: the curve spends as much length in front as in the middle, so
+    # that neighbouring parts of the outline are far apart in depth
+    profile = 2.0 * erf((amplitude * np.cos(angle)).sum(1) / np.sqrt(waves))
     # a curve shorter than a wave keeps its slope small and goes to a depth of its own instead
     return np.asarray(
         profile * min(1.0, length / shortest) + rng.normal() * (length < 3 * shortest)

@@ -18,7 +18,7 @@ __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 
 _USUAL = 0.0102  # of the frame's width: thinner only where the picture forbids this
 _THICKEST = 0.035
-_GIVE = 0.003  # IoU that a thicker tube may cost
+_GIVE = 0.004  # IoU that a thicker tube may cost
 _DRAWN = 0.94  # template IoU below which thinner tubes are tried as well
 _HOPELESS = 0.06  # template IoU behind the best that no search makes up for
 _NOTHING = 0.5  # IoU below which there is no picture
@@ -67,7 +67,7 @@ def choose_radius(
     settings: SearchSettings,
     report: Callable[[float, float | None], None] | None = None,
 ) -> RadiusChoice:
-    """The largest tube radius whose short search comes within 0.003 of the best one's IoU.
+    """The largest tube radius whose short search comes within 0.004 of the best one's IoU.
 
     Args:
         problem: the picture and the limits; its polygon lies in the template's plane.

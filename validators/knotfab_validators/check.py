@@ -80,4 +80,5 @@ def _judged(
 ) -> Check:
     """`measured` and `limit` become Python floats, so that JSON can be written from them."""
     bound = None if limit is None else float(limit)
-    return Check(name, "pass" if holds else "fail", required, float(measured), bound, unit, detail)
+    value = float(measured) + 0.0  # -0.0 reads oddly
+    return Check(name, "pass" if holds else "fail", required, value, bound, unit, detail)

@@ -17,9 +17,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LIMIT = 0.1  # of the radius: facets, and rings between long edges in a tight bend, cost 2 to 5 %
-REACH = (
-    4.0  # radii: what is farther away is only said to be that far (a tree is slow on far points)
-)
+REACH = 4.0  # radii; what is farther away is said to be that far, since trees are slow far out
 MOST_SAMPLES = 2_000_000  # on absurdly long curves
 
 

@@ -28,7 +28,7 @@ from .verdict import Verdict, verdict_of
 from .verify_view import VerifiedView, verify_view
 from .view import ViewGeometry, view_geometry
 
-__all__ = ["Verdict", "validate"]
+__all__ = ["Verdict", "geometry_of", "validate"]
 
 Array = NDArray[np.float64]
 FilePath = str | PathLike[str]
@@ -115,7 +115,7 @@ def _shadows(
         for view in scene.views:
             with _timed(seconds, f"view {view.name}"):
                 target = read_silhouette(folder / view.picture, invert=view.invert)
-                geometry = _geometry(view, target.shape[1], target.shape[0])
+                geometry = geometry_of(view, target.shape[1], target.shape[0])
                 found = verify_view(
                     vertices,
                     mesh.faces,
@@ -156,7 +156,7 @@ def _shadows(
     )
 
 
-def _geometry(view: Any, width: int, height: int) -> ViewGeometry:
+def geometry_of(view: Any, width: int, height: int) -> ViewGeometry:
     """The view's geometry; a frame without a size has 180 mm on its longer side."""
     w, h = view.frame_width_mm, view.frame_height_mm
     if w is None and h is None:
