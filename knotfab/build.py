@@ -15,6 +15,7 @@ from knotfab import __version__
 from knotfab.cli.progress import Progress
 from knotfab.design import Design, design
 from knotfab.effects.penumbra import PENUMBRA
+from knotfab.errors import MachineError
 from knotfab.output import OutputFolder
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.stl import write_stl
@@ -71,6 +72,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
     progress = progress or Progress("quiet")
+    _require_device(request.device)
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
             view = request.scene.views[0]
@@ -97,6 +99,10 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 drawn = _draw(folder, bodies, pose, request.skip)
                 warnings = read_back_strict(folder.file("part.3mf"))
                 verdict = verifier.verdict()
+        if not request.printing:
+            for check in verdict["checks"]:
+                if check["name"] == "build_volume":
+                    check["detail"] = "checked with --print"
         verdict["checks"].append(_check_3mf(warnings))
         verdict["checks"].append(_check_certificate(made))
         if warnings or not made.result.account.certified:
@@ -113,6 +119,19 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             return Outcome(0, report, request.out)
         folder.reject()
         return Outcome(code, report, request.out / "rejected")
+
+
+def _require_device(name: str) -> None:
+    if name == "cpu":
+        return
+    import torch
+
+    if not torch.cuda.is_available():
+        raise MachineError(
+            f"--device {name}",
+            "torch finds no CUDA device here",
+            "Use --device cpu, or install a torch with CUDA (knotfab doctor says what is here).",
+        )
 
 
 def part_of(made: Design, printing: bool) -> tuple[list[Mesh], PrintPose]:

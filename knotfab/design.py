@@ -19,6 +19,7 @@ from knotfab.scene.model import Region, Scene, View
 from knotfab.search.radius import RadiusChoice, choose_radius
 from knotfab.search.search import Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
+from knotfab.sweep.tube import sides_for
 from knotfab.target.read import Target
 from knotfab.target.silhouette import polygon_of
 from knotfab.template.filling import Template, fill
@@ -27,6 +28,7 @@ __all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon
 
 Array = NDArray[np.float64]
 
+_VERIFIED_PX = 1024  # longer side of the frame on which the outline is verified
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 
 
@@ -144,6 +146,35 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     return float(opened.intersection(polygon).area / polygon.union(opened).area)
 
 
+def _fine_enough(
+    settings: SearchSettings,
+    radius: float,
+    bend_mm: float,
+    view: View,
+    deep: float,
+    limit_px: float,
+) -> SearchSettings:
+    """The settings with facets and vertices close enough for the outline to pass its check.
+
+    A ring of m corners stands out from the round tube by r a² / 12, a = 2 pi / m, and a mitre between
+    edges e that turn by the most a bend radius R allows, tan(angle / 2) = e / 2R, by
+    r (sqrt(1 + (e / 2R)²) - 1). Of the outline's limit, seen where the shadow is largest, the first
+    may take a quarter and the second a half; the rest is for edges that are not quite even.
+    """
+    assert view.frame_width_mm is not None and view.frame_height_mm is not None
+    pixel = max(view.frame_width_mm, view.frame_height_mm) / _VERIFIED_PX
+    light = view.light_distance_mm
+    largest = (light + view.wall_distance_mm) / max(light - 0.5 * deep - radius, 0.1 * light)
+    allowed = limit_px * pixel / largest
+    edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed / radius) ** 2 - 1.0))
+    return settings.model_copy(
+        update={
+            "mesh_sides": max(settings.mesh_sides, sides_for(radius, 0.25 * allowed)),
+            "settle_edge_radii": min(settings.settle_edge_radii, max(0.1, round(edge / radius, 4))),
+        }
+    )
+
+
 def _within(
     seconds: float, problem: Problem, template: Template, radius: float, settings: SearchSettings
 ) -> SearchSettings:
@@ -194,6 +225,7 @@ def design(
                 count,
                 settings,
                 progress.update,
+                device,
             )
         radius, template = choice.radius_mm, choice.template
     else:
@@ -208,6 +240,9 @@ def design(
             template = fill(problem.polygon, radius, count)
     depth = _depth(scene, problem.polygon, problem.region, radius)
     problem = Problem(**{**problem.__dict__, "depth_mm": depth})
+    bend = problem.limits(radius).bend_radius
+    outline = scene.accuracy.max_outline_error_px
+    settings = _fine_enough(settings, radius, bend, view, depth or 0.0, outline)
     if budget_s is not None:
         with progress.stage("calibrate"):
             settings = _within(
@@ -223,7 +258,11 @@ def design(
     resolved = scene.model_copy(
         update={
             "piece": scene.piece.model_copy(
-                update={"tube_radius_mm": radius, "depth": "flat" if depth is None else depth}
+                update={
+                    "tube_radius_mm": radius,
+                    "depth": "flat" if depth is None else depth,
+                    "knots": len(result.knots.knots),
+                }
             ),
             "region": problem.region,
             "material": scene.material.model_copy(

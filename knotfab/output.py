@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.errors import InputError, KnotfabError, MachineError
+from knotfab.errors import InputError, KnotfabError, MachineError, SceneError
 
 __all__ = ["REJECTED", "OutputFolder"]
 
@@ -87,8 +87,9 @@ class OutputFolder:
         trace: TracebackType | None,
     ) -> None:
         full = isinstance(error, OSError) and error.errno in _FULL
-        if isinstance(error, Exception) and not isinstance(error, KnotfabError):
-            # Libraries in C++ report a full disk in their own words, or as a plain failed write.
+        if isinstance(error, Exception) and not isinstance(error, InputError | SceneError):
+            # Libraries in C++ report a full disk in their own words, or as a plain failed write;
+            # the process that verifies may have died of it.
             full = full or self._is_full()
         self._clear()
         if full:

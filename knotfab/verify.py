@@ -9,7 +9,7 @@ import sys
 from collections.abc import Collection
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 from knotfab.errors import InputError, MachineError
 
@@ -29,7 +29,8 @@ class Verifier:
 
     def __enter__(self) -> Verifier:
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "knotfab_validators", *self._arguments],
+            # -P: modules come from the installation, never from the folder one happens to be in
+            [sys.executable, "-P", "-m", "knotfab_validators", *self._arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -83,24 +84,34 @@ class Verifier:
         """
         assert self._child is not None
         out, err = self._child.communicate()
-        if self._child.returncode != 0 and not out.strip():
+        try:
+            # a whole answer counts, even if the graphics library then crashes as it is unloaded
+            answer: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+        except (IndexError, ValueError):
             self._crashed(err)
-        answer: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
         if "error" in answer:
-            raise InputError("the written files", str(answer["error"]), "Please report this build")
+            raise _unreadable(str(answer["error"]))
         return answer
 
-    def _crashed(self, err: str = "") -> None:
+    def _crashed(self, err: str = "") -> NoReturn:
         assert self._child is not None
         code = self._child.wait()
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        last = err.strip().splitlines()[-1:] or [""]
+        last = (err.strip().splitlines() or [""])[-1].strip().rstrip(".")
         raise MachineError(
             "verification",
-            f"its process ended with {how} {last[0]}".rstrip(),
-            "Install the graphics libraries (apt-get install libegl1 libgl1), or go on without rendering: "
-            "--skip shadow-render",
+            f"its process ended with {how}" + (f" ({last})" if last else ""),
+            "If graphics are the cause, install them (apt-get install libegl1 libgl1) or go on without "
+            "rendering (--skip shadow-render); knotfab doctor says what this machine lacks.",
         )
+
+
+def _unreadable(sentence: str) -> InputError:
+    """The validators' `NAME: reason` about a file that they cannot read."""
+    name, _, reason = sentence.partition(": ")
+    if not reason:
+        name, reason = "the files", sentence
+    return InputError(name, reason.rstrip("."), "Correct that file, or name another.")
 
 
 def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = None) -> None:
@@ -119,6 +130,9 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     from knotfab_validators.silhouette import read_silhouette, working_frame
     from knotfab_validators.validate import geometry_of
 
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
+    staged = out.with_name(f".{out.stem}-new.png")
     try:
         setting, mesh = read_scene(scene), read_mesh(part)
         named = [v for v in setting.views if view_name in (None, v.name)]
@@ -135,12 +149,15 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         out.parent.mkdir(parents=True, exist_ok=True)
-        staged = out.with_name(f".{out.stem}-new.png")
-        write_shadow(staged, seen, frame)
-        staged.replace(out)
+        try:
+            write_shadow(staged, seen, frame)
+            staged.replace(out)
+        finally:
+            staged.unlink(missing_ok=True)
     except CannotRender as error:
         raise MachineError("rendering", error.reason, error.remedy) from error
     except ValueError as error:
-        raise InputError("the call", str(error), "Correct the file that it names") from error
+        raise _unreadable(str(error)) from error
     except OSError as error:
-        raise InputError(str(out), str(error.strerror), "Choose another place for --out") from error
+        why = f"it cannot be written ({error.strerror or error})"
+        raise InputError(str(out), why, "Choose another place for --out.") from error

@@ -21,6 +21,7 @@ app = App(
     help="A picture becomes a knotted tube whose shadow is that picture, proved before it is printed.\n\n"
     "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
     "2 wrong input; 3 this machine lacks something; 130 interrupted.",
+    suppress_keyboard_interrupt=False,  # main says what became of the work
 )
 
 Skip = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
@@ -88,7 +89,7 @@ def build(
     verbose
         Say how long each stage took.
     """
-    from knotfab.cli.options import scene_of, seconds_of
+    from knotfab.cli.options import scene_of, seconds_of, skips_of
     from knotfab.cli.progress import Mode, Progress
 
     chosen, base = scene_of(
@@ -103,6 +104,7 @@ def build(
     )
     source = _one_picture(pictures, chosen.views[0].picture, scene)
     budget = None if time_budget is None else seconds_of(time_budget)
+    skipped = skips_of(skip)
     mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
     from knotfab.build import Request
     from knotfab.build import build as run
@@ -114,7 +116,7 @@ def build(
         base if not pictures else None,
         print_,
         device,
-        frozenset(skip),
+        skipped,
         budget,
         shlex.join(["knotfab", *sys.argv[1:]]),
     )
@@ -151,21 +153,23 @@ def validate(
     skip
         Checks to go on without, such as shadow-render.
     """
-    from knotfab.cli.options import files_to_validate
+    from knotfab.cli.options import files_to_validate, skips_of
     from knotfab.verify import Verifier
 
-    files = files_to_validate(part, knots, scene)
-    with Verifier(graphics=files.part is not None and "shadow-render" not in skip) as verifier:
-        verifier.begin(files.part, files.knots, files.scene, skip, None)
+    files, skipped = files_to_validate(part, knots, scene), skips_of(skip)
+    with Verifier(graphics=files.part is not None and "shadow-render" not in skipped) as verifier:
+        verifier.begin(files.part, files.knots, files.scene, skipped, None)
         verdict = verifier.verdict()
     if json:
         import json as codec
 
         print(codec.dumps({k: verdict[k] for k in ("status", "checks", "views")}))
     else:
-        from knotfab.cli.summary import print_checks
+        from knotfab.cli.summary import UNABLE, print_checks
 
         print_checks(verdict["checks"])
+        if verdict["exit_code"] == 3:
+            print(UNABLE)
     return int(verdict["exit_code"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,18 @@ from typing import Any
 from knotfab.errors import InputError
 from knotfab.scene.model import Printer, Scene
 
-__all__ = ["Files", "files_to_validate", "scene_of", "seconds_of"]
+__all__ = ["CHECKS", "Files", "files_to_validate", "scene_of", "seconds_of", "skips_of"]
+
+# What `--skip` knows: the validators' checks, and the rendering that some of them use.
+CHECKS = (
+    "shadow-render",
+    *("shadow", "shadow_exact", "outline"),
+    *("thickness", "bend", "length", "knot_type", "region", "build_volume", "tube"),
+    *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_bodies", "mesh_genus"),
+    *("mesh_volume", "mesh_self_intersection"),
+)
+
+_UNITS = {"mm": "millimetres", "s": "seconds"}
 
 
 def _number(name: str, text: str, unit: str, words: tuple[str, ...]) -> Any:
@@ -27,9 +39,9 @@ def _number(name: str, text: str, unit: str, words: tuple[str, ...]) -> Any:
         raise InputError(
             f"{name} {text}",
             "it is not a positive number",
-            f"Give {unit}, such as {name} 2, or {' or '.join(words)}"
+            f"Give {_UNITS[unit]}, such as {name} 2, or {' or '.join(words)}."
             if words
-            else f"Give {unit}, such as {name} 30",
+            else f"Give {_UNITS[unit]}, such as {name} 30.",
         )
     return number
 
@@ -37,6 +49,20 @@ def _number(name: str, text: str, unit: str, words: tuple[str, ...]) -> Any:
 def seconds_of(text: str) -> float:
     """`30`, `30s` -> 30.0."""
     return float(_number("--time-budget", text, "s", ()))
+
+
+def skips_of(names: Collection[str]) -> frozenset[str]:
+    """The checks of `--skip`, each known by name.
+
+    Raises:
+        InputError: there is no such check.
+    """
+    for name in names:
+        if name not in CHECKS:
+            raise InputError(
+                f"--skip {name}", "there is no such check", f"Known: {', '.join(CHECKS)}."
+            )
+    return frozenset(names)
 
 
 def scene_of(

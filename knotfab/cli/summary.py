@@ -9,10 +9,15 @@ if TYPE_CHECKING:
     from knotfab.build import Outcome
     from knotfab.doctor import Finding
 
-__all__ = ["print_checks", "print_findings", "print_summary"]
+__all__ = ["UNABLE", "print_checks", "print_findings", "print_summary"]
 
 _MARKS = {"pass": "[green]pass[/]", "fail": "[red]FAIL[/]", "skipped": "[yellow]skip[/]"}
 _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
+
+UNABLE = (
+    "A required check could not run on this machine: knotfab doctor says what it lacks; "
+    "--skip shadow-render goes on without rendering."
+)
 
 
 def _value(value: Any) -> str:
@@ -42,7 +47,8 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     console.print(table)
     for check in checks:
         if check["status"] != "pass" and check["detail"]:
-            console.print(f"  {escape(check['name'])}: {escape(check['detail'])}", highlight=False)
+            line = f"  {escape(check['name'])}: {escape(check['detail'])}"
+            console.print(line, highlight=False, soft_wrap=True)
 
 
 def print_summary(outcome: Outcome) -> None:
@@ -50,7 +56,7 @@ def print_summary(outcome: Outcome) -> None:
     from rich.console import Console
     from rich.markup import escape
 
-    report, console = outcome.report, Console(highlight=False)
+    report, console = outcome.report, Console(highlight=False, soft_wrap=True)
     verdict = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     console.print(
         f"{verdict}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s"
@@ -71,6 +77,8 @@ def print_summary(outcome: Outcome) -> None:
         console.print(f"  {escape(note)}")
     if outcome.exit_code != 0:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
+    if outcome.exit_code == 3:
+        console.print(UNABLE)
 
 
 def print_findings(findings: Sequence[Finding]) -> None:
@@ -78,10 +86,11 @@ def print_findings(findings: Sequence[Finding]) -> None:
     from rich.console import Console
     from rich.markup import escape
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, soft_wrap=True)
     for finding in findings:
         console.print(
-            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}"
+            f"{_STATES[finding.status]:<20} {escape(finding.name)}: {escape(finding.detail)}",
+            soft_wrap=True,
         )
         if finding.remedy and finding.status != "ok":
-            console.print(f"        {escape(finding.remedy)}")
+            console.print(f"        {escape(finding.remedy)}", soft_wrap=True)

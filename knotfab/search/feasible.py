@@ -33,8 +33,8 @@ def bend_radii(points: Array, rings: Rings) -> Array:
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     one, two = np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)
     cosine = dot(ahead, behind) / (one * two)
-    tangent = np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-300))
-    return np.asarray(np.minimum(one, two) / np.maximum(2 * tangent, 1e-300))
+    tangent = np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-12))
+    return np.asarray(np.minimum(one, two) / np.maximum(2 * tangent, 1e-12))
 
 
 def strand_gap(
@@ -63,7 +63,9 @@ def strand_gap(
     s, t = closest_parameters(points[i], edge[i], points[j], edge[j])
     apart = points[i] + s[:, None] * edge[i] - points[j] - t[:, None] * edge[j]
     gap = np.sqrt(dot(apart, apart))
-    gap = np.where((rings.ring[i] == rings.ring[j]) & (gap > straight * along[far]), np.inf, gap)
+    if np.isfinite(straight):
+        same = rings.ring[i] == rings.ring[j]
+        gap = np.where(same & (gap > straight * along[far]), np.inf, gap)
     k = int(np.argmin(gap))
     return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))
 

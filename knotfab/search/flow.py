@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,32 +81,6 @@ def flow(
     up to six times, then refused. `report(progress, loss)` is called each iteration; `done(points)`
     may end the flow early.
     """
-    with _one_thread():
-        return _descend(points, rings, objective, radius, settings, device, report, done)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Torch on one thread: its barriers cost more than they gain on arrays this small, and many
-    times more where the cores are shared; sums also come out the same on every machine size."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-def _descend(
-    points: Array,
-    rings: Rings,
-    objective: Objective,
-    radius: float,
-    settings: FlowSettings,
-    device: str,
-    report: Callable[[float, float], None] | None,
-    done: Callable[[Array], bool] | None,
-) -> FlowResult:
     result = FlowResult(points.copy())
     x = result.points
     skip = 6

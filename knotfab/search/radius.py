@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from shapely import LinearRing, MultiPolygon
 from knotfab.errors import SceneError
 from knotfab.search.search import Problem, search
 from knotfab.search.settings import SearchSettings
+from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template, fill
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
@@ -23,6 +25,7 @@ _DRAWN = 0.94  # template IoU below which thinner tubes are tried as well
 _HOPELESS = 0.06  # template IoU behind the best that no search makes up for
 _NOTHING = 0.5  # IoU below which there is no picture
 _TRIALS = 5
+_WORKERS = 2  # trials side by side; their outcome does not depend on it
 _SHORT = {
     "coarse_px": 160,
     "fine_px": 224,
@@ -66,6 +69,7 @@ def choose_radius(
     knots: int | None,
     settings: SearchSettings,
     report: Callable[[float, float | None], None] | None = None,
+    device: str = "cpu",
 ) -> RadiusChoice:
     """The largest tube radius whose short search comes within 0.004 of the best one's IoU.
 
@@ -80,7 +84,10 @@ def choose_radius(
     usual = max(thinnest, _USUAL * frame_width)
     thick = max(_THICKEST * frame_width, 1.5 * usual)
     radii = np.geomspace(usual, thick, settings.radius_candidates).round(4).tolist()
-    templates = {r: fill(problem.polygon, r, knots) for r in radii}
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        templates = dict(
+            zip(radii, pool.map(lambda r: fill(problem.polygon, r, knots), radii), strict=True)
+        )
     scores = {r: template_iou(t, problem.polygon) for r, t in templates.items()}
     if max(scores.values()) < _DRAWN and thinnest < usual:
         # the picture forbids the usual thickness: thinner ones, as far as the printer goes
@@ -95,10 +102,15 @@ def choose_radius(
     few = [r for r in few if promise[r] > promise[few[0]] - _HOPELESS]
     short = settings.model_copy(update=_SHORT)
     found: dict[float, float] = {}
-    for n, r in enumerate(few):
-        found[r] = search(problem, templates[r], r, short, repairs=0).iou_estimate
+
+    def trial(r: float) -> float:
+        found[r] = search(problem, templates[r], r, short, device, repairs=0).iou_estimate
         if report is not None:
-            report(0.2 + 0.8 * (n + 1) / len(few), max(found.values()))
+            report(0.2 + 0.8 * len(found) / len(few), max(found.values()))
+        return found[r]
+
+    with one_thread(), ThreadPoolExecutor(_WORKERS) as pool:
+        list(pool.map(trial, few))
     top = max(found.values())
     if top < _NOTHING:
         raise SceneError(

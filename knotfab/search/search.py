@@ -21,11 +21,12 @@ from knotfab.search.legibility import stretched
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.resample import resample
+from knotfab.search.resample import resample, subdivide
 from knotfab.search.settings import SearchSettings
+from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template, even_samples, simple_curves
 
-__all__ = ["Account", "Problem", "SearchResult", "search"]
+__all__ = ["Account", "Infeasible", "Problem", "SearchResult", "search"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -85,6 +86,19 @@ class SearchResult:
     iterations: int = field(default=0)
 
 
+class Infeasible(SceneError):
+    """The search ended with a violated limit; `result` is the best it came to."""
+
+    def __init__(self, result: SearchResult) -> None:
+        self.result = result
+        super().__init__(
+            "the search",
+            "; ".join(result.standing.violations),
+            "Give the piece more room (a larger frame, a thinner tube, more depth), or loosen that limit.",
+        )
+
+
+@one_thread()
 def search(
     problem: Problem,
     template: Template,
@@ -100,7 +114,7 @@ def search(
     with less weight on the picture, until every limit holds.
 
     Raises:
-        SceneError: when a limit is still violated at the end: which, by how much and where.
+        Infeasible: a limit is still violated at the end: which, by how much and where.
     """
     limits = problem.limits(radius)
     account = Account()
@@ -131,7 +145,9 @@ def search(
     for pixels, iterations, weights, tau, rates in phases:
         if iterations == 0:
             continue
-        points, rings = _evened(points, rings, settings.edge_radii * radius, account)
+        last = done + iterations == total and settings.settle_iterations > 0
+        spacing = settings.settle_edge_radii if last else settings.edge_radii
+        points, rings = _evened(points, rings, spacing * radius, account)
         objective = _objective(
             problem, limits, rings, effects, pixels, weights, tau, settings, device
         )
@@ -153,9 +169,14 @@ def search(
             seen = iou_of(points, rings, objective.frame, objective.target, radius)
     state = standing(points, rings, limits)
     weight = 0.3
+    if state.violations and repairs > 0:
+        for decision in effects.values():
+            # a violation calls for what the bound beforehand did not
+            decision.simulated |= decision.effect.term is not None
     while state.violations and account.repairs < repairs:
         # the picture gives way: ever less weight on it, ever more on the limits
         account.repairs += 1
+        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
         weights = Weights(image=weight, clearance=40.0, bend=20.0, region=100.0, length=20.0)
         objective = _objective(
             problem, limits, rings, effects, settings.fine_px, weights, (6.0, 6.0), settings, device
@@ -178,11 +199,7 @@ def search(
     knots = Knots(tuple(Knot(part) for part in rings.split(points)), radius)
     result = SearchResult(knots, state, account, effects, depth, seen or 0.0, total)
     if state.violations and repairs > 0:
-        raise SceneError(
-            "the search",
-            "; ".join(state.violations),
-            "Give the piece more room (a larger frame, a thinner tube, more depth), or loosen that limit",
-        )
+        raise Infeasible(result)
     return result
 
 
@@ -225,14 +242,14 @@ def _lifted(
 
 
 def _evened(points: Array, rings: Rings, edge: float, account: Account) -> tuple[Array, Rings]:
-    """Certified resampling, or the points as they were where it cannot be certified."""
+    """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
     fresh, fresh_rings, verdict = resample(points, rings, edge)
     if verdict.valid:
         account.resamplings += 1
         account.least_margin_mm = min(account.least_margin_mm, verdict.margin)
-    else:
-        account.resamplings_refused += 1
-    return fresh, fresh_rings
+        return fresh, fresh_rings
+    account.resamplings_refused += 1
+    return subdivide(points, rings, edge)
 
 
 def _walk(

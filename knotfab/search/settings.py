@@ -23,13 +23,14 @@ class SearchSettings(BaseModel):
     fine_iterations: int = Field(80, ge=0)
     settle_iterations: int = Field(40, ge=0)  # the last phase: feasibility first
     edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # vertex spacing in tube radii
+    settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     tolerance_px: float = Field(
         0.25, gt=0
     )  # an effect below this is not simulated (fine_px pixels)
-    mesh_sides: int = Field(48, ge=8)  # facets around the tube
+    mesh_sides: int = Field(24, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
 
     def scaled(self, factor: float) -> SearchSettings:
@@ -53,7 +54,7 @@ PRESETS: dict[str, SearchSettings] = {
         depth_candidates=30,
         radius_candidates=8,
         tolerance_px=0.5,
-        mesh_sides=32,
+        mesh_sides=20,
         iou_slack=0.08,
     ),
     "standard": SearchSettings(),
@@ -67,7 +68,7 @@ PRESETS: dict[str, SearchSettings] = {
         depth_candidates=150,
         radius_candidates=16,
         tolerance_px=0.1,
-        mesh_sides=64,
+        mesh_sides=48,
         iou_slack=0.04,
     ),
 }
