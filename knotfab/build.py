@@ -15,7 +15,8 @@ from knotfab import __version__
 from knotfab.cli.progress import Progress
 from knotfab.design import Design, design
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.errors import MachineError
+from knotfab.errors import MachineError, SceneError
+from knotfab.knots import Knots
 from knotfab.output import OutputFolder
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.stl import write_stl
@@ -83,7 +84,12 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
             made = design(request.scene, target, request.device, progress, left)
             with progress.stage("part"):
-                bodies, pose = part_of(made, request.printing)
+                try:
+                    bodies, pose = part_of(made, request.printing)
+                except SceneError:
+                    if not made.result.standing.violations:
+                        raise
+                    return _reject_unbuilt(folder, request, made, target, progress)
                 scene = made.scene.model_copy(update={"pose": _pose(pose.matrix)})
                 _write_part(folder, bodies, pose, scene, target)
             with progress.stage("verify"):
@@ -104,11 +110,12 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 if check["name"] == "build_volume":
                     check["detail"] = "checked with --print"
         verdict["checks"].append(_check_3mf(warnings))
-        verdict["checks"].append(_check_certificate(made))
-        if warnings or not made.result.account.certified:
+        verdict["checks"] += [_check_certificate(made), _check_limits(made)]
+        account = made.result.account
+        if warnings or not account.certified or made.result.standing.violations:
             verdict["status"], verdict["exit_code"] = "fail", 1
         with progress.stage("report"):
-            report = _report(request, made, pose, bodies, verdict, progress)
+            report = _report(request, made, pose.knots, bodies, verdict, progress)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
                 folder.file("report.html"), report, _pictures(folder, drawn), target.name
@@ -119,6 +126,26 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             return Outcome(0, report, request.out)
         folder.reject()
         return Outcome(code, report, request.out / "rejected")
+
+
+def _reject_unbuilt(
+    folder: OutputFolder, request: Request, made: Design, target: Target, progress: Progress
+) -> Outcome:
+    """Report knots that break a limit so badly that no tube can be swept about them."""
+    scene = made.scene.model_copy(update={"pose": _pose(np.eye(4))})
+    made.knots.write(folder.file("knots.json"))
+    folder.write(scene.views[0].picture, target.png_bytes)
+    folder.write("scene.toml", dump_scene(scene))
+    verdict: dict[str, Any] = {
+        "checks": [_check_certificate(made), _check_limits(made)],
+        "views": [],
+        "seconds": {},
+    }
+    report = _report(request, made, made.knots, [], verdict, progress)
+    write_report_json(folder.file("report.json"), report)
+    write_report_html(folder.file("report.html"), report, [], target.name)
+    folder.reject()
+    return Outcome(1, report, request.out / "rejected")
 
 
 def _require_device(name: str) -> None:
@@ -207,10 +234,25 @@ def _check_certificate(made: Design) -> dict[str, Any]:
     }
 
 
+def _check_limits(made: Design) -> dict[str, Any]:
+    """The search's own measure of its hard limits."""
+    broken = made.result.standing.violations
+    return {
+        "name": "limits",
+        "status": "fail" if broken else "pass",
+        "required": True,
+        "measured": len(broken),
+        "limit": 0,
+        "unit": "limits broken",
+        "detail": "; ".join(broken)
+        or "bend, clearance, region and length, as the search measured them",
+    }
+
+
 def _report(
     request: Request,
     made: Design,
-    pose: PrintPose,
+    placed: Knots,
     bodies: list[Mesh],
     verdict: dict[str, Any],
     progress: Progress,
@@ -222,7 +264,7 @@ def _report(
     limits = result.standing.limits
     thickness = min(result.standing.bend_mm, 0.5 * result.standing.gap_mm)
     knots = []
-    for knot in pose.knots.knots:
+    for knot in placed.knots:
         rings = rings_of_sizes((len(knot.points),))
         bend = float(bend_radii(knot.points, rings).min())
         gap = strand_gap(knot.points, rings, limits, 3 * limits.separation).gap
@@ -236,16 +278,18 @@ def _report(
             }
         )
     volume = sum(mesh_volume(v, f) for v, f in bodies)
-    sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
+    sized = None
+    if bodies:
+        sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
     effects = [d.to_dict() for d in result.effects.values()]
     for effect in effects:
         if effect["name"] == PENUMBRA.name and effect["simulated"]:
             effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
     depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
     warnings = ["Nothing holds the knots: this piece has no mount yet."]
-    if len(pose.knots.knots) > 1:
+    if len(placed.knots) > 1:
         warnings.append(
-            f"Its {len(pose.knots.knots)} knots are loose pieces; the file keeps them in place."
+            f"Its {len(placed.knots)} knots are loose pieces; the file keeps them in place."
         )
     return assemble(
         views=verdict["views"],
@@ -256,7 +300,7 @@ def _report(
         print_={
             "volume_mm3": volume,
             "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
-            "bounding_box_mm": sized.tolist(),
+            "bounding_box_mm": None if sized is None else sized.tolist(),
             "depth_ratio": depth,
             "printer": scene.printer.name,
         },

@@ -17,7 +17,7 @@ from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
 from knotfab.search.radius import RadiusChoice, choose_radius
-from knotfab.search.search import Problem, SearchResult, search
+from knotfab.search.search import Infeasible, Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
 from knotfab.sweep.tube import sides_for
 from knotfab.target.read import Target
@@ -34,7 +34,10 @@ DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow 
 
 @dataclass(frozen=True)
 class Design:
-    """A finished search: knots in scene coordinates, and the scene with every value resolved."""
+    """A finished search: knots in scene coordinates, and the scene with every value resolved.
+
+    Where a limit could not be met, `result.standing.violations` says which and where.
+    """
 
     scene: Scene
     knots: Knots
@@ -249,7 +252,10 @@ def design(
                 budget_s - (time.perf_counter() - begun), problem, template, radius, settings
             )
     with progress.stage("search"):
-        result = search(problem, template, radius, settings, device, progress.update)
+        try:
+            result = search(problem, template, radius, settings, device, progress.update)
+        except Infeasible as error:
+            result = error.result
     opened = opening_iou(problem.polygon, radius)
     floor = scene.accuracy.iou_floor
     if floor == "auto":

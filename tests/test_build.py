@@ -209,7 +209,7 @@ def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Pa
 
 
 def test_skip_knows_every_check_of_a_report(good: Good) -> None:
-    own = {"3mf", "isotopy"}  # the build's, not the validators'
+    own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
     assert set(checks_of(good.folder)) - own == set(CHECKS) - {"shadow-render"}
 
 
@@ -491,3 +491,20 @@ def test_the_stages_one_by_one(tmp_path: Path, capsys: pytest.CaptureFixture[str
     for stage in ("target:", "scene:", "template:", "search:", "part:"):
         assert stage in said
     assert "fail" not in said
+
+
+def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
+    scene = tmp_path / "stiff.toml"
+    scene.write_text("schema = 1\n[material]\nmin_bend_radius_mm = 60.0\n")
+    done = knotfab(
+        "build", "text:♥", "--scene", scene, "--tube-radius", "4", "--accuracy", "draft",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert done.code == 1
+    assert not (tmp_path / "out" / "part.stl").exists()
+    report = json.loads((tmp_path / "out" / "rejected" / "report.json").read_text())
+    assert report["status"] == "fail"
+    [limits] = [c for c in report["checks"] if c["name"] == "limits"]
+    assert limits["status"] == "fail"
+    assert "below 60.000 mm at (" in limits["detail"]
+    assert "bend" in {c["name"] for c in report["checks"] if c["status"] == "fail"}

@@ -122,6 +122,14 @@ def build(
     )
     with Progress(mode) as progress:
         outcome = run(request, progress)
+    failed = [
+        c["name"] for c in outcome.report["checks"] if c["status"] == "fail" and c["required"]
+    ]
+    if quiet and failed:
+        print(
+            f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
+            file=sys.stderr,
+        )
     if not quiet:
         from knotfab.cli.summary import print_summary
 

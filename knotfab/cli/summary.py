@@ -68,7 +68,7 @@ def print_summary(outcome: Outcome) -> None:
             + (f", legibility at 45° {read:.2f}" if read is not None else "")
         )
     piece, knots = report["print"], report["knots"]
-    size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"])
+    size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
     console.print(
         f"  {len(knots)} knot{'s' if len(knots) > 1 else ''}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"

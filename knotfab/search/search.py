@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,7 +192,7 @@ def search(
             account,
             device,
             None,
-            lambda p: not standing(p, rings, limits).violations,
+            partial(_feasible, rings=rings, limits=limits),
         )
         state = standing(points, rings, limits)
         seen = iou_of(points, rings, objective.frame, objective.target, radius)
@@ -250,6 +251,10 @@ def _evened(points: Array, rings: Rings, edge: float, account: Account) -> tuple
         return fresh, fresh_rings
     account.resamplings_refused += 1
     return subdivide(points, rings, edge)
+
+
+def _feasible(points: Array, rings: Rings, limits: Limits) -> bool:
+    return not standing(points, rings, limits).violations
 
 
 def _walk(
