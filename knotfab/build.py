@@ -86,10 +86,8 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             with progress.stage("part"):
                 try:
                     bodies, pose = part_of(made, request.printing)
-                except SceneError:
-                    if not made.result.standing.violations:
-                        raise
-                    return _reject_unbuilt(folder, request, made, target, progress)
+                except SceneError as error:
+                    return _reject_unbuilt(folder, request, made, target, progress, str(error))
                 scene = made.scene.model_copy(update={"pose": _pose(pose.matrix)})
                 _write_part(folder, bodies, pose, scene, target)
             with progress.stage("verify"):
@@ -102,7 +100,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                     folder.work,
                 )
                 # the other core draws meanwhile
-                drawn = _draw(folder, bodies, pose, request.skip)
+                drawn = _draw(folder, bodies, pose, scene.views[0].light_distance_mm, request.skip)
                 warnings = read_back_strict(folder.file("part.3mf"))
                 verdict = verifier.verdict()
         if not request.printing:
@@ -129,15 +127,20 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
 
 
 def _reject_unbuilt(
-    folder: OutputFolder, request: Request, made: Design, target: Target, progress: Progress
+    folder: OutputFolder,
+    request: Request,
+    made: Design,
+    target: Target,
+    progress: Progress,
+    why: str,
 ) -> Outcome:
-    """Report knots that break a limit so badly that no tube can be swept about them."""
+    """Report knots about which no tube can be swept, or whose part fits no pose of the printer."""
     scene = made.scene.model_copy(update={"pose": _pose(np.eye(4))})
     made.knots.write(folder.file("knots.json"))
     folder.write(scene.views[0].picture, target.png_bytes)
     folder.write("scene.toml", dump_scene(scene))
     verdict: dict[str, Any] = {
-        "checks": [_check_certificate(made), _check_limits(made)],
+        "checks": [_check_part(why), _check_certificate(made), _check_limits(made)],
         "views": [],
         "seconds": {},
     }
@@ -193,7 +196,9 @@ def _write_part(
     folder.write("scene.toml", dump_scene(scene))
 
 
-def _draw(folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, skip: frozenset[str]) -> bool:
+def _draw(
+    folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, light_mm: float, skip: frozenset[str]
+) -> bool:
     """The part from several sides, for the report; decoration, so a lack of graphics is no error."""
     if "shadow-render" in skip:
         return False
@@ -201,7 +206,7 @@ def _draw(folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, skip: froze
     shift = np.cumsum([0] + [len(v) for v, _ in bodies[:-1]])
     faces = np.concatenate([f + s for (_, f), s in zip(bodies, shift, strict=True)])
     seen = vertices @ pose.matrix[:3, :3].T + pose.matrix[:3, 3]
-    return draw_part(seen, faces, folder.file("part.png"))
+    return draw_part(seen, faces, folder.file("part.png"), light_mm)
 
 
 def _check_3mf(warnings: list[str]) -> dict[str, Any]:
@@ -234,6 +239,18 @@ def _check_certificate(made: Design) -> dict[str, Any]:
     }
 
 
+def _check_part(why: str) -> dict[str, Any]:
+    return {
+        "name": "part",
+        "status": "fail",
+        "required": True,
+        "measured": None,
+        "limit": None,
+        "unit": "",
+        "detail": why,
+    }
+
+
 def _check_limits(made: Design) -> dict[str, Any]:
     """The search's own measure of its hard limits."""
     broken = made.result.standing.violations
@@ -257,23 +274,21 @@ def _report(
     verdict: dict[str, Any],
     progress: Progress,
 ) -> dict[str, Any]:
-    from knotfab.search.feasible import bend_radii, strand_gap
+    from knotfab.search.feasible import bend_radii
     from knotfab.search.polyline import rings_of_sizes
+    from knotfab_validators.thickness import thickness
 
     scene, result = made.scene, made.result
-    limits = result.standing.limits
-    thickness = min(result.standing.bend_mm, 0.5 * result.standing.gap_mm)
     knots = []
     for knot in placed.knots:
         rings = rings_of_sizes((len(knot.points),))
         bend = float(bend_radii(knot.points, rings).min())
-        gap = strand_gap(knot.points, rings, limits, 3 * limits.separation).gap
         knots.append(
             {
                 "type": knot.type,
                 "vertices": len(knot.points),
                 "length_mm": knot.length_mm,
-                "thickness_mm": min(bend, 0.5 * gap),
+                "thickness_mm": thickness([knot.points]).value,
                 "min_bend_radius_mm": bend,
             }
         )
@@ -283,8 +298,8 @@ def _report(
         sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
     effects = [d.to_dict() for d in result.effects.values()]
     for effect in effects:
-        if effect["name"] == PENUMBRA.name and effect["simulated"]:
-            effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
+        if effect["name"] == PENUMBRA.name:
+            _penumbra_line(effect, verdict)
     depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
     warnings = ["Nothing holds the knots: this piece has no mount yet."]
     if len(placed.knots) > 1:
@@ -316,7 +331,7 @@ def _report(
             "mount": "none",
             "notes": warnings,
             "opening_iou": made.opening_iou,
-            "thickness_mm": thickness,
+            "thickness_mm": thickness([k.points for k in placed.knots]).value,
             "certificate": result.account.__dict__,
             "versions": {
                 "knotfab": __version__,
@@ -328,6 +343,18 @@ def _report(
             },
         },
     )
+
+
+def _penumbra_line(effect: dict[str, Any], verdict: dict[str, Any]) -> None:
+    """What the verification, which simulates this effect, did and found."""
+    found = verdict["views"][0].get("penumbra") if verdict["views"] else None
+    if found is not None:
+        effect.update(simulated=True, magnitude=found["widest_px"])
+        effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
+    elif effect["simulated"]:
+        effect.update(
+            simulated=False, reason="nothing was rendered, so the lamp was not averaged over"
+        )
 
 
 def _radius_note(made: Design) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The main job as plain functions: from a scene and its picture to a verified folder."""
+"""The design as plain functions: from a scene and its picture to feasible knots."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def problem_of(scene: Scene, target: Target) -> Problem:
         None if bend == "auto" else float(bend),
         scene.material.max_length_mm,
         region,
-        _depth(scene, polygon, region, 2.0),
+        _depth(scene, polygon, region, scene.printer.min_tube_radius_mm),
     )
 
 
@@ -134,13 +134,20 @@ def _depth(scene: Scene, polygon: MultiPolygon, region: Region, radius: float) -
         else float(scene.piece.depth)
     )
     room = region.size_mm[2] - 2 * abs(region.center_mm[2]) - 4.0 * radius
-    if scene.piece.depth != "auto" and wanted > room:
+    if room <= 0:
+        raise SceneError(
+            "the region",
+            f"a tube of {radius:g} mm radius has no room between the light and the wall",
+            "Move the wall away (wall_distance_mm), or enlarge the region.",
+        )
+    if scene.piece.depth != "auto" and wanted > room + 1e-3:
         raise SceneError(
             "scene key piece.depth",
             f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
             "Ask for less depth, or enlarge the region and the distance to the wall",
         )
-    return round(min(wanted, room), 4)
+    # an auto depth is rounded down, so that a rebuild from the number finds the same room
+    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if scene.piece.depth == "auto" else wanted
 
 
 def opening_iou(polygon: MultiPolygon, radius: float) -> float:
@@ -179,14 +186,19 @@ def _fine_enough(
 
 
 def _within(
-    seconds: float, problem: Problem, template: Template, radius: float, settings: SearchSettings
+    seconds: float,
+    problem: Problem,
+    template: Template,
+    radius: float,
+    settings: SearchSettings,
+    device: str,
 ) -> SearchSettings:
     """The settings with as many iterations as the seconds allow on this machine, by a short run."""
     few = settings.model_copy(
         update={"coarse_iterations": 6, "fine_iterations": 6, "settle_iterations": 3}
     )
     begun = time.perf_counter()
-    search(problem, template, radius, few, repairs=0)
+    search(problem, template, radius, few, device, repairs=0)
     each = (time.perf_counter() - begun) / 15
     total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
     factor = (seconds - 16 * each) / (each * total)
@@ -249,7 +261,12 @@ def design(
     if budget_s is not None:
         with progress.stage("calibrate"):
             settings = _within(
-                budget_s - (time.perf_counter() - begun), problem, template, radius, settings
+                budget_s - (time.perf_counter() - begun),
+                problem,
+                template,
+                radius,
+                settings,
+                device,
             )
     with progress.stage("search"):
         try:

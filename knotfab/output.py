@@ -22,7 +22,10 @@ _PROBE = 4096  # bytes written at the start, to notice a full disk before the lo
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 # Files of an earlier build that would contradict a new one that does not write them.
-_OWN = re.compile(r"part\.(stl|3mf)|plate-\d+\.3mf|knots\.json|(shadow|compare)-[\w-]+\.png")
+_OWN = re.compile(
+    r"part\.(stl|3mf|png)|plate-\d+\.3mf|knots\.json"
+    r"|(shadow|compare)-[\w-]+\.png|picture-[\w-]+\.\w+"
+)
 
 
 class OutputFolder:

@@ -1,4 +1,4 @@
-"""The validators, run in a process of their own: it starts while the search runs, and may die alone."""
+"""The validators as a build and the command line call them."""
 
 from __future__ import annotations
 

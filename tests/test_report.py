@@ -219,7 +219,7 @@ def ring() -> tuple[np.ndarray, np.ndarray]:
 
 def test_part_from_several_sides(tmp_path: Path) -> None:
     """From the light the ring is open; turned by 90 degrees it is a narrow bar."""
-    if not draw_part(*ring(), tmp_path / "part.png", (0.0, 90.0), panel_px=100):
+    if not draw_part(*ring(), tmp_path / "part.png", 500.0, (0.0, 90.0), panel_px=100):
         pytest.skip("this machine cannot render")
     image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
     assert image.shape == (100, 200, 3)

@@ -125,11 +125,15 @@ def test_penumbra_is_the_makers_rule() -> None:
     from knotfab.effects.penumbra import magnitude
     from knotfab.scene.model import View
 
-    view = View(light_distance_mm=1000.0, wall_distance_mm=300.0, light_diameter_mm=5.0)
+    view = View(
+        light_distance_mm=1000.0, wall_distance_mm=300.0, light_diameter_mm=5.0,
+        frame_width_mm=1024.0, frame_height_mm=500.0,
+    )  # fmt: skip
     limits = Limits(2.0, 0.4, 2.2, 1e5, Region(size_mm=(200.0, 200.0, 200.0)))
     flat = np.array([[10.0, 0, 0], [0, 10, 0], [-10, 0, 0]])
     found = magnitude(Situation(view, limits, flat, rings_of_sizes((3,)), 1.0, 0.25))
-    assert found == pytest.approx(1.5)
+    # the tube reaches its radius further towards the lamp
+    assert found == pytest.approx(5.0 * (300.0 + 2.0) / (1000.0 - 2.0))
 
 
 def test_bend_radius_of_a_regular_polygon_is_its_inradius() -> None:
@@ -180,3 +184,29 @@ def test_unknown_search_keys_are_refused() -> None:
         search_settings("standard", {"fine_px": 3})
     assert search_settings("fine", {"seed": 7}).seed == 7
     assert PRESETS["standard"].scaled(0.5).coarse_iterations == 40
+
+
+def test_parallel_light_is_not_taken_on_a_tilted_wall(problem: Problem) -> None:
+    far = problem.view.model_copy(update={"light_distance_mm": 1e7, "wall_tilt_deg": 10.0})
+    assert survey(replace(_situation(problem), view=far))["perspective"].simulated
+
+
+def test_a_large_clearance_is_felt_from_far_enough(problem: Problem) -> None:
+    # neighbour lists of four radii would miss strands that must keep 5.2 radii apart
+    wide = replace(problem, clearance=4.0)
+    result = search(wide, fill(problem.polygon, 2.5, spacing=3.0), 2.5, QUICK)
+    assert result.standing.gap_mm >= 9.0
+
+
+def test_a_resolved_depth_is_found_again(problem: Problem) -> None:
+    from knotfab.design import _depth
+
+    scene = resolve(Scene(), [(1000, 1000)])
+    region = Region(size_mm=(200.0, 200.0, 72.0))
+    depth = _depth(scene, problem.polygon, region, 1.836)
+    assert depth is not None
+    piece = scene.piece.model_copy(update={"depth": depth})
+    again = _depth(scene.model_copy(update={"piece": piece}), problem.polygon, region, 1.836)
+    assert again == depth
+    with pytest.raises(SceneError, match="no room"):
+        _depth(scene, problem.polygon, Region(size_mm=(200.0, 200.0, 7.0)), 2.0)

@@ -24,7 +24,7 @@ app = App(
     suppress_keyboard_interrupt=False,  # main says what became of the work
 )
 
-Skip = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
+Skip = Annotated[tuple[str, ...], Parameter(negative="")]
 
 
 @app.command
@@ -151,7 +151,7 @@ def validate(
     Parameters
     ----------
     part
-        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file.
+        A folder that a build wrote, or an STL or 3MF file.
     knots
         The centre lines, knots.json.
     scene

@@ -90,6 +90,8 @@ class Decision:
         unit = self.effect.unit
         reason = (
             self.effect.reason
+            if self.simulated and self.magnitude > self.threshold
+            else f"{name}: the search ended beyond the limit, so a repair simulated it"
             if self.simulated
             else f"{name}: {self.magnitude:.3g} {unit} stays below {self.threshold:.3g} {unit}"
         )

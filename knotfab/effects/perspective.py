@@ -15,6 +15,8 @@ def magnitude(situation: Situation) -> float:
     A point at height z above the middle of the piece is magnified by 1 / (1 - z / light distance).
     """
     view = situation.view
+    if view.wall_tilt_deg != 0:
+        return np.inf  # a tilted wall needs its projective map
     across = float(np.abs(situation.points[:, :2]).max())
     depth = float(np.abs(situation.points[:, 2]).max()) + situation.limits.radius
     light = view.light_distance_mm

@@ -24,18 +24,18 @@ _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 def _bounds(
     a: Tensor, b: Tensor, frame: Frame, radius: float, margin_px: float
 ) -> tuple[Tensor, Tensor]:
-    """Integer tile ranges [n, 4] (u0, v0, u1, v1 inclusive) that a capsule can colour.
+    """First coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
 
-    The silhouette of a sphere reaches at most r/z * sqrt(1 + q^2) / (1 - (r/z)^2 ...) beyond its
-    centre's pixel; the bound used is r / (z - r) * (1 + |q|) * focal, which is larger.
+    A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
+    pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that. Capsules that come
+    within two radii of the light's plane are left out.
     """
     ends = torch.stack([a, b])
     z = ends[..., 2]
     near = (z - 2 * radius).clamp_min(1e-6)
     q = ends[..., :2] / near[..., None].clamp_min(1e-6)
-    grow = (
-        radius / near * (1 + q.abs().amax(-1)) ** 2 * frame.focal_px + margin_px * (z / near) + 1.0
-    )
+    aside = 1 + q.abs().amax(-1)
+    grow = radius / near * aside**2 * frame.focal_px + margin_px * (z / near) * aside + 1.0
     uv = frame.pixels(ends)
     low = (uv - grow[..., None]).amin(0)
     high = (uv + grow[..., None]).amax(0)

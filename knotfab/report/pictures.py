@@ -27,18 +27,20 @@ def draw_part(
     vertices: Array,
     faces: NDArray[np.integer[Any]],
     path: Path,
+    light_distance_mm: float = 500.0,
     angles_deg: Sequence[float] = ANGLES_DEG,
     panel_px: int = PANEL_PX,
 ) -> bool:
     """Draw the part in a row of panels, seen from the light and then turned about the vertical.
 
-    All panels have one scale, parallel projection and the page's background. It is decoration:
-    where this machine cannot render, nothing is written.
+    The eye stands where the light does, so that the first panel shows the picture; all have one scale
+    and the page's background. It is decoration: where this machine cannot render, nothing is written.
 
     Args:
         vertices: (n, 3) mm in scene coordinates, so that z points to the light and y up.
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
+        light_distance_mm: from the scene's origin, along z.
 
     Returns:
         Whether the picture was written.
@@ -49,7 +51,7 @@ def draw_part(
         return False
     from PIL import Image
 
-    panels = _render(vertices, faces, angles_deg, panel_px * OVERSAMPLING)
+    panels = _render(vertices, faces, light_distance_mm, angles_deg, panel_px * OVERSAMPLING)
     strip = Image.fromarray(np.concatenate(panels, axis=1))
     size = (panel_px * len(panels), panel_px)
     strip.resize(size, Image.Resampling.BOX).save(path, compress_level=6)
@@ -57,7 +59,11 @@ def draw_part(
 
 
 def _render(
-    vertices: Array, faces: NDArray[np.integer[Any]], angles_deg: Sequence[float], pixels: int
+    vertices: Array,
+    faces: NDArray[np.integer[Any]],
+    light_mm: float,
+    angles_deg: Sequence[float],
+    pixels: int,
 ) -> list[NDArray[np.uint8]]:
     if sys.platform.startswith("linux"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -84,12 +90,14 @@ def _render(
                 pyvista.Light(position=where, light_type="camera light", intensity=strength)
             )
         camera = plotter.camera
-        camera.parallel_projection = True
-        camera.parallel_scale = MARGIN * reach
-        camera.clipping_range = (0.1 * reach, 8 * reach)
+        x, y, z = np.array([0.0, 0.0, light_mm]) - middle
+        away = max(float(z), 2 * reach)
+        camera.view_angle = 2 * np.degrees(np.arctan(MARGIN * reach / (away - 0.5 * reach)))
+        camera.clipping_range = (0.01 * away, away + 4 * reach)
         panels = []
         for angle in np.deg2rad(angles_deg):
-            camera.position = (4 * reach * np.sin(angle), 0.0, 4 * reach * np.cos(angle))
+            c, s = np.cos(angle), np.sin(angle)
+            camera.position = (c * x + s * away, y, c * away - s * x)
             camera.focal_point = (0.0, 0.0, 0.0)
             camera.up = (0.0, 1.0, 0.0)
             plotter.render()

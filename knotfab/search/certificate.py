@@ -19,6 +19,7 @@ from knotfab.search.polyline import Rings, dot
 __all__ = ["Certificate", "certify", "step_limits"]
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-13  # of the coordinates: what double precision may be off by
 Index = NDArray[np.int64]
 
 
@@ -77,12 +78,17 @@ def certify(points: Array, step: Array, rings: Rings, near: Neighbours) -> Certi
     margin = near.reach - 2 * half - 2 * near.moved(points) - 2 * largest
     if margin <= 0:
         return Certificate(False, "the neighbour list is too old", margin)
-    margin = min(margin, _far_margin(points, step, rings, near.i, near.j))
+    margin = float(np.minimum(margin, _far_margin(points, step, rings, near.i, near.j)))
     for k in range(2, near.skip):
-        margin = min(margin, _near_margin(points, step, old, new, rings, k))
-        if margin <= 0:
-            return Certificate(False, "strands may pass through each other", margin)
+        margin = float(np.minimum(margin, _near_margin(points, step, old, new, rings, k)))
+    if not margin > _ROUNDING * _scale(points):
+        return Certificate(False, "strands may pass through each other", margin)
     return Certificate(True, "isotopy", margin)
+
+
+def _scale(points: Array) -> float:
+    """The scale that rounding errors follow, mm."""
+    return float(np.abs(points).max())
 
 
 def _far_margin(points: Array, step: Array, rings: Rings, i: Index, j: Index) -> float:

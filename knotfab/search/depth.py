@@ -29,7 +29,7 @@ class DepthChoice:
 
     depths: tuple[Array, ...]
     extent_mm: float
-    legibility_45: float
+    legibility: float
     candidates: int
 
 
@@ -39,7 +39,7 @@ def lift(curve: Array, depth: Array, light_distance: float) -> Array:
 
 
 def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: float) -> Array:
-    """A random periodic profile of unit variance whose waves are at least `shortest` long."""
+    """A random periodic profile between about -2 and 2 whose waves are at least `shortest` long."""
     waves = max(1, int(length / shortest))
     k = np.arange(1, waves + 1)
     amplitude, phase = rng.normal(size=waves), rng.uniform(0, 2 * np.pi, waves)
@@ -92,7 +92,7 @@ def choose_depth(
         )
         seen = 0.75 * legibility(points, radius, light_distance, target, 45.0)
         seen += 0.25 * legibility(points, radius, light_distance, target, 30.0)
-        if best is None or seen < best.legibility_45:
+        if best is None or seen < best.legibility:
             best = DepthChoice(depths, extent_mm, seen, candidates)
     assert best is not None
     return best

@@ -52,7 +52,7 @@ def strand_gap(
     near = find_neighbours(points, rings, reach + float(length.max()), 2)
     i, j = near.i, near.j
     # arc distance, ring by ring
-    before = np.cumsum(length) - length
+    before = np.cumsum(length) - 0.5 * length  # to the middle of each segment
     total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
     along = np.abs(before[i] - before[j])
     along = np.minimum(along, total[i] - along)
@@ -84,25 +84,38 @@ class Standing:
     limits: Limits
 
     @property
+    def broken(self) -> list[str]:
+        """The effects whose limits are violated."""
+        lim = self.limits
+        held = {
+            "bend": self.bend_mm >= lim.bend_radius,
+            "clearance": self.gap_mm >= lim.separation,
+            "region": self.outside_mm <= 0,
+            "length": self.length_mm <= lim.length,
+        }
+        return [name for name, ok in held.items() if not ok]
+
+    @property
     def violations(self) -> list[str]:
         """One sentence a violated limit, with the place in mm; empty when feasible."""
         lim, out = self.limits, []
-        if not self.bend_mm >= lim.bend_radius:
+        broken = self.broken
+        if "bend" in broken:
             out.append(
                 f"bend radius {self.bend_mm:.3f} mm is below {lim.bend_radius:.3f} mm at "
                 f"{_place(self.bend_at)}"
             )
-        if not self.gap_mm >= lim.separation:
+        if "clearance" in broken:
             out.append(
                 f"strands come within {self.gap_mm:.3f} mm, {lim.separation:.3f} mm is needed, "
                 f"at {_place(self.gap_at)}"
             )
-        if not self.outside_mm <= 0:
+        if "region" in broken:
             out.append(
                 f"the tube leaves the region by {self.outside_mm:.3f} mm at "
                 f"{_place(self.outside_at)}"
             )
-        if not self.length_mm <= lim.length:
+        if "length" in broken:
             out.append(f"length {self.length_mm:.0f} mm exceeds the budget of {lim.length:.0f} mm")
         return out
 

@@ -31,7 +31,7 @@ class FlowSettings:
     smoothing: float = 1.5  # width of the H1 preconditioner along the curve, in tube radii
     momentum: float = 0.85
     evening: float = 0.25  # share of the tangential motion that would even the edges out, a step
-    reach: float = 4.0  # neighbour lists hold segments this close, in tube radii
+    reach: float = 4.0  # neighbour lists hold segments at least this close, in tube radii
 
 
 @dataclass
@@ -74,12 +74,13 @@ def flow(
     device: str = "cpu",
     report: Callable[[float, float], None] | None = None,
     done: Callable[[Array], bool] | None = None,
+    separation: float = 0.0,
 ) -> FlowResult:
     """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
 
     Every accepted step is certified to be an isotopy (`certificate.certify`): a step that fails is halved
     up to six times, then refused. `report(progress, loss)` is called each iteration; `done(points)`
-    may end the flow early.
+    may end the flow early. `separation`: least distance of centre lines that the objective asks for, mm.
     """
     result = FlowResult(points.copy())
     x = result.points
@@ -90,7 +91,10 @@ def flow(
     for iteration in range(settings.iterations):
         progress = iteration / max(1, settings.iterations - 1)
         if near is None or near.moved(x) > 0.3 * radius:
-            near = find_neighbours(x, rings, settings.reach * radius, skip)
+            longest = float(np.sqrt(dot(x[rings.next] - x, x[rings.next] - x)).max())
+            # everything that the clearance term can feel before the list is made anew
+            felt = 1.02 * separation + 1.5 * longest + 0.7 * radius
+            near = find_neighbours(x, rings, max(settings.reach * radius, felt), skip)
         variable = torch.tensor(x, dtype=torch.float64, device=device, requires_grad=True)
         loss = objective(variable, near, progress)
         (gradient,) = torch.autograd.grad(loss, variable)

@@ -14,7 +14,7 @@ from knotfab.errors import SceneError
 from knotfab.search.search import Problem, search
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
-from knotfab.template.filling import Template, fill
+from knotfab.template.filling import Template, fill, simple_curves
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 
@@ -94,6 +94,13 @@ def choose_radius(
         for r in np.geomspace(thinnest, usual, 5)[:-1].round(4).tolist():
             templates[r] = fill(problem.polygon, r, knots)
             scores[r] = template_iou(templates[r], problem.polygon)
+    scores = {r: s for r, s in scores.items() if simple_curves(list(templates[r].curves))}
+    if not scores:
+        raise SceneError(
+            "the picture",
+            "no tube radius gives a template whose curves keep clear of each other",
+            "Give a radius (--tube-radius), or use a simpler picture.",
+        )
     if report is not None:
         report(0.2, None)
     # thicker tubes gain more in the search than their templates show

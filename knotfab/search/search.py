@@ -171,9 +171,9 @@ def search(
     state = standing(points, rings, limits)
     weight = 0.3
     if state.violations and repairs > 0:
-        for decision in effects.values():
-            # a violation calls for what the bound beforehand did not
-            decision.simulated |= decision.effect.term is not None
+        # a violation calls for what the bound beforehand did not
+        for name in state.broken:
+            effects[name].simulated = True
     while state.violations and account.repairs < repairs:
         # the picture gives way: ever less weight on it, ever more on the limits
         account.repairs += 1
@@ -269,7 +269,9 @@ def _walk(
     done: Callable[[Array], bool] | None = None,
 ) -> Array:
     """One phase of the flow, its certificates entered into the account."""
-    result = flow(points, rings, objective, limits.radius, walk, device, report, done)
+    result = flow(
+        points, rings, objective, limits.radius, walk, device, report, done, limits.separation
+    )
     account.accepted += result.accepted
     account.shortened += result.shortened
     account.refused += result.refused

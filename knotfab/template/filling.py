@@ -133,10 +133,15 @@ def simple_curves(curves: list[Array]) -> bool:
     return bool((one == other).all())
 
 
-def _join(curves: list[Array], radius: float, step: float, until: int = 1) -> list[Array]:
-    """Closed curves joined, smallest first and each to its nearest, until so many are left."""
-    curves = list(curves)
-    while len(curves) > until:
+def _join(
+    curves: list[Array], radius: float, step: float, until: int = 1, keep: bool = False
+) -> list[Array]:
+    """Closed curves joined, smallest first and each to its nearest, until so many are left.
+
+    A curve that no bridge reaches is left out, or with `keep` stays as it is.
+    """
+    curves, kept = list(curves), []
+    while len(curves) > max(1, until):
         # the smallest curve joins its nearest neighbour: rings nest, so the tree stays short
         smallest = min(range(len(curves)), key=lambda k: len(curves[k]))
         one = curves.pop(smallest)
@@ -160,10 +165,14 @@ def _join(curves: list[Array], radius: float, step: float, until: int = 1) -> li
                     break
             if joined:
                 break
-        if joined is None:  # no bridge without a crossing: the piece does without this ring
+        if joined is None:
+            if keep:  # a piece of the picture stays a knot of its own
+                kept.append(one)
+                until -= 1
+            # an inner ring without a bridge is left out: its neighbours must cover for it
             continue
         curves[joined[1]] = joined[0]
-    return curves
+    return curves + kept
 
 
 def _smooth(curve: Array, sigma: float) -> Array:
@@ -192,7 +201,7 @@ def fill(
         ]
         curves.extend(_join(rings, radius, step))
     if knots is not None:
-        curves = _join(curves, radius, step, knots)
+        curves = _join(curves, radius, step, knots, keep=True)
     smoothed = curves
     for sigma in (2.0, 1.0, 0.5):
         trial = [_smooth(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]

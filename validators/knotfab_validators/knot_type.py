@@ -92,7 +92,8 @@ def check_knot_type(curves: Curves) -> Check:
     """`knot_type`: no polygon's type is refuted and no two are linked; `measured` says what is proved.
 
     Polygons that touch fail: they have no type. It is skipped, and not required, for open curves
-    and where nothing is known of a promised type.
+    and where nothing is known of a promised type; a promised unknot that could not be decided is
+    skipped and required.
     """
     if not all(curves.closed):
         return skipped("knot_type", "an open curve has no knot type")
@@ -122,7 +123,9 @@ def _check(curves: Curves, status: Status, measured: str, detail: str) -> Check:
     promised = ", ".join(dict.fromkeys(curves.types))
     if len(curves.types) > 1 and set(curves.types) <= set(UNKNOTS):
         promised = f"unlink of {len(curves.types)} unknots"
-    return Check("knot_type", status, status != "skipped", measured, promised, "", detail)
+    # a promised unknot can be decided: where it was not, the part is not verified
+    required = status != "skipped" or set(curves.types) <= set(UNKNOTS)
+    return Check("knot_type", status, required, measured, promised, "", detail)
 
 
 def _named(curves: Curves) -> list[tuple[str, NDArray[np.float64]]]:

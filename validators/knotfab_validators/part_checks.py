@@ -54,7 +54,11 @@ def part_checks(
         if mesh is None:
             checks.append(skipped("build_volume", "not given the part"))
         else:
-            checks.append(check_build_volume(mesh, scene.printer.build_volume_mm))
+            room = scene.printer.build_volume_mm
+            lacking = "the scene names a printer without its build_volume_mm"
+            checks.append(
+                skipped("build_volume", lacking) if room is None else check_build_volume(mesh, room)
+            )
     return checks
 
 

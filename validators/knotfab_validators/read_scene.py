@@ -29,6 +29,9 @@ Vector = tuple[float, float, float]
 Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
 
 
+DEFAULT_PRINTER = "prusa-mk4"
+
+
 @dataclass(frozen=True)
 class Piece:
     """`tube_radius_mm` is None where the scene leaves it open ("auto")."""
@@ -61,7 +64,7 @@ class Printer:
     """What the part must fit."""
 
     name: str
-    build_volume_mm: Vector
+    build_volume_mm: Vector | None
 
 
 @dataclass(frozen=True)
@@ -148,8 +151,8 @@ def parse_scene(data: dict[str, Any], name: str = "scene.toml") -> Scene:
             max_length_mm=material.number("max_length_mm", 50000.0, above=0),
         ),
         printer=Printer(
-            name=printer.word("name", "prusa-mk4"),
-            build_volume_mm=printer.fixed_vector("build_volume_mm", (250.0, 210.0, 220.0)),
+            name=printer.word("name", DEFAULT_PRINTER),
+            build_volume_mm=_build_volume(printer),
         ),
         views=tuple(_view(v, f"{name}: view {i}") for i, v in enumerate(views)),
         accuracy=Accuracy(
@@ -159,6 +162,16 @@ def parse_scene(data: dict[str, Any], name: str = "scene.toml") -> Scene:
         ),
         pose=_pose(data.get("pose"), name),
     )
+
+
+def _build_volume(printer: _Table) -> Vector | None:
+    """Of the scene, or of the default printer; None where only another printer's name is given."""
+    if (
+        "build_volume_mm" not in printer.data
+        and printer.data.get("name", DEFAULT_PRINTER) != DEFAULT_PRINTER
+    ):
+        return None
+    return printer.fixed_vector("build_volume_mm", (250.0, 210.0, 220.0))
 
 
 def _view(data: Any, where: str) -> View:

@@ -44,7 +44,9 @@ def shadow_checks(
                 views[name].whole.iou,
                 iou_floor,
                 "",
-                f"IoU of the file's shadow and the picture, view {name} ({by})",
+                f"IoU of the file's shadow and the picture, view {name} ({by})"
+                + ("" if iou_floor is not None else "; no floor is asked"),
+                required=iou_floor is not None,
             )
         )
     if no_rendering is not None:
