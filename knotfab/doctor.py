@@ -24,14 +24,11 @@ LIBRARIES = (
     ("scipy", "scipy"),
     ("shapely", "shapely"),
     ("manifold3d", "manifold3d"),
-    ("trimesh", "trimesh"),
     ("libigl", "igl"),
-    ("pymeshlab", "pymeshlab"),
     ("lib3mf", "lib3mf"),
     ("cadquery", "cadquery"),
     ("resvg-py", "resvg_py"),
     ("pillow", "PIL"),
-    ("networkx", "networkx"),
 )
 GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 RENDER_REMEDY = "apt-get install libegl1 libgl1"

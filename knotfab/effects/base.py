@@ -1,4 +1,4 @@
-"""What an effect is: a cheap a-priori bound, a threshold, and a term run only above it (design, 5)."""
+"""What an effect is: a cheap a-priori bound, a threshold, and a term run only above it."""
 
 from __future__ import annotations
 

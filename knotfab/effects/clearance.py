@@ -27,7 +27,7 @@ def magnitude(situation: Situation) -> float:
 def term(state: State, limits: Limits) -> Tensor:
     """Squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
 
-    Design, section 4: (2r(1 + c/2) - d)+^2, with exact distances between segments.
+    (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
     """
     distance = limits.separation * _OVERSHOOT
     start, edge = state.points.detach().cpu().numpy(), state.edge.detach().cpu().numpy()

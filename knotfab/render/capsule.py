@@ -58,7 +58,7 @@ def capsule_distance(
 ) -> Tensor:
     """Signed distance in pixels of rays to the silhouettes of capsules, positive inside.
 
-    All arguments broadcast; differentiable with respect to `a` and `b` (design: the ray-distance
+    All arguments broadcast; differentiable with respect to `a` and `b` (the ray-distance
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).
     """
     miss, depth = ray_miss(a, b, qx, qy)

@@ -1,4 +1,4 @@
-"""The tube radius by trying: the largest that still draws the picture well (design, section 4)."""
+"""The tube radius by trying: the largest that still draws the picture well."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def search(
     report: Report | None = None,
     repairs: int = 4,
 ) -> SearchResult:
-    """Knots whose shadow is the picture, from a filling template (design, section 4).
+    """Knots whose shadow is the picture, from a filling template.
 
     Three phases: coarse picture, fine picture, and one that weighs the limits most; then repairs, each
     with less weight on the picture, until every limit holds.

@@ -1,0 +1,43 @@
+"""pymeshlab and trimesh, which neither maker nor validators use, on the same parts."""
+
+import numpy as np
+import pymeshlab
+import pytest
+import trimesh
+
+from knotfab.sweep.tube import sweep
+from knotfab_validators.mesh_check import self_intersections
+from knotfab_validators.read_mesh import Mesh
+
+
+def _trefoil(size: float) -> np.ndarray:
+    t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    return size * np.column_stack(
+        [np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)]
+    )
+
+
+def _selected(vertices: np.ndarray, faces: np.ndarray) -> int:
+    """Faces that pymeshlab finds to intersect others."""
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.apply_filter("compute_selection_by_self_intersections_per_face")
+    return int(meshes.current_mesh().selected_face_number())
+
+
+@pytest.mark.parametrize(("size", "clear"), [(12.0, True), (4.0, False)])
+def test_self_intersection_agrees_with_pymeshlab(size: float, clear: bool) -> None:
+    vertices, faces = sweep(_trefoil(size), 3.0, 24)
+    ours = len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
+    assert (ours == 0) == clear
+    assert (_selected(vertices, faces) == 0) == clear
+
+
+def test_a_swept_knot_is_a_volume_to_trimesh() -> None:
+    points = _trefoil(12.0)
+    vertices, faces = sweep(points, 3.0, 24)
+    part = trimesh.Trimesh(vertices, faces, process=False)
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum()
+    assert part.is_volume
+    assert part.euler_number == 0  # a torus
+    assert part.volume == pytest.approx(np.pi * 9.0 * length, rel=1e-4)
