@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab import __version__
-from knotfab.cli.progress import Progress
 from knotfab.design import Design, design
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.errors import MachineError, SceneError
@@ -21,6 +20,7 @@ from knotfab.output import OutputFolder
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.stl import write_stl
 from knotfab.part.threemf import read_back_strict, write_3mf
+from knotfab.progress import Progress
 from knotfab.report.pictures import draw_part
 from knotfab.report.report_html import Picture, write_report_html
 from knotfab.report.report_json import assemble, write_report_json
@@ -307,6 +307,7 @@ def _report(
             f"Its {len(placed.knots)} knots are loose pieces; the file keeps them in place."
         )
     return assemble(
+        notes=warnings,
         views=verdict["views"],
         checks=verdict["checks"],
         effects=effects,
@@ -329,7 +330,6 @@ def _report(
             "time_budget_s": request.time_budget_s,
             "device": request.device,
             "mount": "none",
-            "notes": warnings,
             "opening_iou": made.opening_iou,
             "thickness_mm": thickness([k.points for k in placed.knots]).value,
             "certificate": result.account.__dict__,

@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from knotfab.cli.progress import Progress
 from knotfab.errors import InputError, SceneError
 from knotfab.knots import Knots
+from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View

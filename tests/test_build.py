@@ -444,7 +444,7 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
     report = json.loads((out / "report.json").read_text())
     assert len(knots) == len(report["knots"]) == 2
     assert report["print"]["depth_ratio"] < 0.15
-    assert any("2 knots are loose" in note for note in report["settings"]["notes"])
+    assert any("2 knots are loose" in note for note in report["notes"])
     assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"
     assert checks_of(out)["mesh_bodies"]["measured"] == 2
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from knotfab.search.certificate import certify, step_limits
 from knotfab.search.neighbours import closest_parameters, find_neighbours
 from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.resample import resample
+from knotfab.search.resample import resample, subdivide
 
 
 def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:
@@ -141,3 +141,15 @@ def test_resampling_too_coarsely_is_refused() -> None:
     assert not verdict.valid
     assert same is points
     assert same_rings is rings
+
+
+def test_subdividing_leaves_the_curve_as_it_is() -> None:
+    # long edges that no certified resampling would take (the drawn cat once ended infeasible on them)
+    points, rings = _circle(12, 10.0), rings_of_sizes((12,))
+    fine, fine_rings = subdivide(points, rings, 1.0)
+    edges = np.linalg.norm(fine[fine_rings.next] - fine, axis=1)
+    assert edges.max() < 1.5
+    before = np.linalg.norm(points[rings.next] - points, axis=1).sum()
+    assert edges.sum() == pytest.approx(before, rel=1e-12)
+    corners = np.linalg.norm(fine[:, None] - points[None], axis=2).min(axis=0)
+    assert corners.max() == 0.0

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from knotfab.cli.progress import Mode, Progress
+from knotfab.progress import Mode, Progress
 
 
 class Terminal(io.StringIO):
@@ -83,7 +83,7 @@ def test_update_outside_a_stage_is_no_error() -> None:
 
 def test_nothing_of_rich_is_loaded_when_piped() -> None:
     code = (
-        "import io, sys; from knotfab.cli.progress import Progress\n"
+        "import io, sys; from knotfab.progress import Progress\n"
         "with Progress('verbose', io.StringIO()) as p:\n"
         "    with p.stage('a'): p.update(0.5)\n"
         "print('rich' in sys.modules)"

@@ -90,7 +90,7 @@ def build(
         Say how long each stage took.
     """
     from knotfab.cli.options import scene_of, seconds_of, skips_of
-    from knotfab.cli.progress import Mode, Progress
+    from knotfab.progress import Mode, Progress
 
     chosen, base = scene_of(
         scene,

@@ -73,7 +73,7 @@ def print_summary(outcome: Outcome) -> None:
         f"  {len(knots)} knot{'s' if len(knots) > 1 else ''}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"
     )
-    for note in report["settings"]["notes"]:
+    for note in report["notes"]:
         console.print(f"  {escape(note)}")
     if outcome.exit_code != 0:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
