@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab import __version__
 from knotfab.design import Design, design
-from knotfab.effects.penumbra import PENUMBRA
 from knotfab.errors import MachineError, SceneError
-from knotfab.knots import Knots
 from knotfab.output import OutputFolder
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.stl import write_stl
 from knotfab.part.threemf import read_back_strict, write_3mf
 from knotfab.progress import Progress
+from knotfab.report.of_build import (
+    check_3mf,
+    check_certificate,
+    check_limits,
+    check_part,
+    report_of,
+)
 from knotfab.report.pictures import draw_part
 from knotfab.report.report_html import Picture, write_report_html
-from knotfab.report.report_json import assemble, write_report_json
+from knotfab.report.report_json import write_report_json
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Pose, Scene
-from knotfab.sweep.tube import mesh_volume, sweep, tube_manifold
+from knotfab.sweep.tube import sweep, tube_manifold
 from knotfab.target.read import Target, read_target
 from knotfab.verify import Verifier
 
@@ -107,13 +109,13 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             for check in verdict["checks"]:
                 if check["name"] == "build_volume":
                     check["detail"] = "checked with --print"
-        verdict["checks"].append(_check_3mf(warnings))
-        verdict["checks"] += [_check_certificate(made), _check_limits(made)]
+        verdict["checks"].append(check_3mf(warnings))
+        verdict["checks"] += [check_certificate(made), check_limits(made)]
         account = made.result.account
         if warnings or not account.certified or made.result.standing.violations:
             verdict["status"], verdict["exit_code"] = "fail", 1
         with progress.stage("report"):
-            report = _report(request, made, pose.knots, bodies, verdict, progress)
+            report = report_of(request, made, pose.knots, bodies, verdict, progress)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
                 folder.file("report.html"), report, _pictures(folder, drawn), target.name
@@ -140,11 +142,11 @@ def _reject_unbuilt(
     folder.write(scene.views[0].picture, target.png_bytes)
     folder.write("scene.toml", dump_scene(scene))
     verdict: dict[str, Any] = {
-        "checks": [_check_part(why), _check_certificate(made), _check_limits(made)],
+        "checks": [check_part(why), check_certificate(made), check_limits(made)],
         "views": [],
         "seconds": {},
     }
-    report = _report(request, made, made.knots, [], verdict, progress)
+    report = report_of(request, made, made.knots, [], verdict, progress)
     write_report_json(folder.file("report.json"), report)
     write_report_html(folder.file("report.html"), report, [], target.name)
     folder.reject()
@@ -207,171 +209,6 @@ def _draw(
     faces = np.concatenate([f + s for (_, f), s in zip(bodies, shift, strict=True)])
     seen = vertices @ pose.matrix[:3, :3].T + pose.matrix[:3, 3]
     return draw_part(seen, faces, folder.file("part.png"), light_mm)
-
-
-def _check_3mf(warnings: list[str]) -> dict[str, Any]:
-    return {
-        "name": "3mf",
-        "status": "fail" if warnings else "pass",
-        "required": True,
-        "measured": len(warnings),
-        "limit": 0,
-        "unit": "warnings",
-        "detail": "; ".join(warnings)
-        or "lib3mf reads part.3mf back in strict mode without a warning",
-    }
-
-
-def _check_certificate(made: Design) -> dict[str, Any]:
-    """The maker's own proof of the knot type: every step of the search an isotopy."""
-    a = made.result.account
-    return {
-        "name": "isotopy",
-        "status": "pass" if a.certified else "fail",
-        "required": True,
-        "measured": round(a.least_margin_mm, 6),
-        "limit": 0.0,
-        "unit": "mm",
-        "detail": f"the template is {a.template}; {a.accepted} steps and {a.resamplings} resamplings "
-        f"were certified, {a.shortened} of them shortened; {a.refused} steps and "
-        f"{a.resamplings_refused} resamplings were refused and not taken. Least margin between a step "
-        "and a crossing is the measured value",
-    }
-
-
-def _check_part(why: str) -> dict[str, Any]:
-    return {
-        "name": "part",
-        "status": "fail",
-        "required": True,
-        "measured": None,
-        "limit": None,
-        "unit": "",
-        "detail": why,
-    }
-
-
-def _check_limits(made: Design) -> dict[str, Any]:
-    """The search's own measure of its hard limits."""
-    broken = made.result.standing.violations
-    return {
-        "name": "limits",
-        "status": "fail" if broken else "pass",
-        "required": True,
-        "measured": len(broken),
-        "limit": 0,
-        "unit": "limits broken",
-        "detail": "; ".join(broken)
-        or "bend, clearance, region and length, as the search measured them",
-    }
-
-
-def _report(
-    request: Request,
-    made: Design,
-    placed: Knots,
-    bodies: list[Mesh],
-    verdict: dict[str, Any],
-    progress: Progress,
-) -> dict[str, Any]:
-    from knotfab.search.feasible import bend_radii
-    from knotfab.search.polyline import rings_of_sizes
-    from knotfab_validators.thickness import thickness
-
-    scene, result = made.scene, made.result
-    knots = []
-    for knot in placed.knots:
-        rings = rings_of_sizes((len(knot.points),))
-        bend = float(bend_radii(knot.points, rings).min())
-        knots.append(
-            {
-                "type": knot.type,
-                "vertices": len(knot.points),
-                "length_mm": knot.length_mm,
-                "thickness_mm": thickness([knot.points]).value,
-                "min_bend_radius_mm": bend,
-            }
-        )
-    volume = sum(mesh_volume(v, f) for v, f in bodies)
-    sized = None
-    if bodies:
-        sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
-    effects = [d.to_dict() for d in result.effects.values()]
-    for effect in effects:
-        if effect["name"] == PENUMBRA.name:
-            _penumbra_line(effect, verdict)
-    depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
-    warnings = ["Nothing holds the knots: this piece has no mount yet."]
-    if len(placed.knots) > 1:
-        warnings.append(
-            f"Its {len(placed.knots)} knots are loose pieces; the file keeps them in place."
-        )
-    return assemble(
-        notes=warnings,
-        views=verdict["views"],
-        checks=verdict["checks"],
-        effects=effects,
-        timings={**progress.timings, "total": progress.total},
-        knots=knots,
-        print_={
-            "volume_mm3": volume,
-            "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
-            "bounding_box_mm": None if sized is None else sized.tolist(),
-            "depth_ratio": depth,
-            "printer": scene.printer.name,
-        },
-        settings={
-            "accuracy": scene.accuracy.name,
-            "seed": made.settings.seed,
-            "command": request.command,
-            "tube_radius_mm": made.knots.radius_mm,
-            "tube_radius": _radius_note(made),
-            "search": made.settings.model_dump(),
-            "time_budget_s": request.time_budget_s,
-            "device": request.device,
-            "mount": "none",
-            "opening_iou": made.opening_iou,
-            "thickness_mm": thickness([k.points for k in placed.knots]).value,
-            "certificate": result.account.__dict__,
-            "versions": {
-                "knotfab": __version__,
-                "python": platform.python_version(),
-                **{
-                    n: version(n)
-                    for n in ("torch", "numpy", "scipy", "shapely", "pyvista", "manifold3d")
-                },
-            },
-        },
-    )
-
-
-def _penumbra_line(effect: dict[str, Any], verdict: dict[str, Any]) -> None:
-    """What the verification, which simulates this effect, did and found."""
-    found = verdict["views"][0].get("penumbra") if verdict["views"] else None
-    if found is not None:
-        effect.update(simulated=True, magnitude=found["widest_px"])
-        effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
-    elif effect["simulated"]:
-        effect.update(
-            simulated=False, reason="nothing was rendered, so the lamp was not averaged over"
-        )
-
-
-def _radius_note(made: Design) -> dict[str, Any]:
-    """What the radius costs: every radius tried, with the IoU of its short search."""
-    if made.radius is None:
-        return {"chosen_by": "the scene", "trials": []}
-    return {
-        "chosen_by": "trying: the thickest whose short search comes near the best",
-        "trials": [
-            {
-                "radius_mm": t.radius_mm,
-                "template_iou": t.template_iou,
-                "search_iou": None if np.isnan(t.trial_iou) else t.trial_iou,
-            }
-            for t in made.radius.trials
-        ],
-    }
 
 
 def _pictures(folder: OutputFolder, drawn: bool) -> list[Picture]:
