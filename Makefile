@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table renderer-table system clean
+.PHONY: demo test lint accuracy-table renderer-table frontier system clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -38,13 +38,17 @@ lint: $(DONE)
 test: system $(DONE) lint
 	$(BIN)/python -m pytest
 
-# IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 12 min)
+# IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
 	$(BIN)/python -m examples.accuracy_table
 
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
 	$(BIN)/python -m examples.renderer_table
+
+# what accuracy costs in time: presets and points around them, side by side (about 8 min)
+frontier: $(DONE)
+	$(BIN)/python -m examples.frontier
 
 clean:
 	rm -rf $(VENV) demo-out out

@@ -34,7 +34,8 @@ class Verifier:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             # Ctrl-C is for the parent, which then ends the child
             start_new_session=True,
         )

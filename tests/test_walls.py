@@ -50,7 +50,9 @@ def test_no_file_imports_from_behind_the_wall(package: object) -> None:
     files = sorted(Path(str(package.__file__)).parent.rglob("*.py"))  # type: ignore[attr-defined]
     assert files
     for file in files:
-        crossing = [n for n in imports_of(file.read_text()) if behind(n, WALLS[package])]  # type: ignore[index]
+        crossing = [
+            n for n in imports_of(file.read_text(encoding="utf-8")) if behind(n, WALLS[package])
+        ]  # type: ignore[index]
         assert not crossing, f"{file.name} imports {crossing}"
 
 
@@ -84,7 +86,10 @@ def test_a_namesake_is_no_import_from_behind_the_wall() -> None:
 )
 def test_a_light_command_loads_nothing_heavy(call: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, "-X", "importtime", *call], capture_output=True, text=True, timeout=60
+        [sys.executable, "-X", "importtime", *call],
+        capture_output=True,
+        encoding="utf-8",
+        timeout=60,
     )
     loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines() if "|" in line}
     assert "knotfab" in loaded

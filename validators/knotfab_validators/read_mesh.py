@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import locale
 import re
 import zipfile
 from dataclasses import dataclass
@@ -120,6 +121,7 @@ def _corners_3mf(content: bytes, name: str) -> NDArray[np.floating[Any]]:
     """(m, 3, 3) corners of all build items, mm."""
     import lib3mf
 
+    before = locale.setlocale(locale.LC_ALL)  # lib3mf sets it to "C", where text files are ASCII
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MOST_BYTES:
@@ -142,4 +144,6 @@ def _corners_3mf(content: bytes, name: str) -> NDArray[np.floating[Any]]:
         raise
     except Exception as error:  # a parser that meets garbage may raise anything
         raise BadFile(f"{name}: is not a 3MF file, or is damaged") from error
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
     return np.concatenate(parts)
