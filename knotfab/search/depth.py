@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.special import erf
 
 from knotfab.search.legibility import legibility
@@ -19,7 +20,9 @@ __all__ = ["DepthChoice", "choose_depth", "lift"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
 
+_CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 
 
@@ -53,6 +56,26 @@ def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: floa
     )
 
 
+def _overlapping(curves: tuple[Array, ...], radius: float) -> tuple[Index, Index]:
+    """Pairs of points that hide each other seen from the light, so that they must differ in depth.
+
+    Where two strands run in a stroke about one tube wide, neither can step aside without a trace.
+    """
+    every = np.concatenate(curves)
+    curve = np.repeat(np.arange(len(curves)), [len(c) for c in curves])
+    arc = np.concatenate(
+        [np.cumsum(np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1)) for c in curves]
+    )
+    total = np.array([arc[curve == k].max() for k in range(len(curves))])[curve]
+    some = np.arange(0, len(every), 2)
+    pairs = some[cKDTree(every[some]).query_pairs(1.85 * radius, output_type="ndarray")]
+    i, j = pairs[:, 0], pairs[:, 1]
+    along = np.abs(arc[i] - arc[j])
+    along = np.minimum(along, total[i] - along)
+    far = (curve[i] != curve[j]) | (along > 6.0 * radius)
+    return i[far], j[far]
+
+
 def choose_depth(
     curves: tuple[Array, ...],
     radius: float,
@@ -79,6 +102,7 @@ def choose_depth(
         steps = np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1)
         arcs.append(np.concatenate([[0.0], np.cumsum(steps)[:-1]]))
         lengths.append(float(steps.sum()))
+    one, other = _overlapping(curves, radius)
     best: DepthChoice | None = None
     for n in range(candidates):
         shortest = _WAVELENGTHS[n % len(_WAVELENGTHS)] * across
@@ -92,6 +116,8 @@ def choose_depth(
         )
         seen = 0.75 * legibility(points, radius, light_distance, target, 45.0)
         seen += 0.25 * legibility(points, radius, light_distance, target, 30.0)
+        apart = np.linalg.norm(points[one] - points[other], axis=1)
+        seen += _CONFLICT * float((apart < 2.2 * radius).sum()) / max(len(one), 1)
         if best is None or seen < best.legibility:
             best = DepthChoice(depths, extent_mm, seen, candidates)
     assert best is not None
