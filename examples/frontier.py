@@ -37,10 +37,9 @@ POINTS = {
     "standard": PRESETS["standard"],
     "standard, 3/4 of the iterations": PRESETS["standard"].scaled(0.75),
     "standard, half the iterations": PRESETS["standard"].scaled(0.5),
-    "standard, twice the iterations": PRESETS["standard"].scaled(2.0),
     "standard, 256 px": _point("standard", fine_px=256),
     "standard, vertices 0.6 r apart": _point("standard", edge_radii=0.6),
-    "standard, winners every time": _point("standard", winners_every=1),
+    "standard, 512 px": _point("standard", fine_px=512),
     "fine": PRESETS["fine"],
 }
 

@@ -59,12 +59,9 @@ PRESETS: dict[str, SearchSettings] = {
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
-        coarse_px=256,
-        fine_px=640,
-        coarse_iterations=120,
+        coarse_iterations=160,
         fine_iterations=160,
         settle_iterations=80,
-        winners_every=2,
         depth_candidates=150,
         radius_candidates=16,
         tolerance_px=0.1,
