@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -254,7 +254,7 @@ def design(
         with progress.stage("template"):
             template = fill(problem.polygon, radius, count)
     depth = _depth(scene, problem.polygon, problem.region, radius)
-    problem = Problem(**{**problem.__dict__, "depth_mm": depth})
+    problem = replace(problem, depth_mm=depth)
     bend = problem.limits(radius).bend_radius
     outline = scene.accuracy.max_outline_error_px
     settings = _fine_enough(settings, radius, bend, view, depth or 0.0, outline)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -15,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import Done, knotfab, picture
+from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -369,18 +367,9 @@ def test_a_verifier_that_crashes_leaves_nothing(
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
     """A disk of 12 MiB that holds one file."""
-    mount = shutil.which("mount")
-    if os.geteuid() != 0 or mount is None:
-        pytest.skip("mounting a small tmpfs needs root")
-    place = tmp_path / "disk"
-    place.mkdir()
-    call = [mount, "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(place)]
-    mounted = subprocess.run(call, capture_output=True)
-    if mounted.returncode:
-        pytest.skip(f"a tmpfs cannot be mounted: {mounted.stderr.decode().strip()}")
-    (place / "part.stl").write_text("earlier")
-    yield place
-    subprocess.run(["umount", str(place)], check=True)
+    with small_disk(tmp_path / "disk", "12m") as place:
+        (place / "part.stl").write_text("earlier")
+        yield place
 
 
 def fill_up(folder: Path) -> None:

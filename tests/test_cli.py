@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import knotfab, picture, square
+from command import knotfab, picture, small_disk, square
 from PIL import Image
 
 import knotfab as package
@@ -175,18 +173,9 @@ def test_an_output_folder_that_cannot_be_written(bad: Path, tmp_path: Path, plac
 @pytest.fixture
 def full_disk(tmp_path: Path) -> Iterator[Path]:
     """A folder on a disk of 64 KiB without a free byte, and one file of its own."""
-    mount = shutil.which("mount")
-    if os.geteuid() != 0 or mount is None:
-        pytest.skip("mounting a small tmpfs needs root")
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    call = [mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
-    mounted = subprocess.run(call, capture_output=True)
-    if mounted.returncode:
-        pytest.skip(f"a tmpfs cannot be mounted: {mounted.stderr.decode().strip()}")
-    (disk / "mine").write_bytes(b"x" * 65536)
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
+    with small_disk(tmp_path / "disk", "64k") as disk:
+        (disk / "mine").write_bytes(b"x" * 65536)
+        yield disk
 
 
 def test_a_full_disk_is_noticed_before_the_work(bad: Path, full_disk: Path) -> None:

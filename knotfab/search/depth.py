@@ -31,9 +31,7 @@ class DepthChoice:
     """Depths (mm towards the light) of each template vertex, and what they were chosen for."""
 
     depths: tuple[Array, ...]
-    extent_mm: float
     legibility: float
-    candidates: int
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
@@ -119,6 +117,6 @@ def choose_depth(
         apart = np.linalg.norm(points[one] - points[other], axis=1)
         seen += _CONFLICT * float((apart < 2.2 * radius).sum()) / max(len(one), 1)
         if best is None or seen < best.legibility:
-            best = DepthChoice(depths, extent_mm, seen, candidates)
+            best = DepthChoice(depths, seen)
     assert best is not None
     return best

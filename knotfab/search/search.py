@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -84,7 +84,6 @@ class SearchResult:
     effects: dict[str, Decision]
     depth: DepthChoice | None
     iou_estimate: float
-    iterations: int = field(default=0)
 
 
 class Infeasible(SceneError):
@@ -198,7 +197,7 @@ def search(
         seen = iou_of(points, rings, objective.frame, objective.target, radius)
         weight *= 0.3
     knots = Knots(tuple(Knot(part) for part in rings.split(points)), radius)
-    result = SearchResult(knots, state, account, effects, depth, seen or 0.0, total)
+    result = SearchResult(knots, state, account, effects, depth, seen or 0.0)
     if state.violations and repairs > 0:
         raise Infeasible(result)
     return result

@@ -37,7 +37,6 @@ class VerifiedView:
     target: Mask
     exact: Mask
     rendered: Mask | None
-    area_px: float
     whole: Overlap
     exact_iou: float
     stray_px: int | None
@@ -89,7 +88,6 @@ def verify_view(
         target=wanted,
         exact=exact,
         rendered=rendered,
-        area_px=float(polygon.area),
         whole=whole,
         exact_iou=overlap(exact, wanted).iou,
         stray_px=None if rendered is None else second_opinion(rendered, exact, polygon),
