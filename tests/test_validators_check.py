@@ -35,7 +35,7 @@ def test_a_tolerance_is_no_part_of_the_limit() -> None:
 
 
 def test_a_check_is_plain_data() -> None:
-    check = at_least("x", 1, 2, "mm", "why", required=False)
+    check = at_least("x", 1, 2, "mm", "why", required=False, at=[(0, 1, 2)])
     assert json.loads(json.dumps(check.to_dict())) == {
         "name": "x",
         "status": "fail",
@@ -44,5 +44,6 @@ def test_a_check_is_plain_data() -> None:
         "limit": 2.0,
         "unit": "mm",
         "detail": "why",
+        "at": [[0.0, 1.0, 2.0]],
     }
     assert not skipped("x", "nothing to measure").required

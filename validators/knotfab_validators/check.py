@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Literal
 
-__all__ = ["Check", "Status", "at_least", "at_most", "skipped"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Check", "Place", "Status", "at_least", "at_most", "places", "skipped"]
+
+Place = tuple[float, float, float]
+"""A point in the coordinates of the measured file, mm."""
 
 Status = Literal["pass", "fail", "skipped"]
+
+MOST_PLACES = 20  # of one check; a picture with more of them shows nothing
 
 
 @dataclass(frozen=True)
@@ -15,7 +26,9 @@ class Check:
     """The outcome of one check.
 
     `required` says whether a failure rejects the part; `measured` and `limit` are in `unit`, or
-    words where the thing is not a number; `detail` is one sentence for a person.
+    words where the thing is not a number; `detail` is one sentence for a person. `at` are the
+    places that decided, worst first: where to look when it fails, in the coordinates of the file
+    that was measured.
     """
 
     name: str
@@ -25,6 +38,7 @@ class Check:
     limit: float | str | None
     unit: str
     detail: str
+    at: tuple[Place, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The keys of the report's `checks`."""
@@ -40,13 +54,14 @@ def at_least(
     *,
     required: bool = True,
     tolerance: float = 0.0,
+    at: Iterable[Sequence[float] | NDArray[np.float64]] = (),
 ) -> Check:
     """Passes when `measured` >= `limit` - `tolerance`, or there is no limit; NaN always fails.
 
     `tolerance` is for the rounding of what was written, in `unit`; it is no part of the limit.
     """
     holds = measured == measured and (limit is None or measured >= limit - tolerance)
-    return _judged(name, holds, required, measured, limit, unit, detail)
+    return _judged(name, holds, required, measured, limit, unit, detail, at)
 
 
 def at_most(
@@ -58,10 +73,11 @@ def at_most(
     *,
     required: bool = True,
     tolerance: float = 0.0,
+    at: Iterable[Sequence[float] | NDArray[np.float64]] = (),
 ) -> Check:
     """Passes when `measured` <= `limit` + `tolerance`, or there is no limit; NaN always fails."""
     holds = measured == measured and (limit is None or measured <= limit + tolerance)
-    return _judged(name, holds, required, measured, limit, unit, detail)
+    return _judged(name, holds, required, measured, limit, unit, detail, at)
 
 
 def skipped(name: str, why: str, *, required: bool = False) -> Check:
@@ -77,8 +93,15 @@ def _judged(
     limit: float | None,
     unit: str,
     detail: str,
+    at: Iterable[Sequence[float] | NDArray[np.float64]],
 ) -> Check:
     """`measured` and `limit` become Python floats, so that JSON can be written from them."""
     bound = None if limit is None else float(limit)
     value = float(measured) + 0.0  # -0.0 reads oddly
-    return Check(name, "pass" if holds else "fail", required, value, bound, unit, detail)
+    status: Status = "pass" if holds else "fail"
+    return Check(name, status, required, value, bound, unit, detail, places(at))
+
+
+def places(points: Iterable[Sequence[float] | NDArray[np.float64]]) -> tuple[Place, ...]:
+    """The first `MOST_PLACES` of some points (3,), mm, as plain numbers."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in islice(points, MOST_PLACES))
