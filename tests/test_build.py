@@ -117,7 +117,7 @@ def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
     for check in report["checks"]:
         assert check["status"] == "pass" and isinstance(check["required"], bool)
         assert set(check) == {
-            "name", "status", "required", "measured", "limit", "unit", "detail",
+            "name", "status", "required", "measured", "limit", "unit", "detail", "at",
         }  # fmt: skip
     for effect in report["effects"]:
         assert set(effect) >= {
