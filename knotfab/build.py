@@ -100,6 +100,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                     folder.file("scene.toml"),
                     skip,
                     folder.work,
+                    folder.file("failures.png"),
                 )
                 # the other core draws meanwhile
                 drawn = _draw(folder, bodies, pose, scene.views[0].light_distance_mm, request.skip)
@@ -214,6 +215,9 @@ def _draw(
 def _pictures(folder: OutputFolder, drawn: bool) -> list[Picture]:
     """The report's pictures that exist, with their captions."""
     found = []
+    failures = folder.work / "failures.png"
+    if failures.is_file():
+        found.append(Picture(failures, "part", "where the part fails its checks"))
     for path in sorted(folder.work.glob("compare-*.png")):
         name = path.stem.removeprefix("compare-")
         found.append(

@@ -59,6 +59,7 @@ class Verifier:
         scene: Path | None,
         skip: Collection[str],
         pictures_dir: Path | None,
+        failures: Path | None = None,
     ) -> None:
         """Hand over the written files; `verdict` waits for the answer."""
         assert self._child is not None and self._child.stdin is not None
@@ -69,16 +70,18 @@ class Verifier:
                 ("knots", knots),
                 ("scene", scene),
                 ("pictures_dir", pictures_dir),
+                ("failures", failures),
             )
         }
         try:
             self._child.stdin.write(json.dumps({**request, "skip": sorted(skip)}) + "\n")
             self._child.stdin.flush()
         except BrokenPipeError:
-            self._crashed()
+            _, err = self._child.communicate()
+            self._crashed(err)
 
     def verdict(self) -> dict[str, Any]:
-        """{"status", "exit_code", "checks", "views", "seconds"} of the files.
+        """{"status", "exit_code", "checks", "views", "picture", "seconds"} of the files.
 
         Raises:
             MachineError: the child crashed. InputError: it could not read a file.
@@ -94,7 +97,7 @@ class Verifier:
             raise _unreadable(str(answer["error"]))
         return answer
 
-    def _crashed(self, err: str = "") -> NoReturn:
+    def _crashed(self, err: str) -> NoReturn:
         assert self._child is not None
         code = self._child.wait()
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -144,6 +144,7 @@ def validate(
     knots: Path | None = None,
     scene: Path | None = None,
     json: Annotated[bool, Parameter(negative="")] = False,
+    failures: Path | None = None,
     skip: Skip = (),
 ) -> int:
     """Measure written files again, with other code than wrote them.
@@ -151,31 +152,35 @@ def validate(
     Parameters
     ----------
     part
-        A folder that a build wrote, or an STL or 3MF file.
+        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file in mm.
     knots
         The centre lines, knots.json.
     scene
         The scene, scene.toml.
     json
-        Print {"status", "checks", "views"} as JSON.
+        Print {"status", "checks", "views", "picture"} as JSON.
+    failures
+        Where to draw the part with the places of what failed; NAME-failures.png beside it by default.
     skip
         Checks to go on without, such as shadow-render.
     """
     from knotfab.cli.options import files_to_validate, skips_of
     from knotfab.verify import Verifier
 
-    files, skipped = files_to_validate(part, knots, scene), skips_of(skip)
+    files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
     with Verifier(graphics=files.part is not None and "shadow-render" not in skipped) as verifier:
-        verifier.begin(files.part, files.knots, files.scene, skipped, None)
+        verifier.begin(files.part, files.knots, files.scene, skipped, None, files.failures)
         verdict = verifier.verdict()
     if json:
         import json as codec
 
-        print(codec.dumps({k: verdict[k] for k in ("status", "checks", "views")}))
+        print(codec.dumps({k: verdict[k] for k in ("status", "checks", "views", "picture")}))
     else:
         from knotfab.cli.summary import UNABLE, print_checks
 
         print_checks(verdict["checks"])
+        if verdict["picture"] is not None:
+            print(f"The places are marked in {verdict['picture']}")
         if verdict["exit_code"] == 3:
             print(UNABLE)
     return int(verdict["exit_code"])

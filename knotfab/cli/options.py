@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,12 @@ __all__ = ["CHECKS", "Files", "files_to_validate", "scene_of", "seconds_of", "sk
 # What `--skip` knows: the validators' checks, and the rendering that some of them use.
 CHECKS = (
     "shadow-render",
-    *("shadow", "shadow_exact", "outline"),
-    *("thickness", "bend", "length", "knot_type", "region", "build_volume", "tube"),
-    *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_bodies", "mesh_genus"),
-    *("mesh_volume", "mesh_self_intersection"),
+    *("shadow", "shadow_exact", "outline", "wrong_outline"),
+    *("thickness", "clearance", "bend", "length", "knot_type", "linking", "tube"),
+    *("region", "build_volume"),
+    *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_bodies"),
+    *("mesh_genus", "mesh_volume", "mesh_self_intersection"),
+    *("feature", "gap", "overhang", "support_volume", "bridge", "floating", "standing"),
 )
 
 _UNITS = {"mm": "millimetres", "s": "seconds"}
@@ -123,15 +126,20 @@ def scene_of(
 
 @dataclass(frozen=True)
 class Files:
-    """What `knotfab validate` measures; None for what was not given."""
+    """What `knotfab validate` measures, None for what was not given, and where it draws failures."""
 
     part: Path | None
     knots: Path | None
     scene: Path | None
+    failures: Path | None
 
 
-def files_to_validate(part: Path | None, knots: Path | None, scene: Path | None) -> Files:
+def files_to_validate(
+    part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
+) -> Files:
     """The files of a call: a folder stands for the part, knots and scene in it.
+
+    Failures are drawn beside what is measured, unless another place is named.
 
     Raises:
         InputError: nothing is given, or something named is not there.
@@ -154,7 +162,20 @@ def files_to_validate(part: Path | None, knots: Path | None, scene: Path | None)
     for path in (part, knots, scene):
         if path is not None and not path.is_file():
             raise InputError(str(path), "there is no such file", "Check the path")
-    return Files(part, knots, scene)
+    if failures is None:
+        failures = _beside(part or knots)
+    elif failures.suffix.lower() != ".png":
+        raise InputError(
+            f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
+        )
+    return Files(part, knots, scene, failures)
+
+
+def _beside(measured: Path | None) -> Path | None:
+    """NAME-failures.png beside a file, where one may write there."""
+    if measured is None or not os.access(measured.parent, os.W_OK):
+        return None
+    return measured.with_name(f"{measured.stem}-failures.png")
 
 
 def _if_there(path: Path) -> Path | None:

@@ -3,8 +3,8 @@
 Everything slow to load is loaded while the request is still awaited, so that a parent can start this
 process early; and a graphics library that crashes takes only this process with it.
 
-Request: {"part", "knots", "scene", "pictures_dir": path or null, "skip": [name, …]}.
-Answer: {"status", "exit_code", "checks", "views", "seconds"}, or {"error": sentence} for bad files.
+Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …]}.
+Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for bad files.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
     if not line.strip():
         return
     request = json.loads(line)
-    paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir")}
+    paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
         verdict = validate(**paths, skip=request["skip"])
     except ValueError as error:

@@ -1,24 +1,29 @@
-"""The checks that follow from verified views: `shadow`, `shadow_exact` and `outline`."""
+"""The checks that follow from verified views: `shadow`, `shadow_exact`, `outline`, `wrong_outline`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .check import Check, at_least, at_most
+from .outline_stretch import WRONG_PX
 from .verify_view import VerifiedView
 
 __all__ = ["shadow_checks", "skipped_shadow_checks"]
 
-NAMES = ("shadow", "shadow_exact", "outline")
+NAMES = ("shadow", "shadow_exact", "outline", "wrong_outline")
 
 
 def skipped_shadow_checks(why: str, *, required: bool) -> list[Check]:
-    """All three, skipped for one reason."""
+    """All of them, skipped for one reason."""
     return [_skipped(name, why, required) for name in NAMES]
 
 
 def shadow_checks(
     views: Mapping[str, VerifiedView],
+    vertices: NDArray[np.float64],
     *,
     iou_floor: float | None,
     max_outline_px: float,
@@ -31,6 +36,9 @@ def shadow_checks(
     asked). Where nothing was rendered (`no_rendering` says why) it is skipped, though required,
     unless `polygons_decide`. `shadow_exact`: pixels at which rendering and exact polygons disagree
     away from the outline, at most 0. `outline`: distance from the exact tube's shadow.
+    `vertices` (n, 3) are the part's, in its own coordinates: places are named there.
+    `wrong_outline`: the longest stretch along which the outlines of shadow and picture are farther
+    apart than `WRONG_PX`, for information.
     """
     checks = []
     if no_rendering is not None and not polygons_decide:
@@ -81,8 +89,24 @@ def shadow_checks(
                 "px",
                 f"file's shadow against the exact tube's, worst at pixel ({u:.0f}, {v:.0f}) of "
                 f"the {views[name].frame.width} x {views[name].frame.height} frame, view {name}",
+                at=[] if (vertex := views[name].outline_vertex) is None else [vertices[vertex]],
             )
         )
+    name = max(views, key=lambda n: views[n].wrong.length_px)
+    wrong, frame = views[name].wrong, views[name].frame
+    u, v = wrong.where[0] - frame.pad_x, wrong.where[1] - frame.pad_y
+    place = f", up to {wrong.off_px:.1f} px at pixel ({u:.0f}, {v:.0f}) of the frame, view {name}"
+    checks.append(
+        at_most(
+            "wrong_outline",
+            wrong.length_px,
+            None,
+            "px",
+            f"longest stretch of outline more than {WRONG_PX:g} px from the picture's"
+            + (place if wrong.length_px else ""),
+            required=False,
+        )
+    )
     return checks
 
 

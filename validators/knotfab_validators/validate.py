@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from .check import Check
 from .compare import depth_ratio
+from .failure_picture import draw_failures
 from .part_checks import part_checks
 from .penumbra import blur_px, penumbra
 from .pictures import write_compare, write_shadow
 from .read_knots import Curves, read_knots
-from .read_mesh import Mesh, read_mesh
+from .read_mesh import BadFile, Mesh, read_mesh
 from .read_scene import Scene, read_scene
 from .render import CannotRender, SilhouetteRenderer
 from .shadow_checks import shadow_checks, skipped_shadow_checks
@@ -56,6 +57,7 @@ def validate(
     scene: FilePath | None = None,
     skip: Collection[str] = (),
     pictures_dir: FilePath | None = None,
+    failures: FilePath | None = None,
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
 
@@ -65,6 +67,7 @@ def validate(
         skip: names of checks to leave out; "shadow-render" lets the exact polygons alone decide
             about the shadow.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
+        failures: the PNG to write when a required check fails: the part with the places marked.
 
     Raises:
         ValueError: a file cannot be read, or the part reaches the light (each error of the
@@ -85,7 +88,14 @@ def validate(
         folder = Path(scene).parent
         checks += _shadows(mesh, curves, setting, folder, skip, pictures_dir, views, seconds)
     checks = [_left_out(c) if c.name in skip else c for c in checks]
-    return verdict_of(checks, views, seconds)
+    drawn = False
+    if failures is not None:
+        with _timed(seconds, "failures"):
+            try:
+                drawn = draw_failures(Path(failures), checks, mesh, curves)
+            except OSError as error:
+                raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
+    return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
 
 
 def _shadows(
@@ -149,6 +159,7 @@ def _shadows(
     floor = scene.accuracy.iou_floor
     return shadow_checks(
         verified,
+        mesh.vertices,
         iou_floor=floor if isinstance(floor, float) else None,
         max_outline_px=scene.accuracy.max_outline_error_px,
         no_rendering=None if renderer is not None else why,
@@ -178,6 +189,7 @@ def _report(
 ) -> dict[str, Any]:
     """The report's keys of a view; `projection` and `receiver` in part coordinates."""
     own = geometry.in_part(pose)
+    fine_mm = geometry.resampled(found.frame).pixel_mm
     return {
         "name": view.name,
         "kind": view.kind,
@@ -192,6 +204,9 @@ def _report(
         "recall": found.whole.recall,
         "outline_error_px": found.outline_px,
         "outline_error_mm": found.outline.largest_mm if found.outline is not None else None,
+        "outline_stretch_px": found.wrong.length_px,
+        "outline_stretch_mm": found.wrong.length_px * fine_mm,
+        "outline_stretch_off_px": found.wrong.off_px,
         "legibility": found.legibility or {},
         "depth_ratio": depth,
     }

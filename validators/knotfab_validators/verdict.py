@@ -17,7 +17,7 @@ class Verdict:
 
     `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
     failed, 3 when one could not run on this machine. `views` has the keys of the report's views;
-    `seconds` says what each stage cost.
+    `seconds` says what each stage cost; `picture` is the file in which the failures were drawn.
     """
 
     status: str
@@ -25,18 +25,23 @@ class Verdict:
     checks: tuple[Check, ...]
     views: tuple[dict[str, Any], ...]
     seconds: dict[str, float] = field(default_factory=dict)
+    picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """{"status", "checks", "views"}, of values that JSON knows (no infinities)."""
+        """{"status", "checks", "views"}, of values that JSON knows (no infinities); "picture" too."""
         return {
             "status": self.status,
+            "picture": self.picture,
             "checks": [_plain(asdict(check)) for check in self.checks],
             "views": [_plain(view) for view in self.views],
         }
 
 
 def verdict_of(
-    checks: list[Check], views: list[dict[str, Any]], seconds: dict[str, float]
+    checks: list[Check],
+    views: list[dict[str, Any]],
+    seconds: dict[str, float],
+    picture: str | None = None,
 ) -> Verdict:
     """Sum up: a required check that failed decides, then a required one that could not run."""
     failed = any(c.required and c.status == "fail" for c in checks)
@@ -47,6 +52,7 @@ def verdict_of(
         checks=tuple(checks),
         views=tuple(views),
         seconds=seconds,
+        picture=picture,
     )
 
 

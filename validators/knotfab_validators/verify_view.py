@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .compare import Overlap, legibility, overlap
 from .exact_shadow import shadow_lines, shadow_mask, shadow_polygon
+from .outline_stretch import WrongStretch, wrong_stretch
 from .render import SilhouetteRenderer
 from .silhouette import WorkingFrame, padded_mask, working_frame
 from .tube_field import OutlineError, outline_error, tube_field
@@ -30,7 +31,9 @@ class VerifiedView:
 
     The masks lie on the padded working frame. `rendered` is None where nothing was rendered;
     `stray_px` counts the pixels at which rendering and polygons disagree farther than one pixel
-    from the outline. `tube` and `outline` are None without knots.
+    from the outline. `tube` and `outline` are None without knots; `outline_vertex` is the number
+    of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
+    along which the outlines of shadow and picture differ.
     """
 
     frame: WorkingFrame
@@ -43,6 +46,8 @@ class VerifiedView:
     tube: Overlap | None
     outline: OutlineError | None
     outline_px: float | None
+    outline_vertex: int | None
+    wrong: WrongStretch
     legibility: dict[str, float] | None
 
     @property
@@ -94,6 +99,8 @@ def verify_view(
         tube=whole if bodies is None else None,
         outline=None,
         outline_px=None,
+        outline_vertex=None,
+        wrong=wrong_stretch(exact if rendered is None else rendered, wanted),
         legibility=None,
     )
     if bodies is not None and len(bodies):
@@ -105,11 +112,22 @@ def verify_view(
     if polygons is not None and radius is not None:
         field = tube_field(polygons, radius, fine)
         error = outline_error(field, shapely.get_coordinates(polygon), tube_exact)
-        result = replace(result, outline=error, outline_px=error.largest_mm / fine.pixel_mm)
+        result = replace(
+            result,
+            outline=error,
+            outline_px=error.largest_mm / fine.pixel_mm,
+            outline_vertex=_casting(vertices, fine, error.where),
+        )
     if renderer is not None:
         read = legibility(renderer, vertices, geometry, target)
         result = replace(result, legibility=read)
     return result
+
+
+def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:
+    """The number of the vertex that is seen nearest to a pixel."""
+    seen, _ = geometry.project(vertices)
+    return int(((seen - np.array(pixel)) ** 2).sum(axis=1).argmin())
 
 
 def second_opinion(rendered: Mask, exact: Mask, polygon: Any) -> int:
