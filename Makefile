@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table renderer-table frontier system clean
+.PHONY: demo test lint accuracy-table renderer-table validator-table mutations frontier system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -26,6 +26,13 @@ system:
 	  fi; \
 	fi
 
+# the slicer is asked where it is installed; without it its tests are skipped
+slicer:
+	@command -v prusa-slicer >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+	  && apt-get update -q >/dev/null \
+	  && apt-get install -y -q --no-install-recommends prusa-slicer >/dev/null; } \
+	  || echo "PrusaSlicer is not installed (apt-get install --no-install-recommends prusa-slicer): its tests are skipped" >&2
+
 demo: system $(DONE)
 	$(BIN)/knotfab build examples/knight.png --print --out demo-out
 	@echo "Open demo-out/report.html"
@@ -35,7 +42,7 @@ lint: $(DONE)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: system $(DONE) lint
+test: system slicer $(DONE) lint
 	$(BIN)/python -m pytest
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
@@ -45,6 +52,14 @@ accuracy-table: system $(DONE)
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
 	$(BIN)/python -m examples.renderer_table
+
+# thickness against exact values, broken and good parts, 10,000 hostile files (about 10 min)
+validator-table: system $(DONE)
+	$(BIN)/python -m examples.validator_table
+
+# whether the tests notice when a comparison or a limit of the validators is changed (hours)
+mutations: system $(DONE)
+	$(BIN)/python -m examples.mutations
 
 # what accuracy costs in time: presets and points around them, side by side (about 8 min)
 frontier: $(DONE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,33 +13,44 @@ from numpy.typing import NDArray
 
 from knotfab.design import Design, design
 from knotfab.errors import MachineError, SceneError
+from knotfab.flatten import flattened
 from knotfab.output import OutputFolder
-from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.stl import write_stl
-from knotfab.part.threemf import read_back_strict, write_3mf
+from knotfab.part.assemble import Part, part_of, pose_of, write_part
+from knotfab.part.pose import PrintPose
+from knotfab.part.threemf import read_back_strict
 from knotfab.progress import Progress
 from knotfab.report.of_build import (
+    add_fabrication,
     check_3mf,
     check_certificate,
     check_limits,
     check_part,
     report_of,
 )
+from knotfab.report.drawings import write_drawings
 from knotfab.report.pictures import draw_part
+from knotfab.report.posing import add_posing
 from knotfab.report.report_html import Picture, write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Pose, Scene
-from knotfab.sweep.tube import sweep, tube_manifold
+from knotfab.scene.model import Scene
+from knotfab.slicer.plates import PlateSlicing
+from knotfab.slicer.report import slicer_check
+from knotfab.slicer.run import Slicing
 from knotfab.target.read import Target, read_target
 from knotfab.verify import Verifier
 
-__all__ = ["Outcome", "Request", "build", "part_of"]
+__all__ = ["Outcome", "Request", "build"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
-_ANY_SIZE = (1e6, 1e6, 1e6)
+# The validators' checks that are of no concern to a piece that is not to be printed.
+PRINTER_CHECKS = (
+    *("build_volume", "feature", "gap", "overhang", "support_volume", "bridge"),
+    *("floating", "islands", "standing"),
+    *("plate_mesh", "plates", "plates_volume"),
+)
 _RESERVE_S = 5.0  # of a time budget, for what follows the search
 
 
@@ -66,7 +79,7 @@ class Outcome:
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Search, sweep, pose, write, verify and report (contract: files in DIR).
+    """Search, sweep, mount, pose, write, verify, slice and report (contract: files in DIR).
 
     A piece that fails a required check is written whole to DIR/rejected and leaves an earlier good
     result as it was.
@@ -85,38 +98,42 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
             made = design(request.scene, target, request.device, progress, left)
+            if made.region_stl is not None and made.scene.region.file is not None:
+                folder.write(made.scene.region.file, made.region_stl)
+            try:
+                part = part_of(made, request.printing, target, progress)
+                made, part, flattening = flattened(request, target, made, part, progress)
+            except SceneError as error:
+                return _reject_unbuilt(folder, request, made, target, progress, str(error))
             with progress.stage("part"):
-                try:
-                    bodies, pose = part_of(made, request.printing)
-                except SceneError as error:
-                    return _reject_unbuilt(folder, request, made, target, progress, str(error))
-                scene = made.scene.model_copy(update={"pose": _pose(pose.matrix)})
-                _write_part(folder, bodies, pose, scene, target)
-            with progress.stage("verify"):
-                skip = set(request.skip) | ({"build_volume"} if not request.printing else set())
-                verifier.begin(
-                    folder.file("part.stl"),
-                    folder.file("knots.json"),
-                    folder.file("scene.toml"),
-                    skip,
-                    folder.work,
-                    folder.file("failures.png"),
-                )
-                # the other core draws meanwhile
-                drawn = _draw(folder, bodies, pose, scene.views[0].light_distance_mm, request.skip)
-                warnings = read_back_strict(folder.file("part.3mf"))
-                verdict = verifier.verdict()
-        if not request.printing:
-            for check in verdict["checks"]:
-                if check["name"] == "build_volume":
-                    check["detail"] = "checked with --print"
-        verdict["checks"].append(check_3mf(warnings))
-        verdict["checks"] += [check_certificate(made), check_limits(made)]
-        account = made.result.account
-        if warnings or not account.certified or made.result.standing.violations:
+                pose = pose_of(part.pose.matrix, part.plates)
+                scene = part.mounted.scene.model_copy(update={"pose": pose})
+                write_part(folder, part, scene, target)
+            with _slicing(folder, scene, request) as slicing:
+                with progress.stage("verify"):
+                    verdict, drawn = _verified(verifier, folder, part, scene, request)
+                with progress.stage("slicer"):
+                    sliced = None if slicing is None else slicing.result()
+        verdict["checks"] += _own_checks(made, part, _read_back(folder))
+        if sliced is not None:
+            verdict["checks"].append(slicer_check(sliced))
+        plan = None
+        if scene.material.process == "wire":
+            with progress.stage("bending plan"):
+                from knotfab.wire.plan import write_bending_plan
+
+                picture = folder.file(scene.views[0].picture)
+                plan = write_bending_plan(folder.work, made.knots, scene, picture)
+                verdict["checks"] += plan.checks
+        if any(c["required"] and c["status"] == "fail" for c in verdict["checks"]):
             verdict["status"], verdict["exit_code"] = "fail", 1
+        if request.printing:
+            with progress.stage("drawings"):
+                write_drawings(folder, part, scene, target, verdict)
         with progress.stage("report"):
-            report = report_of(request, made, pose.knots, bodies, verdict, progress)
+            report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
+            add_fabrication(report, part.mounted, sliced, plan, request.printing)
+            add_posing(report, part, flattening)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
                 folder.file("report.html"), report, _pictures(folder, drawn), target.name
@@ -129,6 +146,60 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         return Outcome(code, report, request.out / "rejected")
 
 
+def _slicing(
+    folder: OutputFolder, scene: Scene, request: Request
+) -> AbstractContextManager[Slicing | PlateSlicing | None]:
+    """The slicer at work on the other core, where the part is to be printed."""
+    if not request.printing or "slicer" in request.skip:
+        return nullcontext()
+    plates = _plate_files(folder)
+    if plates:
+        return PlateSlicing(plates, scene, Path(tempfile.gettempdir()))
+    return Slicing(folder.file("part.3mf"), scene, Path(tempfile.gettempdir()))
+
+
+def _plate_files(folder: OutputFolder) -> list[Path]:
+    return sorted(folder.work.glob("plate-*.3mf"), key=lambda p: int(p.stem.split("-")[1]))
+
+
+def _read_back(folder: OutputFolder) -> list[str]:
+    """What lib3mf says of the files for the slicer, by name where there are several."""
+    warnings = read_back_strict(folder.file("part.3mf"))
+    for path in _plate_files(folder):
+        warnings += [f"{path.name}: {warning}" for warning in read_back_strict(path)]
+    return warnings
+
+
+def _verified(
+    verifier: Verifier, folder: OutputFolder, part: Part, scene: Scene, request: Request
+) -> tuple[dict[str, Any], bool]:
+    """The validators' verdict on the written files, and whether the part was drawn meanwhile."""
+    skip = set(request.skip) | (set() if request.printing else set(PRINTER_CHECKS))
+    verifier.begin(
+        folder.file("part.stl"),
+        folder.file("knots.json"),
+        folder.file("scene.toml"),
+        skip,
+        folder.work,
+        folder.file("failures.png"),
+    )
+    light = scene.views[0].light_distance_mm
+    drawn = _draw(folder, part.bodies, part.pose, light, request.skip)
+    verdict = verifier.verdict()
+    if not request.printing:
+        for check in verdict["checks"]:
+            if check["name"] in PRINTER_CHECKS and check["name"] not in request.skip:
+                check["detail"] = "checked with --print"
+    return verdict, drawn
+
+
+def _own_checks(made: Design, part: Part, warnings: list[str]) -> list[dict[str, Any]]:
+    """What the maker itself knows: its certificate, its limits, the 3MF's reader, the mount's sag."""
+    sag = part.mounted.check_sag()
+    own = [check_3mf(warnings), check_certificate(made), check_limits(made)]
+    return own if sag is None else [*own, sag]
+
+
 def _reject_unbuilt(
     folder: OutputFolder,
     request: Request,
@@ -138,7 +209,7 @@ def _reject_unbuilt(
     why: str,
 ) -> Outcome:
     """Report knots about which no tube can be swept, or whose part fits no pose of the printer."""
-    scene = made.scene.model_copy(update={"pose": _pose(np.eye(4))})
+    scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
     made.knots.write(folder.file("knots.json"))
     folder.write(scene.views[0].picture, target.png_bytes)
     folder.write("scene.toml", dump_scene(scene))
@@ -165,38 +236,6 @@ def _require_device(name: str) -> None:
             "torch finds no CUDA device here",
             "Use --device cpu, or install a torch with CUDA (knotfab doctor says what is here).",
         )
-
-
-def part_of(made: Design, printing: bool) -> tuple[list[Mesh], PrintPose]:
-    """One watertight tube per knot, in print pose.
-
-    Raises:
-        SceneError: the piece does not fit the printer.
-    """
-    radius = made.knots.radius_mm
-    tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
-    for (vertices, faces), knot in zip(tubes, made.knots.knots, strict=True):
-        tube_manifold(vertices, faces, np.pi * radius**2 * knot.length_mm)
-    view = made.scene.views[0]
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    room = made.scene.printer.build_volume_mm if printing else _ANY_SIZE
-    pose = choose_pose(made.knots, tubes, room, (view.frame_width_mm, view.frame_height_mm))
-    return list(pose.tubes), pose
-
-
-def _pose(matrix: Array) -> Pose:
-    a, b, c, d = (tuple(float(x) for x in row) for row in matrix)
-    return Pose(matrix=(a, b, c, d))
-
-
-def _write_part(
-    folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, scene: Scene, target: Target
-) -> None:
-    write_stl(folder.file("part.stl"), bodies)
-    write_3mf(folder.file("part.3mf"), bodies, title=f"knotfab {target.name}")
-    pose.knots.write(folder.file("knots.json"))
-    folder.write(scene.views[0].picture, target.png_bytes)
-    folder.write("scene.toml", dump_scene(scene))
 
 
 def _draw(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -29,6 +30,7 @@ __all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon
 Array = NDArray[np.float64]
 
 _VERIFIED_PX = 1024  # longer side of the frame on which the outline is verified
+REGION_FILE = "region.stl"
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 
 
@@ -45,6 +47,7 @@ class Design:
     radius: RadiusChoice | None
     opening_iou: float
     settings: SearchSettings
+    region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
 
 
 def resolve_view(view: View, target: Target) -> View:
@@ -86,6 +89,10 @@ def silhouette_polygon(view: View, target: Target) -> MultiPolygon:
 
 def _region(region: Region, view: View) -> Region:
     """The region with its size settled: clear of wall and lamp, a quarter wider than the picture."""
+    if region.kind == "mesh":
+        least, most = _mesh_bounds(region)
+        extents = tuple(round(float(s), 4) for s in most - least)
+        return region.model_copy(update={"size_mm": extents})
     if region.size_mm != "auto":
         return region
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
@@ -98,6 +105,14 @@ def _region(region: Region, view: View) -> Region:
         around = min(max(wide, deep, high), 1.9 * view.light_distance_mm)
         size = (around, high, around) if region.kind == "cylinder" else (around, around, around)
     return region.model_copy(update={"size_mm": tuple(round(s, 4) for s in size)})
+
+
+def _mesh_bounds(region: Region) -> tuple[Array, Array]:
+    """Least and largest coordinates (3,) of a region that is a mesh; InputError if it is unfit."""
+    from knotfab.effects.region_mesh import region_mesh
+
+    assert region.file is not None
+    return region_mesh(region.file, region.center_mm).bounds
 
 
 def problem_of(scene: Scene, target: Target) -> Problem:
@@ -133,7 +148,12 @@ def _depth(scene: Scene, polygon: MultiPolygon, region: Region, radius: float) -
         if scene.piece.depth == "auto"
         else float(scene.piece.depth)
     )
-    room = region.size_mm[2] - 2 * abs(region.center_mm[2]) - 4.0 * radius
+    if region.kind == "mesh":
+        least, most = _mesh_bounds(region)
+        across = 2 * float(min(most[2], -least[2]))
+    else:
+        across = region.size_mm[2] - 2 * abs(region.center_mm[2])
+    room = across - 4.0 * radius
     if room <= 0:
         raise SceneError(
             "the region",
@@ -278,6 +298,10 @@ def design(
     if floor == "auto":
         floor = round(max(0.3, opened - settings.iou_slack), 4)
     limits = problem.limits(radius)
+    region, region_stl = problem.region, None
+    if region.file is not None:  # the build writes it beside the scene
+        region_stl = Path(region.file).read_bytes()
+        region = region.model_copy(update={"file": REGION_FILE})
     resolved = scene.model_copy(
         update={
             "piece": scene.piece.model_copy(
@@ -287,7 +311,7 @@ def design(
                     "knots": len(result.knots.knots),
                 }
             ),
-            "region": problem.region,
+            "region": region,
             "material": scene.material.model_copy(
                 update={"min_bend_radius_mm": limits.bend_radius}
             ),
@@ -295,4 +319,4 @@ def design(
             "search": settings.model_dump(),
         }
     )
-    return Design(resolved, result.knots, result, choice, opened, settings)
+    return Design(resolved, result.knots, result, choice, opened, settings, region_stl)

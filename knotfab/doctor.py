@@ -186,15 +186,19 @@ def _fonts() -> Finding:
 
 
 def _slicer() -> Finding:
-    path = shutil.which("prusa-slicer") or shutil.which("PrusaSlicer")
+    from knotfab.slicer.find import REMEDY, find_slicer
+
+    name, path = "prusa-slicer", find_slicer()
     if path is None:
-        return Finding(
-            "prusa-slicer",
-            "warning",
-            "not found: builds go without the slicer's own reading of the file",
-            "apt-get install --no-install-recommends prusa-slicer",
-        )
-    return Finding("prusa-slicer", "ok", path)
+        detail = "not found: builds go without the slicer's own reading of the file"
+        return Finding(name, "warning", detail, REMEDY)
+    code, said, error = _run([path, "--help"])
+    if code:
+        lines = error.strip().splitlines()
+        detail = f"{path} does not run: {lines[-1] if lines else _ending(code)}"
+        return Finding(name, "warning", detail, f"{REMEDY} --reinstall")
+    version = next((word for word in said.split() if word.startswith("PrusaSlicer")), "")
+    return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
 
 
 def _cores() -> Finding:
@@ -236,16 +240,23 @@ def _answer(code: str) -> tuple[bool, str]:
 
 def _child(code: str, *arguments: str) -> tuple[int, str, str]:
     """Run `code` in a Python of its own: exit code (128: too slow), standard output and error."""
+    return _run([sys.executable, "-c", code, *arguments])
+
+
+def _run(command: Sequence[str]) -> tuple[int, str, str]:
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code, *arguments],
+            command,
             capture_output=True,
             text=True,
+            errors="replace",
             timeout=CHILD_TIMEOUT_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
         return TOO_SLOW, "", ""
+    except OSError as error:
+        return TOO_SLOW, "", str(error)
     return done.returncode, done.stdout, done.stderr
 
 

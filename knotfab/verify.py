@@ -131,8 +131,8 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     from knotfab_validators.read_mesh import read_mesh
     from knotfab_validators.read_scene import read_scene
     from knotfab_validators.render import CannotRender, SilhouetteRenderer
+    from knotfab_validators.shadows import geometry_of
     from knotfab_validators.silhouette import read_silhouette, working_frame
-    from knotfab_validators.validate import geometry_of
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")

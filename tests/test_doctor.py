@@ -113,3 +113,31 @@ def test_examining_loads_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("script", "status", "detail"),
+    [
+        ("echo 'PrusaSlicer-2.5.0+UNKNOWN based on Slic3r'", "ok", ", PrusaSlicer-2.5.0"),
+        ("echo 'something else'", "ok", "prusa-slicer"),
+        ("echo 'no libGL.so.1' >&2; exit 127", "warning", "no libGL.so.1"),
+        ("kill -SEGV $$", "warning", "signal 11"),
+    ],
+)
+def test_the_slicer_is_asked_for_its_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, status: str, detail: str
+) -> None:
+    program = tmp_path / "prusa-slicer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    found = doctor._slicer()
+    assert found.status == status and found.detail.endswith(detail)
+    assert bool(found.remedy) == (status == "warning")
+
+
+def test_a_slicer_that_cannot_be_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "prusa-slicer").write_bytes(b"\x7fELF")
+    (tmp_path / "prusa-slicer").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert doctor._slicer().status == "warning"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import locale
+import re
+import subprocess
 import zipfile
 from pathlib import Path
 
@@ -13,8 +15,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from knotfab.part.stl import write_stl
-from knotfab.part.threemf import read_back_strict, write_3mf
+from knotfab.part.threemf import read_back_strict, read_bodies, write_3mf
+from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.sweep.tube import mesh_volume, sweep
+from knotfab_validators.read_mesh import read_mesh
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
@@ -65,20 +69,98 @@ def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
     about = model.GetMetaDataGroup()
     found = {about.GetMetaData(i).GetName(): about.GetMetaData(i).GetValue() for i in range(2)}
     assert found["Title"] == "Ring & <ring>" and found["Application"].startswith("knotfab ")
+    # one thing to print, whose components are the bodies, where they are
     items = model.GetBuildItems()
-    for name, (vertices, faces) in zip(("knot 1", "knot 2"), bodies, strict=True):
-        assert items.MoveNext()
-        item = items.GetCurrent()
-        transform = item.GetObjectTransform() if item.HasObjectTransform() else None
-        if transform is not None:
-            assert np.array(transform.Fields) == pytest.approx(np.eye(4)[:, :3])
-        body = model.GetMeshObjectByID(item.GetObjectResourceID())
+    assert items.Count() == 1 and items.MoveNext()
+    _is_identity(items.GetCurrent().GetObjectTransform())
+    whole = model.GetComponentsObjectByID(items.GetCurrent().GetObjectResourceID())
+    assert whole.GetComponentCount() == 2 and whole.GetName() == "Ring & <ring>"
+    for i, (name, (vertices, faces)) in enumerate(zip(("knot 1", "knot 2"), bodies, strict=True)):
+        component = whole.GetComponent(i)
+        _is_identity(component.GetTransform())
+        body = model.GetMeshObjectByID(component.GetObjectResourceID())
         assert body.GetName() == name and body.IsManifoldAndOriented()
         read = np.array([list(p.Coordinates) for p in body.GetVertices()])
         assert read == pytest.approx(vertices, abs=1e-5) and (read >= 0).all()
         corners = [list(t.Indices) for t in body.GetTriangleIndices()]
         assert np.array_equal(corners, faces)
-    assert not items.MoveNext()
+
+
+def _is_identity(transform: lib3mf.Transform) -> None:
+    assert np.array_equal(np.array(transform.Fields), np.eye(4)[:, :3])
+
+
+def test_one_body_is_the_item_itself(tmp_path: Path, bodies: list[Mesh]) -> None:
+    path = tmp_path / "part.3mf"
+    write_3mf(path, bodies[:1])
+    assert read_back_strict(path) == []
+    with zipfile.ZipFile(path) as archive:
+        model = archive.read("3D/3dmodel.model").decode()
+    assert model.count("<object ") == model.count("<item ") == 1 and "<component" not in model
+
+
+def test_a_body_is_read_as_it_was_written(tmp_path: Path, bodies: list[Mesh]) -> None:
+    """By the maker's reader, and by the one of the validators, which shares no code with it."""
+    path = tmp_path / "part.3mf"
+    write_3mf(path, bodies, names=["tube", "plate"])
+    found = read_bodies(path)
+    assert [body.name for body in found] == ["tube", "plate"]
+    for body, (vertices, faces) in zip(found, bodies, strict=True):
+        assert body.vertices == pytest.approx(vertices, abs=1e-5)
+        assert np.array_equal(body.faces, faces)
+    mesh = read_mesh(path)
+    corners = np.concatenate([b.vertices[b.faces] for b in found])
+    assert np.array_equal(mesh.vertices[mesh.faces], corners)
+
+
+def test_what_is_no_3mf_has_no_bodies(tmp_path: Path) -> None:
+    (tmp_path / "part.3mf").write_bytes(b"no archive")
+    for name in ("part.3mf", "missing.3mf"):
+        with pytest.raises(ValueError, match="not a 3MF"):
+            read_bodies(tmp_path / name)
+
+
+def test_colours(tmp_path: Path, bodies: list[Mesh]) -> None:
+    path = tmp_path / "part.3mf"
+    write_3mf(path, bodies, colors=["#D9d4c7", "#000001"])
+    assert read_back_strict(path) == []
+    model = lib3mf.get_wrapper().CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(path))
+    objects = model.GetMeshObjects()
+    found = []
+    while objects.MoveNext():
+        resource, prop, has = objects.GetCurrentMeshObject().GetObjectLevelProperty()
+        shade = model.GetBaseMaterialGroupByID(resource).GetDisplayColor(prop)
+        assert has
+        found.append((shade.Red, shade.Green, shade.Blue, shade.Alpha))
+    assert found == [(0xD9, 0xD4, 0xC7, 255), (0, 0, 1, 255)]
+    # a colour that occurs twice is one material
+    write_3mf(path, bodies, colors=["#aabbcc", "#AABBCC"])
+    with zipfile.ZipFile(path) as archive:
+        assert archive.read("3D/3dmodel.model").decode().count("<base ") == 1
+
+
+@pytest.mark.parametrize("colors", [["#aabbcc"], ["red", "red"], ["#aabbc", "#aabbcc"], []])
+def test_colours_that_are_none(tmp_path: Path, bodies: list[Mesh], colors: list[str]) -> None:
+    with pytest.raises(ValueError, match="colour"):
+        write_3mf(tmp_path / "part.3mf", bodies, colors=colors)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(find_slicer() is None, reason=f"PrusaSlicer is not installed: {REMEDY}")
+def test_prusaslicer_opens_it(tmp_path: Path, bodies: list[Mesh]) -> None:
+    write_3mf(tmp_path / "part.3mf", bodies, colors=["#d9d4c7", "#3d6fa5"])
+    slicer = find_slicer()
+    assert slicer is not None
+    command = [slicer, "--datadir", str(tmp_path / "settings"), "--info", "part.3mf"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    read = [float(x) for x in re.findall(r"^volume = ([\d.]+)", done.stdout, re.MULTILINE)]
+    assert read == pytest.approx([mesh_volume(*body) for body in bodies], rel=1e-5)
+    for axis, (name, of) in enumerate((n, o) for n in "xyz" for o in ("min", "max")):
+        found = re.findall(rf"^{of}_{name} = ([-\d.]+)", done.stdout, re.MULTILINE)
+        extreme = [getattr(vertices[:, axis // 2], of)() for vertices, _ in bodies]
+        assert [float(x) for x in found] == pytest.approx(extreme, abs=1e-4)
+    assert done.stdout.count("manifold = yes") == 2
 
 
 def test_locale_is_left_as_it_was(tmp_path: Path, bodies: list[Mesh]) -> None:

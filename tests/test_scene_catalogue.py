@@ -14,7 +14,8 @@ def test_known_names() -> None:
     assert set(printers()) >= {
         "prusa-mk4", "bambu-x1", "bambu-a1", "ender-3", "voron-2.4-350", "form-3",
     }  # fmt: skip
-    assert set(materials()) >= {"pla", "petg", "tpu", "resin"}
+    assert set(materials()) >= {"pla", "petg", "tpu", "resin", "steel-wire-2mm"}
+    assert "aluminium-wire-2mm" in materials()
 
 
 def test_figures_are_plausible() -> None:
@@ -22,7 +23,19 @@ def test_figures_are_plausible() -> None:
         assert min(printer.build_volume_mm) >= 100 and max(printer.build_volume_mm) <= 500
         assert 2 * printer.min_tube_radius_mm >= 2 * printer.nozzle_mm
     for material in materials().values():
-        assert 0.9 < material.density_g_cm3 < 1.5
+        low, high = (2.0, 9.0) if material.process == "wire" else (0.9, 1.5)
+        assert low < material.density_g_cm3 < high
+        assert 20 <= material.young_modulus_mpa <= 250000 and material.yield_mpa >= 5
+
+
+def test_a_u_turn_of_each_wire_can_be_bent() -> None:
+    for material in materials().values():
+        if material.process != "wire":
+            assert material.wire_diameter_mm == 0
+            continue
+        bend = material.tool_radius_mm + material.wire_diameter_mm / 2
+        # two bends of 90 degrees with the least straight between them
+        assert material.min_bend_radius_mm == bend + material.min_straight_mm / 2
 
 
 def test_the_defaults_are_those_of_the_files() -> None:
@@ -47,7 +60,7 @@ def test_keys_of_the_scene_win() -> None:
 def test_unknown_names_are_refused_and_the_known_ones_listed() -> None:
     with pytest.raises(InputError, match=r"'bambu'.*Did you mean 'bambu-x1'.*ender-3"):
         resolve(parse_scene("[printer]\nname = 'bambu'"))
-    with pytest.raises(InputError, match=r"'steel'.*petg, pla, resin, tpu"):
+    with pytest.raises(InputError, match=r"'steel'.*aluminium-wire-2mm, petg.*tpu"):
         resolve(parse_scene("[material]\nname = 'steel'"))
 
 

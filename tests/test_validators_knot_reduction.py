@@ -6,20 +6,38 @@ import numpy as np
 import pytest
 from validator_parts import Array, circle, tangle, trefoil
 
-from knotfab_validators.knot_invariants import determinant, linking_number
+from knotfab_validators.alexander import colouring_number
 from knotfab_validators.knot_reduction import (
+    Budget,
     Reduced,
+    TooTangled,
     general_position,
+    nearest_approach,
     orientation,
     pierced,
     reduce_polygons,
+    touching_place,
 )
+from knotfab_validators.projection import diagram_of
 
 
 def reduced(*polygons: Array, shakes: int = 0) -> Reduced:
     placed = general_position(polygons)
     assert placed is not None
     return reduce_polygons(placed, shakes=shakes)
+
+
+def determinant(polygon: Array) -> int:
+    """Modulo 2^31 - 1, up to sign."""
+    found = diagram_of([polygon], most=5000)
+    assert found is not None
+    return colouring_number(found)
+
+
+def linking_number(one: Array, other: Array) -> int:
+    found = diagram_of([one, other], most=5000)
+    assert found is not None
+    return found.linking_numbers().get((0, 1), 0)
 
 
 def depth(n: int, rng: np.random.Generator, size: float = 30.0) -> Array:
@@ -112,6 +130,8 @@ def test_polygons_that_touch_have_no_general_position() -> None:
     assert general_position([circle(40), circle(40) + [80.0, 0, 0]]) is None
     fold = np.array([[0.0, 0, 0], [5, 0, 0], [2, 1e-9, 0], [2, 3, 0]])
     assert general_position([fold]) is None
+    near = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 1e-8], [-1, 1, 1e-8]])
+    assert general_position([near]) is not None  # not quite: a smaller shift will do
     repeated = np.array([[0.0, 0, 0], [5, 0, 0], [5, 0, 0], [2, 3, 0]])
     assert general_position([repeated]) is None
 
@@ -149,3 +169,30 @@ def test_a_segment_is_told_from_one_that_pierces() -> None:
     assert meets([1, 0.5, 0], [3, 3, 0])  # in its plane: not certain, so it counts
     assert not meets([2, 0, 0], [3, 0.1, 0.2])  # leaves from a corner
     assert meets([2, 0, 0], [1, 0.5, 0])  # leaves from a corner into the triangle
+
+
+def test_the_places_where_polygons_touch_and_where_they_are_nearest() -> None:
+    cross = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0]])
+    assert touching_place([cross]) == pytest.approx([0, 0, 0], abs=1e-9)
+    two = [circle(40), circle(40) + [80.0, 0, 0]]
+    assert touching_place(two) == pytest.approx([40, 0, 0], abs=1e-9)
+    fold = np.array([[0.0, 0, 0], [5, 0, 0], [2, 1e-9, 0], [2, 3, 0]])
+    place = touching_place([fold])
+    assert 2 <= place[0] <= 5 and place[1:] == pytest.approx([0, 0], abs=1e-8)
+    repeated = np.array([[0.0, 0, 0], [5, 0, 0], [5, 0, 0], [2, 3, 0]])
+    assert touching_place([repeated]) == pytest.approx([5, 0, 0])
+    assert nearest_approach(circle(40), circle(40) + [90.0, 0, 0]) == pytest.approx([45, 0, 0])
+    above = np.array([[-9.0, 0, 4], [9, 0, 4], [0, 0, 30]])
+    below = np.array([[0.0, -9, 2], [0, 9, 2], [0, 0, -30]])
+    assert nearest_approach(above, below) == pytest.approx([0, 0, 3], abs=1e-9)
+
+
+def test_a_spent_budget_ends_the_work_and_not_the_truth() -> None:
+    rest = reduce_polygons([trefoil(400)], budget=Budget(2000))
+    assert 20 < rest.vertices <= 400 and determinant(rest.polygons[0]) == 3
+    budget = Budget(10)
+    budget.spend(10)
+    with pytest.raises(TooTangled):
+        budget.spend(1)
+    with pytest.raises(TooTangled):
+        general_position([np.random.default_rng(0).normal(size=(9000, 3))])

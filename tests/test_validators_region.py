@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from validator_parts import circle, tube
 
 from knotfab_validators.read_knots import Curves
-from knotfab_validators.read_mesh import Mesh
-from knotfab_validators.read_scene import Region
+from knotfab_validators.read_mesh import BadFile, Mesh
+from knotfab_validators.read_scene import Region, parse_scene, read_scene
 from knotfab_validators.region import check_build_volume, check_region, sticks_out
+from knotfab_validators.region_mesh import read_region_mesh
 
 CURVE = circle(360, 40.0)  # in the plane z = 0
 KNOT = Curves((CURVE,), ("unknot",), (True,), 3.0)
@@ -31,6 +34,7 @@ KNOT = Curves((CURVE,), ("unknot",), (True,), 3.0)
 )
 def test_the_excess_is_exact(kind: str, size: tuple[float, float, float], excess: float) -> None:
     check = check_region(Region(kind, (0.0, 0.0, 0.0), size), None, KNOT)
+    assert check.detail.startswith(f"how far the tube sticks out of the {kind}")
     assert check.measured == pytest.approx(excess, abs=1e-9)
     assert check.status == ("fail" if excess > 0 else "pass")
     assert check.required and check.unit == "mm"
@@ -42,6 +46,9 @@ def test_the_middle_counts_and_so_does_the_pose() -> None:
     pose = ((0.0, 1, 0, 10 - 6.0), (0, 0, 1, 20 - 7.0), (1, 0, 0, 30 - 5.0), (0, 0, 0, 1.0))
     assert check_region(region, pose, moved).measured == pytest.approx(-0.5)
     assert check_region(region, None, moved).status == "fail"
+    # the place is named in the coordinates of the part
+    place = np.array(check_region(region, pose, moved).at[0])
+    assert np.abs(moved.polygons[0] - place).sum(axis=1).min() < 1e-9
 
 
 def test_a_mesh_is_measured_where_no_radius_is_known() -> None:
@@ -80,6 +87,12 @@ def test_the_detail_names_the_place_that_sticks_out() -> None:
         ((-0.01, 0.0, 0.0), "fail"),
         ((0.0, 0.0, -20.0), "fail"),
         ((0.0, 14.01, 0.0), "fail"),
+        ((0.0, 14.00098, 0.0), "pass"),
+        ((0.0, 14.00102, 0.0), "fail"),
+        ((14.1, 0.0, 0.0), "fail"),
+        ((0.0, 0.0, -0.1), "fail"),
+        ((0.0, 0.0, 44.0), "pass"),
+        ((0.0, 0.0, 44.1), "fail"),
         ((np.nan, 0.0, 0.0), "fail"),
     ],
 )
@@ -88,3 +101,140 @@ def test_the_part_lies_on_the_printers_bed(shift: tuple[float, ...], status: str
     mesh = Mesh(vertices, np.array([[0, 1, 2]]))
     check = check_build_volume(mesh, (100.0, 100.0, 50.0))
     assert check.status == status and check.required
+    if status == "fail" and np.isfinite(shift).all():
+        out = np.array(check.at[0])
+        assert check.measured == pytest.approx(max((out - [100, 100, 50]).max(), -out.min()))
+
+
+# --- a closed mesh as the region -------------------------------------------------------------------
+
+
+def prism(*outline: tuple[float, float], low: float = -30.0, high: float = 30.0) -> Mesh:
+    """What stands over a polygon that is a star about its first corner, from z `low` to `high`."""
+    n = len(outline)
+    flat = np.array(outline)
+    vertices = np.vstack([np.c_[flat, np.full(n, low)], np.c_[flat, np.full(n, high)]])
+    i = np.arange(n)
+    j = (i + 1) % n
+    caps = np.array([[0, k, k + 1] for k in range(1, n - 1)])
+    sides = np.concatenate([np.c_[i, j, j + n], np.c_[i, j + n, i + n]])
+    return Mesh(vertices, np.concatenate([caps[:, ::-1], caps + n, sides]))
+
+
+def box_mesh(size: tuple[float, float, float]) -> Mesh:
+    x, y, z = (s / 2 for s in size)
+    return prism((-x, -y), (x, -y), (x, y), (-x, y), low=-z, high=z)
+
+
+def room(mesh: Mesh, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Region:
+    return Region("mesh", center, None, mesh)
+
+
+REGIONS = {
+    "box": lambda out: Region("box", (0.0, 0.0, 0.0), (86.0 - 2 * out, 100.0, 10.0)),
+    "cylinder": lambda out: Region("cylinder", (0.0, 0.0, 0.0), (100.0, 86.0 - 2 * out, 100.0)),
+    "sphere": lambda out: Region("sphere", (0.0, 0.0, 0.0), (86.0 - 2 * out,) * 3),
+    "mesh": lambda out: room(box_mesh((86.0 - 2 * out, 100.0, 10.0))),
+}
+SHIFT = ((1.0, 0, 0, -7.0), (0, 1.0, 0, -8.0), (0, 0, 1.0, -9.0), (0, 0, 0, 1.0))
+
+
+@pytest.mark.parametrize("kind", REGIONS)
+def test_a_strand_a_tenth_outside_is_refused_with_its_place(kind: str) -> None:
+    part = Curves((CURVE + [7.0, 8.0, 9.0],), ("unknot",), (True,), 3.0)
+    for out, status in ((0.1, "fail"), (2e-6, "fail"), (0.0, "pass"), (-0.1, "pass")):
+        check = check_region(REGIONS[kind](out), SHIFT, part)
+        assert check.measured == pytest.approx(out, abs=1e-9)
+        assert check.status == status and check.required
+        place = np.array(check.at[0]) - [7.0, 8.0, 9.0]
+        assert np.linalg.norm(place) == pytest.approx(
+            40.0
+        )  # on the curve, in the part's coordinates
+        assert kind == "sphere" or np.abs(place).max() == pytest.approx(40.0, abs=1e-6)
+
+
+def test_a_wall_that_pokes_in_between_two_vertices_is_found() -> None:
+    square = np.array([[-20.0, -20, 0], [20, -20, 0], [20, 20, 0], [-20, 20, 0]])
+    knot = Curves((square,), ("unknot",), (True,), 3.0)
+
+    def wedge(tip: float) -> Region:  # its edge stands at (0, tip), far from every vertex
+        corners = [
+            (0.0, tip),
+            (-9.0, 60.0),
+            (-60.0, 60.0),
+            (-60.0, -60.0),
+            (60.0, -60.0),
+            (60.0, 60.0),
+        ]
+        return room(prism(*corners, (9.0, 60.0)))
+
+    for tip, excess in ((23.5, -0.5), (23.0, 0.0), (22.9, 0.1), (20.5, 2.5)):
+        check = check_region(wedge(tip), None, knot)
+        assert check.measured == pytest.approx(excess, abs=1e-9)
+        assert check.status == ("fail" if excess > 0 else "pass")
+        assert np.array(check.at[0])[:2] == pytest.approx([0.0, 20.0], abs=1e-6)
+    through = check_region(wedge(10.0), None, knot)  # the line itself leaves the room
+    assert through.status == "fail" and isinstance(through.measured, float)
+    assert through.measured > 3.0 and np.abs(np.array(through.at[0]) - [0, 20, 0]).max() < 2
+
+
+def test_the_mesh_is_moved_by_the_middle() -> None:
+    knot = Curves((CURVE + [1.0, 2.0, 3.0],), ("unknot",), (True,), 3.0)
+    mesh = box_mesh((87.0, 87.0, 7.0))
+    assert check_region(room(mesh, (1.0, 2.0, 3.0)), None, knot).measured == pytest.approx(-0.5)
+    assert check_region(room(mesh), None, knot).measured == pytest.approx(2.5)
+
+
+def test_a_knot_wholly_outside_is_measured_by_its_farthest_point() -> None:
+    knot = Curves((CURVE + [200.0, 0, 0],), ("unknot",), (True,), 3.0)
+    check = check_region(room(box_mesh((86.0, 86.0, 10.0))), None, knot)
+    assert check.measured == pytest.approx(240 - 43 + 3)
+
+
+def test_a_part_without_tube_is_held_against_the_mesh() -> None:
+    part = Mesh(box_mesh((20.0, 20.0, 20.0)).vertices + [0, 0, 10.0], box_mesh((1, 1, 1)).faces)
+    standing = room(prism((-50, -50), (50, -50), (50, 50), (-50, 50), low=0.0, high=40.0))
+    assert check_region(standing, None, None, part).status == "pass"  # its base on the floor
+    lower = Mesh(part.vertices - [0, 0, 0.1], part.faces)
+    check = check_region(standing, None, None, lower)
+    assert check.status == "fail" and check.measured == pytest.approx(0.1)
+    assert check.at[0][2] == pytest.approx(-0.1)
+    ridge = room(
+        prism((0, 9.0), (-9, 60), (-60, 60), (-60, -60), (60, -60), (60, 60), (9, 60), low=-5)
+    )
+    assert check_region(ridge, None, None, part).measured == pytest.approx(
+        np.sin(np.arctan(9 / 51)), abs=1e-6
+    )
+
+
+def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -> None:
+    mesh = box_mesh((86.0, 100.0, 10.0))
+
+    def write(used: Mesh, name: str = "room.stl") -> None:
+        lines = ["solid room"]
+        for corners in used.vertices[used.faces]:
+            lines += ["facet normal 0 0 0", "outer loop"]
+            lines += ["vertex {} {} {}".format(*c) for c in corners]
+            lines += ["endloop", "endfacet"]
+        (tmp_path / name).write_text("\n".join([*lines, "endsolid room"]))
+
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[region]\nkind = "mesh"\nfile = "room.stl"\n')
+    with pytest.raises(BadFile, match=r"room\.stl: cannot be read"):
+        read_scene(scene)
+    write(mesh)
+    found = read_scene(scene).region
+    assert found.kind == "mesh" and found.surface is not None
+    assert check_region(found, None, KNOT).measured == pytest.approx(0.0, abs=1e-9)
+    write(Mesh(mesh.vertices, mesh.faces[1:]))
+    with pytest.raises(BadFile, match=r"\[region\] file: room\.stl is not a closed surface"):
+        read_scene(scene)
+    write(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    with pytest.raises(BadFile, match="inside out"):
+        read_region_mesh(tmp_path / "room.stl", "scene.toml")
+    for text in ('kind = "mesh"', 'kind = "box"\nfile = "room.stl"', 'kind = "mesh"\nfile = 3'):
+        scene.write_text("[region]\n" + text)
+        with pytest.raises(BadFile, match=r"\[region\] file"):
+            read_scene(scene)
+    bare = parse_scene({"region": {"kind": "mesh", "file": "room.stl"}}).region
+    assert check_region(bare, None, KNOT).status == "skipped"

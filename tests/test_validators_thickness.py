@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from thickness_oracle import enumerate_chords
 
+from knotfab_validators.critical_chords import shortest_critical_chord
 from knotfab_validators.read_knots import Curves
 from knotfab_validators.thickness import (
     Thickness,
@@ -51,94 +50,11 @@ def stadium(straight: float, radius: float, n: int) -> Array:
     return np.concatenate([half + shift, -half - shift])
 
 
-# --- the oracle: every pair of places, with plain loops -------------------------------------
-
-
-def _directions(polygon: Array, closed: bool, k: int) -> tuple[Array | None, Array | None]:
-    n = len(polygon)
-    before = polygon[k] - polygon[k - 1] if closed or k > 0 else None
-    after = polygon[(k + 1) % n] - polygon[k] if closed or k < n - 1 else None
-    return before, after
-
-
-def _turns(polygon: Array, closed: bool, k: int, chord: Array) -> bool:
-    before, after = _directions(polygon, closed, k)
-    if before is None:
-        return bool(after is not None and chord @ after <= 1e-12)
-    if after is None:
-        return bool(chord @ before >= -1e-12)
-    return bool((chord @ before) * (chord @ after) <= 1e-12)
-
-
-def oracle(polygons: Sequence[Array], closed: Sequence[bool]) -> tuple[float, float]:
-    """MinRad and half the shortest doubly critical chord, by enumeration."""
-    rad = np.inf
-    chords = [np.inf]
-    vertices = [(k, i) for k, p in enumerate(polygons) for i in range(len(p))]
-    edges = [
-        (k, i) for k, p in enumerate(polygons) for i in range(len(p) if closed[k] else len(p) - 1)
-    ]
-    for k, i in vertices:
-        before, after = _directions(polygons[k], closed[k], i)
-        if before is not None and after is not None:
-            a, b = np.linalg.norm(before), np.linalg.norm(after)
-            theta = np.arccos(np.clip(before @ after / (a * b), -1, 1))
-            if theta > 0:
-                rad = min(rad, min(a, b) / (2 * np.tan(theta / 2)))
-    for (k, i), (m, j) in itertools.combinations(vertices, 2):
-        d = polygons[m][j] - polygons[k][i]
-        if _turns(polygons[k], closed[k], i, d) and _turns(polygons[m], closed[m], j, -d):
-            chords.append(float(np.linalg.norm(d)))
-    for (k, i), (m, j) in itertools.product(vertices, edges):
-        p, n = polygons[m], len(polygons[m])
-        if k == m and i in (j, (j + 1) % n):
-            continue
-        x, a, e = polygons[k][i], p[j], p[(j + 1) % n] - p[j]
-        t = (x - a) @ e / (e @ e)
-        if -1e-12 <= t <= 1 + 1e-12 and _turns(polygons[k], closed[k], i, a + t * e - x):
-            chords.append(float(np.linalg.norm(a + t * e - x)))
-    for (k, i), (m, j) in itertools.combinations(edges, 2):
-        p, q = polygons[k], polygons[m]
-        n = len(p)
-        if k == m and (j - i) % n in (1, n - 1):
-            continue
-        a, e, b, f = p[i], p[(i + 1) % n] - p[i], q[j], q[(j + 1) % len(q)] - q[j]
-        matrix = np.array([[e @ e, -e @ f], [-e @ f, f @ f]])
-        if abs(np.linalg.det(matrix)) < 1e-10 * (e @ e) * (f @ f):
-            continue
-        s, t = np.linalg.solve(matrix, np.array([e @ (b - a), -f @ (b - a)]))
-        if 0 <= s <= 1 and 0 <= t <= 1:
-            chords.append(float(np.linalg.norm(b + t * f - a - s * e)))
-    return float(rad), min(chords) / 2
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_agrees_with_the_oracle(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    polygons, closed = [], []
-    for _ in range(int(rng.integers(1, 4))):
-        n = int(rng.integers(3, 24))
-        path = rng.normal(size=(n, 3)) if seed % 2 else rng.normal(size=(n, 3)).cumsum(axis=0)
-        polygons.append(path)
-        closed.append(bool(rng.random() < 0.7))
-    found = thickness(polygons, closed)
-    rad, half = oracle(polygons, closed)
-    assert found.min_rad == pytest.approx(rad, rel=1e-9)
-    assert found.half_dcsd == pytest.approx(half, rel=1e-9)
-    assert found.value == min(found.min_rad, found.half_dcsd)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_agrees_with_the_oracle_on_smooth_curves(seed: int) -> None:
-    rng = np.random.default_rng(100 + seed)
-    s = 2 * np.pi * np.arange(90) / 90
-    waves = rng.normal(size=(2, 5, 3)) / np.arange(1, 6)[:, None]
-    phase = s[:, None] * np.arange(1, 6)
-    smooth = 10 * (np.cos(phase) @ waves[0] + np.sin(phase) @ waves[1])
-    found = thickness([smooth])
-    rad, half = oracle([smooth], [True])
-    assert found.min_rad == pytest.approx(rad, rel=1e-9)
-    assert found.half_dcsd == pytest.approx(half, rel=1e-9)
+def dcsd(*polygons: Array, closed: bool = True) -> float:
+    """Half the shortest doubly critical chord, also where a bend decides."""
+    chord = shortest_critical_chord(polygons, [closed] * len(polygons))
+    assert chord is not None
+    return chord.length / 2
 
 
 # --- values that are known ------------------------------------------------------------------
@@ -146,20 +62,22 @@ def test_agrees_with_the_oracle_on_smooth_curves(seed: int) -> None:
 
 @pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 8, 31, 64, 501, 1000])
 def test_regular_polygons(n: int) -> None:
-    found = thickness([turned(ngon(n, 10.0), n)])
+    polygon = turned(ngon(n, 10.0), n)
+    found = thickness([polygon])
     flat = 10 * np.cos(np.pi / n)
     assert found.min_rad == pytest.approx(flat, rel=1e-9)
     # even: from edge to edge; odd: from a vertex to the middle of the edge across
     half = flat if n % 2 == 0 else (10 + flat) / 2
-    assert found.half_dcsd == pytest.approx(half, rel=1e-9)
+    assert dcsd(polygon) == pytest.approx(half, rel=1e-9)
     assert found.value == pytest.approx(flat, rel=1e-9)
 
 
 def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
     square = thickness([np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])])
-    assert (square.value, square.min_rad, square.half_dcsd) == pytest.approx((1, 1, 1), rel=1e-12)
-    slit = thickness([turned(np.array([[0.0, 0, 0], [50, 0, 0], [50, 2, 0], [0, 2, 0]]))])
-    assert slit.half_dcsd == pytest.approx(1, rel=1e-9)
+    assert (square.value, square.min_rad) == pytest.approx((1, 1), rel=1e-12)
+    slit = turned(np.array([[0.0, 0, 0], [50, 0, 0], [50, 2, 0], [0, 2, 0]]))
+    assert dcsd(slit) == pytest.approx(1, rel=1e-9)
+    assert thickness([slit]).value == pytest.approx(1, rel=1e-9)
 
 
 @pytest.mark.parametrize("n", [4, 8, 12])
@@ -167,9 +85,9 @@ def test_hopf_link_of_regular_polygons(n: int) -> None:
     a = ngon(n, 2.0)
     b = shifted(ngon(n, 2.0, (0, 2)), 2.0, 0, 0)
     found = thickness([turned(a), turned(b)])
-    rad, half = oracle([a, b], [True, True])
-    assert found.min_rad == pytest.approx(rad, rel=1e-9)
-    assert found.half_dcsd == pytest.approx(half, rel=1e-9)
+    expected = enumerate_chords([a, b], [True, True])
+    assert found.min_rad == pytest.approx(expected.min_rad, rel=1e-9)
+    assert dcsd(turned(a), turned(b)) == pytest.approx(expected.half_dcsd, rel=1e-9)
 
 
 def test_hopf_link_of_round_polygons_is_half_a_radius_thick() -> None:
@@ -184,17 +102,20 @@ def test_parallel_strands_at_an_exact_gap() -> None:
     one = np.concatenate([np.column_stack([x, 0 * x, 0 * x]), rest])
     other = one * [1, -1, 1] + [0.17, 3.0, 0]  # shifted along: no vertices face each other
     found = thickness([turned(one), turned(other)])
-    assert found.half_dcsd == pytest.approx(1.5, rel=1e-9)
-    assert found.dcsd_at is not None
-    assert {end[0] for end in found.dcsd_at} == {0, 1}
+    assert found.min_rad < 1.5 and found.half_dcsd is None  # the ends are sharper
+    assert dcsd(turned(one), turned(other)) == pytest.approx(1.5, rel=1e-9)
+    chord = shortest_critical_chord([one, other], [True, True])
+    assert chord is not None
+    assert {end[0] for end in chord.ends} == {0, 1}
 
 
 @pytest.mark.parametrize("n", [8, 9, 50])
 def test_stadium(n: int) -> None:
-    found = thickness([turned(stadium(40.0, 3.0, n))])
+    track = turned(stadium(40.0, 3.0, n))
+    found = thickness([track])
     corner = 2 * 3 * np.sin(np.pi / n / 2)  # edge; at the joins it turns by half the angle
     assert found.min_rad == pytest.approx(corner / (2 * np.tan(np.pi / n / 2)), rel=1e-9)
-    assert found.half_dcsd == pytest.approx(3.0, rel=1e-9)
+    assert dcsd(track) == pytest.approx(3.0, rel=1e-9)
 
 
 def test_where_it_is() -> None:
@@ -220,7 +141,7 @@ def test_open_ends() -> None:
     aside = thickness([line, shifted(line, 0, 3, 0)], [False, False])
     assert aside.half_dcsd == pytest.approx(1.5)
     hook = np.array([[0.0, 0, 0], [10, 0, 0], [10, 6, 0], [5, 6, 0]])  # its end above an edge
-    assert thickness([hook], [False]).half_dcsd == pytest.approx(3.0)
+    assert dcsd(hook, closed=False) == pytest.approx(3.0)
 
 
 def test_degenerate_polygons_have_no_thickness() -> None:
@@ -256,9 +177,9 @@ def test_a_long_tangle_of_many_vertices() -> None:
     curve = np.column_stack([p * np.cos(s), p * np.sin(s), 20 * np.sin(turns * s)])
     found: Thickness = thickness([curve])
     # at the inner equator neighbours are about 30 * 2 pi / 40 apart, less for their slope
+    assert found.half_dcsd is not None
     assert 0.9 * 30 * np.pi / turns < found.half_dcsd < 30 * np.pi / turns
-    circle = thickness([ngon(n, 10.0)])
-    assert circle.half_dcsd == pytest.approx(10 * np.cos(np.pi / n), rel=1e-9)
+    assert dcsd(ngon(n, 10.0)) == pytest.approx(10 * np.cos(np.pi / n), rel=1e-9)
 
 
 # --- the checks, and what they must reject --------------------------------------------------
@@ -271,23 +192,50 @@ def test_check_thickness_rejects_strands_at_0_999_diameters() -> None:
     bad = check_thickness(curves(one, near), radius)
     assert bad.status == "fail" and bad.name == "thickness" and bad.unit == "mm"
     assert bad.measured == pytest.approx(0.999 * radius, rel=1e-9)
-    assert "strands" in bad.detail and "knot 1 vertex" in bad.detail
-    assert check_thickness(curves(one, far), radius).status == "pass"
+    assert "strands" in bad.detail and "knot 0 vertex" in bad.detail
+    assert "knot 1 vertex" in bad.detail and bad.detail.count("mm") == 2  # both places
+    assert bad.at[0][2] == pytest.approx(0.999 * radius)
+    good = check_thickness(curves(one, far), radius)
+    assert good.status == "pass" and good.limit == radius
+
+
+def test_thickness_exactly_at_its_limit() -> None:
+    """Squares of corners that doubles hold exactly: thickness 1 by their bends, 0.75 by a gap."""
+    square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    for at_limit in (curves(square), curves(square, shifted(square, 0, 0, 1.5))):
+        value = 0.75 if len(at_limit.polygons) == 2 else 1.0
+        found = check_thickness(at_limit, value)
+        assert found.status == "pass" and found.measured == value
+        assert check_thickness(at_limit, value * (1 + 1e-11)).status == "fail"
+        assert check_thickness(at_limit, value * (1 + 1e-13)).status == "pass"  # rounding
+        assert check_thickness(at_limit, None).status == "pass"
+    bend = check_bend(curves(square), 1.0)
+    assert bend.status == "pass" and bend.measured == 1.0
+    assert check_bend(curves(square), 1 + 1e-11).status == "fail"
+    assert check_bend(curves(square), 1 + 1e-13).status == "pass"
+    assert bend.at[0] in {(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 2.0, 0.0), (0.0, 2.0, 0.0)}
 
 
 def test_check_bend_rejects_a_bend_at_0_99_of_the_limit() -> None:
     for factor, status in ((0.99, "fail"), (1.01, "pass")):
         ring = ngon(200, factor * 5.0 / np.cos(np.pi / 200))
         found = check_bend(curves(ngon(100, 40.0, (1, 2)), ring), 5.0)
-        assert found.status == status and found.name == "bend"
+        assert found.status == status and found.name == "bend" and found.limit == 5.0
         assert found.measured == pytest.approx(factor * 5.0, rel=1e-9)
         assert "knot 1 vertex" in found.detail
-    assert check_thickness(curves(ngon(200, 4.9)), 5.0).status == "fail"
+        assert np.linalg.norm(found.at[0]) == pytest.approx(5 * factor, rel=1e-3)
+    flat = check_thickness(curves(ngon(200, 4.9)), 5.0)
+    assert flat.status == "fail" and "bend" in flat.detail and len(flat.at) == 1
 
 
 def test_check_length() -> None:
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
-    both = curves(square, shifted(square, 0, 0, 5))
-    assert check_length(both, 16.0).status == "pass"
-    short = check_length(both, 15.999)
-    assert short.status == "fail" and short.measured == pytest.approx(16.0)
+    both = curves(square, shifted(3 * square, 0, 0, 5))
+    good = check_length(both, 32.0)
+    assert good.status == "pass" and good.limit == 32.0 and good.unit == "mm"
+    assert check_length(both, 32.0 * (1 - 1e-13)).status == "pass"
+    short = check_length(both, 32.0 * (1 - 1e-11))
+    assert short.status == "fail" and short.measured == pytest.approx(32.0)
+    assert short.at == ((0.0, 0.0, 5.0),) and "longest is knot 1" in short.detail
+    alone = Curves((square,), ("unknot",), (False,), 1.0)
+    assert check_length(alone, None).measured == pytest.approx(6.0)

@@ -39,8 +39,9 @@ def build(
     depth: str | None = None,
     knots: str | None = None,
     search: Literal["flow"] = "flow",
-    mount: Literal["none"] = "none",
+    mount: Literal["wall", "none"] | None = None,
     printer: str | None = None,
+    material: str | None = None,
     seed: int | None = None,
     invert: Annotated[bool, Parameter(negative="")] = False,
     device: Literal["cpu", "cuda"] = "cpu",
@@ -73,9 +74,13 @@ def build(
     search
         The method; flow is the certified flow.
     mount
-        What holds the piece; none yet.
+        What holds the piece, with --print: wall (pegs along light rays, in the tube's own shadow, on a
+        plate whose face is the wall, or in drilled holes) or none (default).
     printer
-        A printer's name, such as prusa-mk4.
+        A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
+        the names.
+    material
+        A material's name, such as petg, or a file.
     seed
         Of the random depth profiles.
     invert
@@ -99,6 +104,8 @@ def build(
         depth=depth,
         knots=knots,
         printer=printer,
+        material=material,
+        mount=mount,
         seed=seed,
         invert=invert,
     )
@@ -216,6 +223,18 @@ def doctor() -> int:
     findings = examine()
     print_findings(findings)
     return 3 if any(f.status == "missing" for f in findings) else 0
+
+
+@app.command
+def printers() -> int:
+    """List the printers and materials that are known by name, one's own included, with their figures."""
+    from knotfab.cli.summary import print_catalogue
+    from knotfab.scene.catalogue import materials
+    from knotfab.scene.catalogue import printers as known
+    from knotfab.scene.own_data import data_folder
+
+    print_catalogue(known(), materials(), data_folder())
+    return 0
 
 
 def _one_picture(pictures: tuple[str, ...], of_scene: str, scene: Path | None) -> str:

@@ -10,19 +10,27 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.errors import InputError
-from knotfab.scene.model import Printer, Scene
+from knotfab.scene.model import Scene
 
 __all__ = ["CHECKS", "Files", "files_to_validate", "scene_of", "seconds_of", "skips_of"]
 
 # What `--skip` knows: the validators' checks, and the rendering that some of them use.
 CHECKS = (
-    "shadow-render",
-    *("shadow", "shadow_exact", "outline", "wrong_outline"),
+    *("shadow-render", "slicer"),
+    *("shadow", "shadow_exact", "outline", "intrusion", "wrong_outline"),
     *("thickness", "clearance", "bend", "length", "knot_type", "linking", "tube"),
     *("region", "build_volume"),
-    *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_bodies"),
+    *(
+        "mesh_closed",
+        "mesh_winding",
+        "mesh_degenerate",
+        "mesh_duplicate",
+        "mesh_manifold",
+        "mesh_bodies",
+    ),
     *("mesh_genus", "mesh_volume", "mesh_self_intersection"),
-    *("feature", "gap", "overhang", "support_volume", "bridge", "floating", "standing"),
+    *("feature", "gap", "overhang", "support_volume", "bridge", "floating", "islands", "standing"),
+    *("plate_mesh", "plates", "plates_volume"),
 )
 
 _UNITS = {"mm": "millimetres", "s": "seconds"}
@@ -76,6 +84,8 @@ def scene_of(
     depth: str | None,
     knots: str | None,
     printer: str | None,
+    material: str | None = None,
+    mount: str | None,
     seed: int | None,
     invert: bool,
 ) -> tuple[Scene, Path | None]:
@@ -83,6 +93,7 @@ def scene_of(
 
     Returns the scene and the folder that its pictures are relative to.
     """
+    from knotfab.scene.catalogue import material_of, printer_of
     from knotfab.scene.load import check_scene, load_scene
 
     scene = load_scene(path) if path is not None else Scene()
@@ -107,7 +118,11 @@ def scene_of(
         if accuracy != scene.accuracy.name:
             update["search"] = {}  # another preset: the settings of the old one go
     if printer is not None:
-        update["printer"] = Printer(name=printer)
+        update["printer"] = printer_of(printer)
+    if material is not None:
+        update["material"] = material_of(material)
+    if mount is not None:
+        update["mount"] = scene.mount.model_copy(update={"kind": mount})
     if seed is not None:
         if seed < 0:
             raise InputError(f"--seed {seed}", "it is negative", "Use a whole number from 0")

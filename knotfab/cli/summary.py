@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from knotfab.build import Outcome
     from knotfab.doctor import Finding
+    from knotfab.scene.model import Material, Printer
 
-__all__ = ["UNABLE", "print_checks", "print_findings", "print_summary"]
+__all__ = ["UNABLE", "print_catalogue", "print_checks", "print_findings", "print_summary"]
 
 _MARKS = {"pass": "[green]pass[/]", "fail": "[red]FAIL[/]", "skipped": "[yellow]skip[/]"}
 _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
@@ -27,7 +29,7 @@ def _value(value: Any) -> str:
 
 
 def print_checks(checks: Sequence[dict[str, Any]]) -> None:
-    """A line a check; the detail of those that did not pass."""
+    """A line a check that ran, the detail of those that did not pass, and why the others did not run."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -36,6 +38,8 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     for column in ("", "check", "measured", "limit", "unit"):
         table.add_column(column)
     for check in checks:
+        if check["status"] == "skipped" and not check["required"]:
+            continue
         table.add_row(
             _MARKS[check["status"]],
             escape(check["name"]),
@@ -45,10 +49,16 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
         )
     console = Console()
     console.print(table)
+    reasons: dict[str, list[str]] = {}
     for check in checks:
-        if check["status"] != "pass" and check["detail"]:
+        if check["status"] == "skipped" and not check["required"]:
+            reasons.setdefault(check["detail"], []).append(check["name"])
+        elif check["status"] != "pass" and check["detail"]:
             line = f"  {escape(check['name'])}: {escape(check['detail'])}"
             console.print(line, highlight=False, soft_wrap=True)
+    for why, names in reasons.items():
+        line = f"  not run ({escape(why)}): {escape(', '.join(names))}"
+        console.print(line, highlight=False, soft_wrap=True, style="dim")
 
 
 def print_summary(outcome: Outcome) -> None:
@@ -73,7 +83,7 @@ def print_summary(outcome: Outcome) -> None:
         f"  {len(knots)} knot{'s' if len(knots) > 1 else ''}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"
     )
-    for note in report["notes"]:
+    for note in report.get("notes", []):
         console.print(f"  {escape(note)}")
     if outcome.exit_code != 0:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
@@ -94,3 +104,33 @@ def print_findings(findings: Sequence[Finding]) -> None:
         )
         if finding.remedy and finding.status != "ok":
             console.print(f"        {escape(finding.remedy)}", soft_wrap=True)
+
+
+def print_catalogue(
+    printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
+) -> None:
+    """The printers and materials that are known by name, a line each, and where one's own go."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("printer", "build volume, mm", "nozzle", "layer", "least tube radius"):
+        table.add_column(column, no_wrap=True)
+    for name, p in printers.items():
+        room = " x ".join(f"{side:g}" for side in p.build_volume_mm)
+        figures = (p.nozzle_mm, p.layer_height_mm, p.min_tube_radius_mm)
+        table.add_row(escape(name), room, *(f"{value:g}" for value in figures))
+    console.print(table)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("material", "process", "g/cm³", "modulus, MPa", "least bend radius"):
+        table.add_column(column, no_wrap=True)
+    for name, m in materials.items():
+        bend = m.min_bend_radius_mm
+        radius = f"{bend:g}" if isinstance(bend, float) else bend
+        more = (f"{m.density_g_cm3:g}", f"{m.young_modulus_mpa:g}", radius)
+        table.add_row(escape(name), m.process, *more)
+    console.print()
+    console.print(table)
+    console.print(f"\nYour own: {escape(str(own))}/printers/NAME.toml and materials/NAME.toml")

@@ -1,14 +1,21 @@
-"""Region: the tube, surface included, stays inside a box, cylinder or sphere."""
+"""Region: the tube, surface included, stays inside a box, cylinder, sphere or closed mesh."""
 
 from __future__ import annotations
 
+from math import hypot
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.effects.base import Effect, Limits, Situation, State
+from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.scene.model import Region
 
-__all__ = ["REGION", "outside"]
+__all__ = ["REGION", "outside", "tube_outside"]
+
+Array = NDArray[np.float64]
 
 
 def outside(points: Tensor, region: Region, radius: float) -> Tensor:
@@ -16,6 +23,9 @@ def outside(points: Tensor, region: Region, radius: float) -> Tensor:
 
     For a box the largest excess over its faces; cylinder (axis y): over mantle and ends.
     """
+    if region.kind == "mesh":
+        assert region.file is not None
+        return beyond(points, region_mesh(region.file, region.center_mm)) + radius
     assert not isinstance(region.size_mm, str)
     center = torch.tensor(region.center_mm, dtype=points.dtype, device=points.device)
     half = 0.5 * torch.tensor(region.size_mm, dtype=points.dtype, device=points.device)
@@ -30,6 +40,21 @@ def outside(points: Tensor, region: Region, radius: float) -> Tensor:
     return torch.maximum(around, p[:, 1].abs() - half[1]) + radius
 
 
+def tube_outside(points: Array, ahead: Array, region: Region, radius: float) -> tuple[Array, Array]:
+    """Points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
+
+    Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between
+    them, so the middles of the edges to `ahead` (n, 3) are measured too. A wall point at distance d
+    from an edge of length e is at most sqrt(d² + (e/4)²) from one of these: the radius is enlarged
+    so, by 0.6 % at edges of 0.45 radii.
+    """
+    if region.kind != "mesh":
+        return points, outside(torch.as_tensor(points), region, radius).numpy()
+    longest = float(np.linalg.norm(ahead - points, axis=1).max())
+    some = np.concatenate([points, (points + ahead) / 2])
+    return some, outside(torch.as_tensor(some), region, hypot(radius, longest / 4)).numpy()
+
+
 def magnitude(situation: Situation) -> float:
     """How far the tube would stick out, mm, had the flow carried it its usual way further."""
     limits = situation.limits
@@ -39,9 +64,10 @@ def magnitude(situation: Situation) -> float:
 
 def term(state: State, limits: Limits) -> Tensor:
     """Squared hinge of what sticks out, in squared tube radii (paper, occupancy loss)."""
-    hinge = (outside(state.points, limits.region, limits.radius * 1.02) / limits.radius).clamp_min(
-        0
-    )
+    radius = limits.radius * 1.02
+    if limits.region.kind == "mesh":  # a wall may poke in between two vertices
+        radius = hypot(radius, state.spacing / 2)
+    hinge = (outside(state.points, limits.region, radius) / limits.radius).clamp_min(0)
     return (hinge * hinge).sum() * (state.spacing / limits.radius)
 
 

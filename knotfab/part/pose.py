@@ -1,4 +1,4 @@
-"""The print pose of the bare piece: which way up it lies on the bed, and where."""
+"""The print pose of a piece: which way up it lies on the bed, and where."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import floor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +14,51 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
+from knotfab.part.orient import AXES, Ranked, candidates, ranked, within_limits
+from knotfab.part.supports import Rules, strands_of
 
-__all__ = ["PrintPose", "choose_pose"]
+__all__ = ["PoseAccount", "PrintPose", "choose_pose", "placed"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 TURN_STEP_DEG = 0.25
-
-# Scene to bed, in order of preference: back down (the light above), then a side down.
-ORIENTATIONS = (
-    np.eye(3),
-    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-    np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+SPARE = (
+    0.005  # of a frame that would fit: the search does not give the same piece again, only smaller
 )
+
+ORIENTATIONS = AXES[:3]
+RUNNERS_UP = 3  # that a report names
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class PoseAccount:
+    """Why a pose was chosen: `chosen` of the `tried` turns, the next best, and the one of least height.
+
+    `too_large` of the tried cost less but do not fit the printer. `within`: it keeps the printer's
+    limits for overhangs, as far as the estimates can say.
+    """
+
+    chosen: Ranked
+    runners_up: tuple[Ranked, ...]
+    least_height: Ranked
+    tried: int
+    too_large: int
+    within: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's `print.pose`."""
+        return {
+            "chosen_by": "supports, height and footprint",
+            "tried": self.tried,
+            "too_large": self.too_large,
+            **_figures(self.chosen),
+            "within_limits": self.within,
+            "runners_up": [_figures(pose) for pose in self.runners_up],
+            "least_height": _figures(self.least_height),
+        }
 
 
 @dataclass(frozen=True)
@@ -36,12 +66,13 @@ class PrintPose:
     """The piece on the bed: z up, least corner of its surface at the origin.
 
     `matrix` is (4, 4), rigid, and takes print coordinates to the scene (`[pose]` of scene.toml);
-    `knots` and `tubes` are in print coordinates.
+    `knots` and `tubes` are in print coordinates. `account`: where supports were weighed.
     """
 
     matrix: Array
     knots: Knots
     tubes: tuple[Mesh, ...]
+    account: PoseAccount | None = None
 
     @property
     def size_mm(self) -> Array:
@@ -54,32 +85,115 @@ def choose_pose(
     tubes: Sequence[Mesh],
     build_volume_mm: tuple[float, float, float],
     frame_mm: tuple[float, float] | None = None,
+    upright: Array | None = None,
+    rules: Rules | None = None,
+    fixed_mm: tuple[float, float, float] | None = None,
 ) -> PrintPose:
-    """The pose of least height that the build volume holds.
+    """The pose that costs least to print among those that the build volume holds.
 
-    The three axes are tried as the vertical in the order of the height they give, first square to
-    the bed, and, where none of those fits, turned about the vertical.
+    With `rules` some ninety turns are weighed by an estimate of their supports, their height and
+    how they stand (`knotfab.part.orient`), from the centre lines alone; the cheapest that fits is
+    taken. Without, the axis of least height points up. Each is tried square to the bed and, where it
+    does not fit, turned about the vertical.
 
     Args:
         knots: in scene coordinates.
         tubes: their meshes (vertices (n, 3) mm, faces), scene coordinates.
         build_volume_mm: width, depth and height of the printer.
         frame_mm: width and height of the picture's frame, for the advice when nothing fits.
+        upright: (3, 3) the turn from scene to bed that a mount asks for; then only turns about the
+            vertical are tried. The meshes are then whatever is to be printed, mount and all.
+        rules: the printer's for overhangs; not read where there is `upright`.
+        fixed_mm: of the extents as `upright` gives them, what would stay with a smaller frame, for
+            that advice; the tube's thickness by default.
 
     Raises:
         SceneError: no such pose fits; names the sizes and the largest frame that would.
     """
-    points = np.concatenate([vertices for vertices, _ in tubes])
+    points = _corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
+    if rules is not None and upright is None:
+        strands = strands_of(knots)
+        order = ranked(strands, candidates(strands), rules)
+        return _weighed(knots, tubes, points, room, order, rules, frame_mm)
     tried: list[tuple[Array, Array]] = []  # turns, and the sizes they give
-    for turn, size in chain(_square_turns(points), _oblique_turns(points, room)):
+    sides = ORIENTATIONS if upright is None else (upright,)
+    for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if bool((size <= room + FITS_MM).all()):
-            return _placed(knots, tubes, turn)
+            return placed(knots, tubes, turn)
         tried.append((turn, size))
-    raise _too_large([size for _, size in tried], room, knots.radius_mm, frame_mm)
+    fixed = np.full(3, 2 * knots.radius_mm) if fixed_mm is None else np.asarray(fixed_mm)
+    raise _too_large([size for _, size in tried], room, fixed, frame_mm)
 
 
-def _placed(knots: Knots, tubes: Sequence[Mesh], turn: Array) -> PrintPose:
+def _weighed(
+    knots: Knots,
+    tubes: Sequence[Mesh],
+    points: Array,
+    room: Array,
+    order: list[Ranked],
+    rules: Rules,
+    frame: tuple[float, float] | None,
+) -> PrintPose:
+    """The first of the poses in `order` that fits, with its supports if one does.
+
+    `points` are the corners of the hull.
+    """
+    beside = np.array([2 * rules.margin_mm, 2 * rules.margin_mm, 0.0])
+    fitting, sizes = _fitting(points, room - beside, order)
+    if not fitting and rules.margin_mm > 0:
+        fitting, sizes = _fitting(points, room, order)
+    if not fitting:
+        raise _too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
+    upright = [p for p in order if any(p.turn is axis for axis in ORIENTATIONS)]
+    lowest = min(upright, key=lambda p: round(p.estimate.height_mm, 6))
+    chosen, turn = fitting[0]
+    skipped = next(number for number, pose in enumerate(order) if pose is chosen)
+    account = PoseAccount(
+        chosen,
+        tuple(pose for pose, _ in fitting[1:]),
+        lowest,
+        len(order),
+        skipped,
+        within_limits(chosen.estimate, rules),
+    )
+    return placed(knots, tubes, turn, account)
+
+
+def _fitting(
+    points: Array, room: Array, order: Sequence[Ranked]
+) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
+    """The first poses that fit, with the turns in which they do; and the sizes of what did not."""
+    fitting: list[tuple[Ranked, Array]] = []
+    sizes: list[Array] = []
+    for pose in order:
+        sides = (pose.turn,)
+        for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
+            if bool((size <= room + FITS_MM).all()):
+                fitting.append((pose, turn))
+                break
+            sizes.append(size)
+        if len(fitting) > RUNNERS_UP:
+            break
+    return fitting, sizes
+
+
+def _figures(pose: Ranked) -> dict[str, Any]:
+    found = pose.estimate
+    return {
+        "support_cm3_estimate": round(found.support_cm3, 2),
+        "height_mm": round(found.height_mm, 2),
+        "contact_mm2": round(found.contact_mm2, 1),
+        "tips_at_deg": round(found.tip_deg, 1),
+        "cost_minutes": round(pose.minutes, 1),
+        "up": [round(float(x), 4) + 0.0 for x in pose.turn[2]],
+    }
+
+
+def placed(
+    knots: Knots, tubes: Sequence[Mesh], turn: Array, account: PoseAccount | None = None
+) -> PrintPose:
+    """The piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
     corner = np.min([vertices.min(axis=0) for vertices, _ in turned], axis=0)
     to_print, to_scene = np.eye(4), np.eye(4)
@@ -87,25 +201,30 @@ def _placed(knots: Knots, tubes: Sequence[Mesh], turn: Array) -> PrintPose:
     to_scene[:3, :3], to_scene[:3, 3] = turn.T, turn.T @ corner
     # The meshes move with the knots instead of being swept again: only so is the corner exactly 0.
     posed = tuple((vertices - corner, faces) for vertices, faces in turned)
-    return PrintPose(to_scene, knots.moved(to_print), posed)
+    return PrintPose(to_scene, knots.moved(to_print), posed, account)
 
 
-def _square_turns(points: Array) -> list[tuple[Array, Array]]:
-    """Turns (3, 3) that keep axes on axes and the sizes they give; least height first.
+def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """The turns (3, 3) of `sides`, and a quarter further, and the sizes they give; least height first.
 
     Ties keep the order of preference.
     """
-    box = _extents(points)
-    turns = [(turn, np.abs(turn) @ box) for turn in ORIENTATIONS]
+    turns = [(turn, _extents(points @ turn.T)) for turn in sides]
     turns.sort(key=lambda pair: round(float(pair[1][2]), 6))
-    return [(t, np.abs(t) @ box) for turn, _ in turns for t in (turn, QUARTER @ turn)]
+    return [(t, np.abs(q) @ box) for turn, box in turns for q, t in _quarters(turn)]
 
 
-def _oblique_turns(points: Array, room: Array) -> Iterator[tuple[Array, Array]]:
+def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
+    return ((np.eye(3), turn), (QUARTER, QUARTER @ turn))
+
+
+def _oblique_turns(
+    points: Array, room: Array, sides: Sequence[Array]
+) -> Iterator[tuple[Array, Array]]:
     """For each side up, the turn about the vertical that leaves most room; least height first."""
-    for upright, _ in _square_turns(points)[::2]:
+    for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
-        flat = _outline(turned[:, :2])
+        flat = _corners(turned[:, :2])
         angle = np.deg2rad(np.arange(0.0, 180.0, TURN_STEP_DEG))
         c, s = np.cos(angle), np.sin(angle)
         width = np.ptp(flat[:, :1] * c - flat[:, 1:] * s, axis=0)
@@ -117,16 +236,25 @@ def _oblique_turns(points: Array, room: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def _too_large(
-    sizes: list[Array], room: Array, radius: float, frame: tuple[float, float] | None
+    sizes: list[Array], room: Array, fixed: Array, frame: tuple[float, float] | None
 ) -> SceneError:
-    # The centre line scales with the frame; the tube may keep its radius.
+    """What fits: a smaller frame shrinks all of a size but what is `fixed` (3,) of it."""
     scales = [
-        float(((room - 2 * radius) / np.maximum(size - 2 * radius, 1e-9)).min()) for size in sizes
+        float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
+        for size in sizes
     ]
     scale = max(scales)
     size = sizes[scales.index(scale)]
-    if scale <= 0:
-        remedy = "Use a larger printer: this one does not even hold the tube's thickness"
+    scale *= 1.0 - SPARE
+    over = fixed - room
+    if scale <= 0 and over[:2].max() < 0:
+        remedy = (
+            f"No smaller frame would fit: {fixed[2]:.1f} mm of the height are the piece's distance from "
+            f"the wall and its mount. Use a wall_distance_mm smaller by more than {over[2]:.1f}, or "
+            "--mount none"
+        )
+    elif scale <= 0:
+        remedy = f"Use a larger printer: this one does not even hold the {_by(fixed)} mm of tube or mount"
     elif frame is None:
         remedy = (
             f"Scale the piece to at most {100 * scale:.1f} % of its size, or use another printer"
@@ -149,9 +277,9 @@ def _extents(points: Array) -> Array:
     return np.asarray(np.ptp(points, axis=0))
 
 
-def _outline(flat: Array) -> Array:
-    """The corners of the convex hull of (n, 2) points: all that their extents depend on."""
+def _corners(points: Array) -> Array:
+    """The corners of the convex hull of points; all points where they are flat."""
     try:
-        return np.asarray(flat[ConvexHull(flat).vertices])
+        return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
-        return flat
+        return points

@@ -15,12 +15,23 @@ from knotfab.effects.penumbra import PENUMBRA
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
+from knotfab.slicer.report import print_figures, slicer_report
+from knotfab.slicer.result import NotSliced, Sliced
 from knotfab.sweep.tube import mesh_volume
 
 if TYPE_CHECKING:
     from knotfab.build import Request
+    from knotfab.mount.mount import Mounted
+    from knotfab.wire.plan import WirePlan
 
-__all__ = ["check_3mf", "check_certificate", "check_limits", "check_part", "report_of"]
+__all__ = [
+    "add_fabrication",
+    "check_3mf",
+    "check_certificate",
+    "check_limits",
+    "check_part",
+    "report_of",
+]
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
@@ -90,6 +101,7 @@ def report_of(
     verdict: dict[str, Any],
     progress: Progress,
 ) -> dict[str, Any]:
+    """The report of a build: what was made, and what the validators' `verdict` says of its files."""
     from knotfab.search.feasible import bend_radii
     from knotfab.search.polyline import rings_of_sizes
     from knotfab_validators.thickness import thickness
@@ -117,13 +129,7 @@ def report_of(
         if effect["name"] == PENUMBRA.name:
             _penumbra_line(effect, verdict)
     depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
-    warnings = ["Nothing holds the knots: this piece has no mount yet."]
-    if len(placed.knots) > 1:
-        warnings.append(
-            f"Its {len(placed.knots)} knots are loose pieces; the file keeps them in place."
-        )
     return assemble(
-        notes=warnings,
         views=verdict["views"],
         checks=verdict["checks"],
         effects=effects,
@@ -159,6 +165,48 @@ def report_of(
             },
         },
     )
+
+
+def add_fabrication(
+    report: dict[str, Any],
+    mounted: Mounted,
+    sliced: Sliced | NotSliced | None,
+    plan: WirePlan | None,
+    printing: bool,
+) -> None:
+    """Add the mount, the slicer's reading and the bending plan to a report, and its notes."""
+    mount = mounted.report()
+    report["settings"]["mount"] = mount["kind"]
+    report["print"]["mount"] = mount
+    report["notes"] = _notes(len(report["knots"]), mount, printing)
+    if sliced is not None:
+        report["slicer"] = slicer_report(sliced)
+        report["print"].update(print_figures(sliced))
+        several = len(mounted.bodies) > 1
+        if several and isinstance(sliced, Sliced):
+            report["notes"].append(
+                "Opening part.3mf in a slicer: load it as one object with several parts, or each "
+                "body drops onto the bed by itself."
+            )
+    if plan is not None:
+        report["bending_plan"] = plan.to_dict()
+        report["notes"].append(
+            f"{plan.length_mm / 1000:.2f} m of wire, {plan.mass_g:.0f} g, in "
+            f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates."
+        )
+
+
+def _notes(knots: int, mount: dict[str, Any], printing: bool) -> list[str]:
+    """What a reader must not miss."""
+    loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
+    if mount["kind"] == "none":
+        without = "Nothing holds the knots: this piece has no mount"
+        how = "; --mount wall adds one." if printing else "; --print --mount wall adds one."
+        return [without + how, loose] if knots > 1 else [without + how]
+    if mount.get("foot") == "dowel":
+        each = " Each knot has its own." if knots > 1 else ""
+        return [f"Its {mount['pegs']} pegs go into holes drilled in the wall.{each}"]
+    return []
 
 
 def _penumbra_line(effect: dict[str, Any], verdict: dict[str, Any]) -> None:

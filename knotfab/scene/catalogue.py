@@ -3,60 +3,110 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Sequence
-from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any, TypeVar
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Material, Printer, Scene, View
+from knotfab.scene.own_data import (
+    USUAL,
+    Kind,
+    data_folder,
+    is_file_name,
+    known_names,
+    load_file,
+    load_named,
+)
 
-__all__ = ["LONGER_FRAME_MM", "materials", "printers", "resolve"]
+__all__ = [
+    "LONGER_FRAME_MM",
+    "material_of",
+    "materials",
+    "printer_of",
+    "printers",
+    "resolve",
+]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 
 Named = TypeVar("Named", Printer, Material)
 
 
-@cache
-def _data(folder: str) -> dict[str, dict[str, Any]]:
-    """Content of each data file by its name; keys such as the title are left out."""
-    files = resources.files("knotfab.scene").joinpath("data", folder).iterdir()
-    found: dict[str, dict[str, Any]] = {}
-    for file in sorted(files, key=lambda f: f.name):
-        if file.name.endswith(".toml"):
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-            table.pop("title", None)
-            found[file.name.removesuffix(".toml")] = table
-    return found
-
-
 def printers() -> dict[str, Printer]:
-    """All printers with a data file, by name."""
-    return {name: Printer(name=name, **table) for name, table in _data("printers").items()}
+    """All printers with a data file, by name.
+
+    Raises:
+        InputError: a person's own file is none.
+    """
+    found = {name: load_named("printer", name) for name in known_names("printer")}
+    return {name: one for name, one in found.items() if isinstance(one, Printer)}
 
 
 def materials() -> dict[str, Material]:
-    """All materials with a data file, by name."""
-    return {name: Material(name=name, **table) for name, table in _data("materials").items()}
+    """All materials with a data file, by name.
+
+    Raises:
+        InputError: a person's own file is none.
+    """
+    found = {name: load_named("material", name) for name in known_names("material")}
+    return {name: one for name, one in found.items() if isinstance(one, Material)}
 
 
-def _filled(own: Named, known: dict[str, Named], kind: str) -> Named:
+def printer_of(text: str) -> Printer:
+    """The printer of a name, whose figures `resolve` fills in, or of a file, whole.
+
+    Raises:
+        InputError: the file is no printer.
+    """
+    if not is_file_name(text):
+        return Printer(name=text)
+    printer = load_file("printer", Path(text))
+    assert isinstance(printer, Printer)
+    return printer
+
+
+def material_of(text: str) -> Material:
+    """The material of a name, whose figures `resolve` fills in, or of a file, whole.
+
+    Raises:
+        InputError: the file is no material.
+    """
+    if not is_file_name(text):
+        return Material(name=text)
+    material = load_file("material", Path(text))
+    assert isinstance(material, Material)
+    return material
+
+
+def _filled(own: Named, kind: Kind) -> Named:
     """`own` with the data file's figures wherever the scene did not give a key itself."""
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
-    base = known.get(own.name)
+    keys = set(type(own).model_fields) - {"name"}
+    if keys <= set(written):
+        return own  # as a build writes it: no file is needed, and none can change it
+    base = load_named(kind, own.name)
     if base is None:
-        if set(type(own).model_fields) - {"name"} <= set(written):
+        if keys - USUAL <= set(written):
             return own  # complete without a data file
+        known = known_names(kind)
         close = difflib.get_close_matches(own.name, known, n=1)
         hint = f"Did you mean {close[0]!r}? " if close else ""
         raise InputError(
             f"{kind} {own.name!r}",
             f"there is no such {kind}",
-            f"{hint}Known: {', '.join(known)}; or give every key of [{kind}] in the scene.",
+            f"{hint}Known: {', '.join(known)}; or give a file (--{kind} FILE.toml), put one into "
+            f"{data_folder() / f'{kind}s'}, or give every key of [{kind}] in the scene.",
         )
     return type(own)(**{**base.model_dump(), **written})
+
+
+def _limited(printer: Printer) -> Printer:
+    """The printer with its limit for supports as a number: there is no more room than it has."""
+    if printer.max_support_cm3 != "auto":
+        return printer
+    width, depth, height = printer.build_volume_mm
+    return printer.model_copy(update={"max_support_cm3": width * depth * height / 1000})
 
 
 def _framed(view: View, size: tuple[int, int]) -> View:
@@ -89,11 +139,12 @@ def resolve(scene: Scene, sizes: Sequence[tuple[int, int]] | None = None) -> Sce
             resolved too (180 mm on the longer side by default).
 
     Raises:
-        InputError: a printer or material that has no data file, naming those that have.
+        InputError: a printer or material that has no data file, naming those that have; or a person's
+            own file of that name is wrong.
     """
     update: dict[str, Any] = {
-        "printer": _filled(scene.printer, printers(), "printer"),
-        "material": _filled(scene.material, materials(), "material"),
+        "printer": _limited(_filled(scene.printer, "printer")),
+        "material": _filled(scene.material, "material"),
     }
     if sizes is not None:
         pairs = zip(scene.views, sizes, strict=True)

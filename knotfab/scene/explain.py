@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import tomllib
 from collections.abc import Mapping
 from typing import Any, get_args
 
@@ -12,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from knotfab.errors import InputError
 from knotfab.scene.model import Scene
 
-__all__ = ["explain"]
+__all__ = ["explain", "toml_reason"]
 
 # Millimetres or degrees in one of each unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
@@ -38,6 +39,12 @@ def explain(error: ValidationError, raw: Mapping[str, Any], what: str) -> InputE
         return _unknown_key(path, raw, what)
     same = [e for e in found if _path(e["loc"], raw) == path]
     return _wrong_value(path, same, raw, what)
+
+
+def toml_reason(error: tomllib.TOMLDecodeError, text: str) -> str:
+    """What is wrong with a text that is no TOML, with the number of the line."""
+    last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
+    return str(error).replace("at end of document", last)
 
 
 def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from knotfab.errors import InputError
-from knotfab.scene.explain import explain
+from knotfab.scene.explain import explain, toml_reason
 from knotfab.scene.model import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
@@ -27,7 +27,7 @@ def load_scene(path: str | Path) -> Scene:
     if file.is_dir():
         raise InputError(what, "it is a directory", "Name the scene file in it.")
     try:
-        return parse_scene(file.read_text(encoding="utf-8"), what)
+        return _beside(parse_scene(file.read_text(encoding="utf-8"), what), file.parent)
     except FileNotFoundError as error:
         raise InputError(what, "there is no such scene file", "Check the path.") from error
     except UnicodeDecodeError as error:
@@ -35,6 +35,15 @@ def load_scene(path: str | Path) -> Scene:
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+
+
+def _beside(scene: Scene, folder: Path) -> Scene:
+    """The scene with its region's mesh named by its whole path: a build may run elsewhere."""
+    region = scene.region
+    if region.file is None:
+        return scene
+    path = str((folder / region.file).absolute())
+    return scene.model_copy(update={"region": region.model_copy(update={"file": path})})
 
 
 def parse_scene(text: str, what: str = "scene.toml") -> Scene:
@@ -51,8 +60,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
-        reason = str(error).replace("at end of document", last)
+        reason = toml_reason(error, text)
         raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
     except RecursionError as error:
         raise InputError(what, "its lists are nested too deep", "Correct it.") from error
@@ -67,7 +75,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     """How far the region reaches towards the light and towards the wall, mm."""
     size = scene.region.size_mm
-    if isinstance(size, str):
+    if isinstance(size, str) or scene.region.kind == "mesh":
         return None
     azimuth = math.radians(view.azimuth_deg)
     x, z = math.sin(azimuth), math.cos(azimuth)
@@ -93,6 +101,16 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
     radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
     depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth
     size = scene.region.size_mm
+    if scene.region.kind == "mesh" and not scene.region.file:
+        raise InputError(
+            what, '[region] kind is "mesh", but it names no file', 'Write file = "room.stl".'
+        )
+    if scene.region.kind != "mesh" and scene.region.file is not None:
+        raise InputError(
+            what,
+            f'[region] file goes with kind = "mesh", not with "{scene.region.kind}"',
+            "Leave one of the two out.",
+        )
     if not isinstance(size, str) and 2.0 * radius >= min(size):
         raise InputError(
             what,

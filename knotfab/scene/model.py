@@ -6,7 +6,18 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, StrictStr
 
-__all__ = ["Accuracy", "Material", "Piece", "Pose", "Printer", "Region", "Scene", "View"]
+__all__ = [
+    "Accuracy",
+    "Material",
+    "Mount",
+    "Piece",
+    "Plate",
+    "Pose",
+    "Printer",
+    "Region",
+    "Scene",
+    "View",
+]
 
 # Strict: a number is a number (whole ones too), never a text or a truth value that looks like one.
 Number = Annotated[float, Strict()]
@@ -15,6 +26,7 @@ NotNegative = Annotated[float, Strict(), Field(ge=0)]
 Vector = tuple[Number, Number, Number]
 Extent = tuple[Positive, Positive, Positive]
 Row = tuple[Number, Number, Number, Number]
+Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 
 
 class _Table(BaseModel):
@@ -33,27 +45,42 @@ class Piece(_Table):
 class Region(_Table):
     """What the whole tube must stay inside (scene coordinates)."""
 
-    kind: Literal["box", "cylinder", "sphere"] = "box"
+    kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"
+    file: StrictStr | None = None  # of kind "mesh" alone: a closed STL, beside the scene
     center_mm: Vector = (0.0, 0.0, 0.0)
     size_mm: Extent | Literal["auto"] = "auto"
 
 
 class Material(_Table):
-    """What the tube is made of; named materials are data files."""
+    """What the tube is made of, and how it takes its form; named materials are data files."""
 
     name: StrictStr = "pla"
+    process: Literal["filament", "resin", "wire"] = "filament"
     density_g_cm3: Positive = 1.24
     min_bend_radius_mm: Positive | Literal["auto"] = "auto"
     max_length_mm: Positive = 50000.0
+    wire_diameter_mm: NotNegative = 0.0
+    tool_radius_mm: NotNegative = 0.0
+    min_straight_mm: NotNegative = 0.0
+    max_bend_deg: Annotated[float, Strict(), Field(gt=0, le=175)] = 175.0
+    springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
+    young_modulus_mpa: Positive = 2300.0
+    yield_mpa: Positive = 50.0
+    color: Color = "#d9d4c7"
 
 
 class Printer(_Table):
-    """What prints it; named printers are data files."""
+    """What prints it, and how; named printers are data files."""
 
     name: StrictStr = "prusa-mk4"
     build_volume_mm: Extent = (250.0, 210.0, 220.0)
     nozzle_mm: Positive = 0.4
     min_tube_radius_mm: Positive = 0.8
+    layer_height_mm: Positive = 0.2
+    supports: Annotated[bool, Strict()] = True
+    max_overhang_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = 45.0
+    max_bridge_mm: NotNegative = 10.0
+    max_support_cm3: NotNegative | Literal["auto"] = "auto"
 
 
 class View(_Table):
@@ -80,10 +107,32 @@ class Accuracy(_Table):
     max_outline_error_px: Positive = 0.5
 
 
+class Mount(_Table):
+    """What holds the piece; `pegs` is written by a build, how many hold each knot."""
+
+    kind: Literal["none", "wall", "stand"] = "none"
+    foot: Literal["auto", "plate", "dowel"] = "auto"
+    plate_thickness_mm: Positive = 3.0
+    plate_margin_mm: Positive = 8.0
+    hole_diameter_mm: Positive = 4.0
+    dowel_depth_mm: Positive = 10.0
+    base_thickness_mm: Annotated[float, Strict(), Field(ge=2)] = 4.0  # of a stand, at its back
+    min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
+    max_sag_mm: Positive = 0.2
+    pegs: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
+
+
+class Plate(_Table):
+    """plate-N.3mf: the rigid motions that take its bodies, in their order, to part.stl."""
+
+    matrices: Annotated[tuple[tuple[Row, Row, Row, Row], ...], Field(min_length=1)]
+
+
 class Pose(_Table):
-    """Rigid motion from print coordinates to the scene."""
+    """Rigid motion from print coordinates to the scene, and what is printed instead of the whole."""
 
     matrix: tuple[Row, Row, Row, Row]
+    plates: tuple[Plate, ...] = ()
 
 
 class Scene(_Table):
@@ -96,5 +145,6 @@ class Scene(_Table):
     printer: Printer = Printer()
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
+    mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None

@@ -126,14 +126,12 @@ def _place(point: Array) -> str:
 
 def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
     """Measure every hard limit of the search on the polygons themselves."""
-    import torch
-
-    from knotfab.effects.region import outside
+    from knotfab.effects.region import tube_outside
 
     bends = bend_radii(points, rings)
     worst_bend = int(np.argmin(bends))
     gap = strand_gap(points, rings, limits, 1.5 * limits.separation)
-    out = outside(torch.as_tensor(points), limits.region, limits.radius).numpy()
+    tested, out = tube_outside(points, points[rings.next], limits.region, limits.radius)
     worst_out = int(np.argmax(out))
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
     return Standing(
@@ -142,7 +140,7 @@ def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
         gap.gap,
         points[max(gap.i, 0)],
         float(out[worst_out]),
-        points[worst_out],
+        tested[worst_out],
         length,
         limits,
     )

@@ -4,7 +4,8 @@ Everything slow to load is loaded while the request is still awaited, so that a 
 process early; and a graphics library that crashes takes only this process with it.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …]}.
-Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for bad files.
+Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for
+bad files.
 """
 
 from __future__ import annotations

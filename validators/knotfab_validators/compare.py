@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .render import SilhouetteRenderer
 from .view import ViewGeometry
 
-__all__ = ["ANGLES_DEG", "Overlap", "depth_ratio", "legibility", "overlap"]
+__all__ = ["ANGLES_DEG", "Overlap", "depth_ratio", "legibility", "overlap", "turned_about"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -75,7 +75,7 @@ def legibility(
         best = 0.0
         for axis in (geometry.up, geometry.right):
             for signed in (angle, -angle):
-                turned = _turned(geometry, middle, axis, np.radians(signed))
+                turned = turned_about(geometry, middle, axis, np.radians(signed))
                 pixels, w = turned.project(vertices)
                 if (w <= 0).any():
                     continue  # turned into the light: there is no silhouette to read
@@ -86,8 +86,8 @@ def legibility(
     return result
 
 
-def _turned(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) -> ViewGeometry:
-    """The view as the part sees it after being turned: the view turned the other way instead."""
+def turned_about(geometry: ViewGeometry, middle: Array, axis: Array, angle: float) -> ViewGeometry:
+    """The view as the part sees it when turned by `angle` (radians): turned the other way instead."""
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     rotation = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)  # Rodrigues
     pose = np.eye(4)

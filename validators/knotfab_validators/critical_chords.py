@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .near_segments import SegmentBlocks, near_segments, segment_blocks
+
 __all__ = ["Chord", "CurvePoint", "shortest_critical_chord"]
 
 Array = NDArray[np.float64]
@@ -17,11 +19,14 @@ Mask = NDArray[np.bool_]
 CurvePoint = tuple[int, int, float]
 """A point of the polygons: knot, edge (from vertex `edge` to the next), and where on it, 0 to 1."""
 
-ANGLE_TOLERANCE = 1e-9  # cosine below which a chord counts as perpendicular
+ANGLE_TOLERANCE = 2e-10  # cosine up to which a chord counts as perpendicular
 ROUNDING = 1e-15  # of the extent: what a coordinate difference may be wrong by
 CONE_SLACK = 1e-6  # radians given to every pruning test, far above its rounding
 PAIRS_AT_ONCE = 150_000
 TOP_ARCS = 48
+BLOCK_LEVEL = 5  # arcs of 2^5 edges: where so many pairs are left that all their edges are paired
+MANY_PAIRS = 100  # of arcs, for each arc of that level
+BLOCKS_AT_ONCE = 256  # pairs of arcs of that level
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,12 @@ class Chord:
 
     length: float
     ends: tuple[CurvePoint, CurvePoint]
-    middle: Array  # (3,)
+    points: Array  # (2, 3), where the ends are
+
+    @property
+    def middle(self) -> Array:
+        middle: Array = self.points.mean(axis=0)
+        return middle
 
 
 @dataclass(frozen=True)
@@ -54,51 +64,63 @@ class _Elements:
 
 @dataclass(frozen=True)
 class _Arcs:
-    """Arcs of consecutive edges: a ball around each and a cone around its directions."""
+    """Arcs of consecutive edges: a ball, a cylinder about its axis, a cone of its directions."""
 
     centre: Array  # (m, 3)
-    radius: Array  # (m,)
-    axis: Array  # (m, 3) unit
+    radius: Array  # (m,) of the ball
+    axis: Array  # (m, 3) unit; 0 if the directions cancel out
+    across: Array  # (m,) radius of the cylinder
+    first: Index  # (m,) element of each
     spread: Array  # (m,) largest angle of a direction with the axis; pi if nothing may be said
     children: Index  # (m, 2) arcs of the next finer level; -1 for none
 
 
-def shortest_critical_chord(polygons: Sequence[Array], closed: Sequence[bool]) -> Chord | None:
+def shortest_critical_chord(
+    polygons: Sequence[Array], closed: Sequence[bool], *, up_to: float = float("inf")
+) -> Chord | None:
     """The shortest chord that is critical at both ends, over all polygons together.
 
     A chord is critical at an interior point of an edge if it is perpendicular to it, and at a
-    vertex if its length turns there: its products with the two adjacent edges differ in sign or
-    vanish (Rawdon 2000; Cantarella, Kusner, Sullivan 2002, sect. 7). At the end of an open
-    polygon its length must not fall when that end is left. A cosine of up to 1e-9 counts as
-    zero, since chords that end at vertices of symmetric polygons would be missed otherwise.
-    Chords between adjacent edges are left out.
+    vertex if its length turns there, to rise or to fall: its products with the two adjacent edges
+    differ in sign or vanish (Rawdon, "Approximating the thickness of a knot", 1998). At the end
+    of an open polygon its length must not fall when that end is left. Chords between points of
+    adjacent edges are left out, but for the ends of one edge.
 
-    A pair of arcs is followed only if its balls are near enough and some chord between them can
-    be perpendicular to some direction of both, so that curves of n edges cost about n log n.
+    A cosine of up to `ANGLE_TOLERANCE`, e, counts as zero: rounding would hide chords that end
+    at vertices of symmetric polygons otherwise. What it costs: let R be the smallest MinRad. From
+    any chord shorter than 2 R whose ends are not neighbours, the length can be lowered until a
+    critical chord is reached, so a chord let in by the tolerance has a true one below it. Ends
+    are neighbours where the polygon turns by less than 180 degrees between them, and there a
+    chord within e of perpendicular to both is at least 2 R (1 - e) long. So min(R, half the
+    chord) is at most e too small, relatively, and never too large.
+
+    A pair of arcs is followed only if it is near enough and some chord between the two can be
+    perpendicular to some direction of both: curves of n edges cost about n log n.
 
     Args:
         polygons: arrays (n, 3). closed: for each, whether its last vertex joins the first.
+        up_to: longer chords are not looked for.
 
     Returns:
-        None where there is no such chord (one straight open polygon).
+        None where there is no such chord.
     """
     elements = _elements(polygons, closed)
     levels = _levels(elements)
     edges = elements.length[elements.following >= 0]
-    extent = float(np.linalg.norm(np.ptp(elements.point, axis=0)))
-    limit = 2.0 * float(edges.mean()) if len(edges) else extent
+    most = min(up_to, 1.001 * float(np.linalg.norm(np.ptp(elements.point, axis=0))))
+    limit = min(2.0 * float(edges.mean()) if len(edges) else most, most)
     while True:
         found = _search(elements, levels, limit)
-        if found is not None or limit > 1.001 * extent:
+        if found is not None or limit >= most:
             return found
-        limit *= 2.0
+        limit = min(2.0 * limit, most)
 
 
 def _elements(polygons: Sequence[Array], closed: Sequence[bool]) -> _Elements:
     point = np.concatenate(polygons).astype(np.float64)
-    rounding = ROUNDING * float(np.abs(point).max())
     origin = (point.min(axis=0) + point.max(axis=0)) / 2
-    point = point - origin
+    point = point - origin  # exact, for all but the leading digits cancel out
+    rounding = ROUNDING * float(np.abs(point).max())
     following, before, knot, number = [], [], [], []
     offset = 0
     for k, (polygon, is_closed) in enumerate(zip(polygons, closed, strict=True)):
@@ -161,30 +183,49 @@ def _arcs(elements: _Elements, first: Index, children: Index) -> _Arcs:
     axis = np.add.reduceat(elements.out, first, axis=0) + elements.into[first]
     size = _norm(axis)
     axis = axis / np.where(size > 0, size, 1.0)[:, None]
+    off = [_off_axis(end - centre[member], axis[member]) for end in (p, q)]
+    across = np.maximum.reduceat(np.maximum(*off), first)
     # an end or an edge of no length has direction 0, hence the angle 90 degrees: no pruning
     cosine = np.minimum(_dot(elements.out, axis[member]), _dot(elements.into, axis[member]))
     spread = np.arccos(np.clip(np.minimum.reduceat(cosine, first), -1.0, 1.0))
-    return _Arcs(centre, np.maximum.reduceat(far, first), axis, spread, children)
+    return _Arcs(centre, np.maximum.reduceat(far, first), axis, across, first, spread, children)
 
 
 def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | None:
     """The shortest critical chord of length up to `limit`."""
     i, j = np.triu_indices(len(levels[-1].centre))
-    stack = [(len(levels) - 1, i.astype(np.int64), j.astype(np.int64))]
+    stack = _portions(len(levels) - 1, i.astype(np.int64), j.astype(np.int64))
     best: Chord | None = None
+    blocks: SegmentBlocks | None = None
     while stack:
         level, i, j = stack.pop()
         keep = _possible(levels[level], i, j, limit)
         i, j = i[keep], j[keep]
-        if level == 0:
-            found = _evaluate(elements, i, j, limit)
+        if level > 0 and not _too_many(level, len(i), len(levels[level].centre)):
+            stack += _portions(level - 1, *_children(levels[level].children, i, j))
+            continue
+        if level > 0 and blocks is None:
+            blocks = segment_blocks(elements.point, elements.end, levels[level].first)
+        size = PAIRS_AT_ONCE if level == 0 else BLOCKS_AT_ONCE
+        for k in range(0, len(i), size):
+            one, other = i[k : k + size], j[k : k + size]
+            if blocks is not None and level > 0:
+                one, other = near_segments(blocks, one, other, limit)
+            found = _evaluate(elements, one, other, limit)
             if found is not None:
                 best, limit = found, found.length
-            continue
-        i, j = _children(levels[level].children, i, j)
-        for k in range(0, len(i), PAIRS_AT_ONCE):
-            stack.append((level - 1, i[k : k + PAIRS_AT_ONCE], j[k : k + PAIRS_AT_ONCE]))
     return best
+
+
+def _too_many(level: int, pairs: int, arcs: int) -> bool:
+    """Whether so many pairs of arcs are left that all their edges are better paired at once."""
+    return level == BLOCK_LEVEL and pairs > min(MANY_PAIRS * arcs, PAIRS_AT_ONCE // 2)
+
+
+def _portions(level: int, i: Index, j: Index) -> list[tuple[int, Index, Index]]:
+    """Pairs of a level, `PAIRS_AT_ONCE` at a time."""
+    size = PAIRS_AT_ONCE
+    return [(level, i[k : k + size], j[k : k + size]) for k in range(0, len(i), size)]
 
 
 def _children(children: Index, i: Index, j: Index) -> tuple[Index, Index]:
@@ -209,8 +250,31 @@ def _possible(arcs: _Arcs, i: Index, j: Index, limit: float) -> Mask:
         angle = np.minimum(arcs.spread[k] + deviation + CONE_SLACK, np.pi / 2)
         keep &= np.abs(_dot(between, arcs.axis[k])) <= distance * np.sin(angle) + 1e-300
     # within an arc that turns little every chord lies in the cone of its directions
-    same: Mask = keep & ((i != j) | (arcs.spread[i] > np.pi / 4 - CONE_SLACK))
-    return same
+    keep &= (i != j) | (arcs.spread[i] > np.pi / 4 - CONE_SLACK)
+    left = np.flatnonzero(keep)
+    if len(left):
+        near = _distance_bound(arcs, i[left], j[left], between[left]) <= limit * (1 + 1e-9)
+        keep[left] = near
+    return keep
+
+
+def _distance_bound(arcs: _Arcs, i: Index, j: Index, between: Array) -> Array:
+    """A distance that two arcs keep at least, from their cylinders (long edges fill few balls).
+
+    Along a direction, the arcs' centres are apart by its product with `between`, and each arc
+    reaches as far as its cylinder does: `across` if the direction is perpendicular to its axis.
+    """
+    u, v = arcs.axis[i], arcs.axis[j]
+    normal = np.cross(u, v)
+    sine = _norm(normal)
+    both = arcs.across[i] + arcs.across[j]
+    apart = np.abs(_dot(between, normal)) / np.where(sine > 1e-4, sine, np.inf) - both
+    for axis, length in ((u, arcs.radius[j]), (v, arcs.radius[i])):
+        apart = np.maximum(apart, _off_axis(between, axis) - both - length * sine)
+    # an axis of zero has a cylinder as large as its ball, and says no more than that
+    known = (np.abs(_dot(u, u) - 1) < 1e-6) & (np.abs(_dot(v, v) - 1) < 1e-6)
+    rounding = 1e-11 * (_norm(between) + arcs.radius[i] + arcs.radius[j])
+    return np.where(known, apart - rounding, 0.0)
 
 
 def _evaluate(elements: _Elements, i: Index, j: Index, limit: float) -> Chord | None:
@@ -225,9 +289,11 @@ def _evaluate(elements: _Elements, i: Index, j: Index, limit: float) -> Chord | 
     zero, edge_i, edge_j = np.zeros(len(i)), elements.following[i] >= 0, elements.following[j] >= 0
     gap, cosine = q - p, _dot(u, v)
     # both interior: s, t of the common perpendicular; parallel edges have their vertices instead
-    det = 1.0 - cosine * cosine
-    du, dv = _dot(gap, u), _dot(gap, v)
-    s = np.clip((du - cosine * dv) / np.where(det > 1e-15, det, 1.0), 0.0, a)
+    du, dv, normal = _dot(gap, u), _dot(gap, v), np.cross(u, v)
+    det = _dot(normal, normal)
+    skew = det > 1e-28
+    s = np.where(skew, _dot(np.cross(gap, v), normal) / np.where(skew, det, 1.0), du)
+    s = np.clip(s, 0.0, a)
     t = np.clip(s * cosine - dv, 0.0, b)
     s = np.clip(t * cosine + du, 0.0, a)
     options = [(s, t, edge_i & edge_j & ~after_i & ~after_j, False, False)]
@@ -251,8 +317,9 @@ def _evaluate(elements: _Elements, i: Index, j: Index, limit: float) -> Chord | 
         if best is None or length[k] < best.length:
             first = _curve_point(elements, int(i[k]), float(s[k]))
             second = _curve_point(elements, int(j[k]), float(t[k]))
-            middle = elements.origin + p[k] + s[k] * u[k] + chord[k] / 2
-            best = Chord(float(length[k]), (first, second), middle)
+            start = elements.origin + p[k] + s[k] * u[k]
+            points = np.stack([start, start + chord[k]])
+            best = Chord(float(length[k]), (first, second), points)
             limit = best.length
     return best
 
@@ -281,6 +348,11 @@ def _curve_point(elements: _Elements, k: int, s: float) -> CurvePoint:
     if elements.following[k] < 0:  # the last vertex of an open polygon ends the edge before
         return knot, number - 1, 1.0
     return knot, number, s / float(elements.length[k]) if elements.length[k] > 0 else 0.0
+
+
+def _off_axis(a: Array, axis: Array) -> Array:
+    """Distance (n,) of points (n, 3) from the lines through 0 along unit vectors (n, 3)."""
+    return _norm(a - _dot(a, axis)[:, None] * axis)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -28,8 +28,8 @@ class _Projected:
     faces: Faces  # (m, 3), each turned to positive area in (u, v)
 
 
-def _cut(homogeneous: Array, faces: Faces) -> tuple[Array, Faces]:
-    """The part of faces (m, 3) with w < 1, as triangles; new corners are appended.
+def _cut(homogeneous: Array, faces: Faces, limit: float) -> tuple[Array, Faces]:
+    """The part of faces (m, 3) with w < `limit`, as triangles; new corners are appended.
 
     `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight.
     """
@@ -38,14 +38,14 @@ def _cut(homogeneous: Array, faces: Faces) -> tuple[Array, Faces]:
     for face in faces:
         kept: list[int] = []
         for a, b in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
-            if homogeneous[a, 2] < 1:
+            if homogeneous[a, 2] < limit:
                 kept.append(a)
-            if (homogeneous[a, 2] < 1) != (homogeneous[b, 2] < 1):
+            if (homogeneous[a, 2] < limit) != (homogeneous[b, 2] < limit):
                 key = (min(a, b), max(a, b))
                 if key not in made:
                     p, q = homogeneous[key[0]], homogeneous[key[1]]
                     made[key] = len(corners)
-                    corners.append(p + (1 - p[2]) / (q[2] - p[2]) * (q - p))
+                    corners.append(p + (limit - p[2]) / (q[2] - p[2]) * (q - p))
                 kept.append(made[key])
         triangles += [(kept[0], kept[i], kept[i + 1]) for i in range(1, len(kept) - 1)]
     return np.array(corners), np.array(triangles, dtype=np.int64).reshape(-1, 3)
@@ -58,12 +58,13 @@ def _project(vertices: Array, faces: Faces, geometry: ViewGeometry) -> _Projecte
     used[faces] = True
     if (h[used, 2] < 1e-6).any():
         raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
-    inside = (h[:, 2] < 1)[faces]  # matter on or behind the receiver plane casts no shadow
+    limit = geometry.w_of_receiver  # matter on or behind the receiver plane casts no shadow
+    inside = (h[:, 2] < limit)[faces]
     whole = inside.all(axis=1)
     crossing = inside.any(axis=1) & ~whole
     kept = faces if whole.all() else faces[whole]
     if crossing.any():
-        h, pieces = _cut(h, faces[crossing])
+        h, pieces = _cut(h, faces[crossing], limit)
         kept = np.concatenate([kept, pieces])
     with np.errstate(divide="ignore", invalid="ignore"):  # corners that no face uses
         points = h[:, :2] / h[:, 2:]

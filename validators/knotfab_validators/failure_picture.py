@@ -180,7 +180,8 @@ def _sentences(failed: Sequence[Check], font: Any, width: float) -> list[tuple[C
         head += f" (limit {limit})" if limit else ""
         head += "" if check.required else ", for information"
         lines, line = [], ""
-        for word in f"{head}. {check.detail}".split():
+        text = f"{head}. {check.detail}".replace("²", "^2").replace("³", "^3")  # not in the font
+        for word in text.split():
             longer = f"{line} {word}".strip()
             if line and font.getlength(longer) > width:
                 lines.append(line)

@@ -1,146 +1,117 @@
-"""Numbers that tell knots apart, from a projection of the polygons: determinant, linking number.
+"""What is computed of a knot's diagram: its Alexander and Jones polynomials, signature, Floer homology.
 
-They can refute a knot type and never prove one.
+None of them depends on how the knot lies; Jones polynomial, signature and Floer homology tell most
+knots from their mirror images.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
+from .alexander import alexander_polynomial
+from .floer import Floer, floer_homology
+from .goeritz import determinant_and_signature
+from .jones import jones_polynomial
+from .planar_diagram import PlanarDiagram, simplified
+from .polynomial import Laurent
 
-__all__ = ["DETERMINANTS", "determinant", "expected_determinant", "linking_number"]
+__all__ = ["UNKNOT", "Disagreement", "Invariants", "invariants"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
-MOST_CROSSINGS = 1500
-LARGEST = 1e12  # determinants up to here are whole numbers in double precision, with room to spare
-
-# |Δ(-1)| of the prime knots up to 8 crossings, in the numbering of Alexander, Briggs and Rolfsen.
-DETERMINANTS = {
-    name: value
-    for crossings, values in {
-        0: (1,),
-        3: (3,),
-        4: (5,),
-        5: (5, 7),
-        6: (9, 11, 13),
-        7: (7, 11, 13, 15, 17, 19, 21),
-        8: (13, 17, 17, 19, 21, 23, 23, 25, 25, 27, 27, 29, 29, 31, 33, 35, 37, 45, 3, 9, 15),
-    }.items()
-    for name, value in ((f"{crossings}_{i}", v) for i, v in enumerate(values, start=1))
-}
-NAMES = {"unknot": "0_1", "trefoil": "3_1", "figure-eight": "4_1", "cinquefoil": "5_1"}
+class Disagreement(Exception):
+    """Two ways to the same number gave different ones: neither is to be believed."""
 
 
 @dataclass(frozen=True)
-class _Crossings:
-    """Crossings of a projection: the strands above and below, as edge and place on it (0 to 1)."""
+class Invariants:
+    """Of a knot; `jones` (exponents of t doubled) and `floer` are None where they cannot be had."""
 
-    over: Ints
-    over_at: Array
-    under: Ints
-    under_at: Array
-    sign: Ints
+    alexander: Laurent
+    signature: int
+    jones: Laurent | None
+    floer: Floer | None
+
+    def mirrored(self) -> Invariants:
+        """Of the mirror image."""
+        return Invariants(
+            self.alexander,
+            -self.signature,
+            self.jones.reversed() if self.jones is not None else None,
+            self.floer.mirrored() if self.floer is not None else None,
+        )
+
+    def __mul__(self, other: Invariants) -> Invariants:
+        """Of the sum of two knots."""
+        both_jones = self.jones is not None and other.jones is not None
+        both_floer = self.floer is not None and other.floer is not None
+        return Invariants(
+            self.alexander * other.alexander,
+            self.signature + other.signature,
+            self.jones * other.jones if both_jones else None,  # type: ignore[operator]
+            self.floer * other.floer if both_floer else None,  # type: ignore[operator]
+        )
+
+    def fits(self, other: Invariants) -> bool:
+        """Whether all that is known of both is equal: they may be one knot."""
+        return (
+            (self.alexander, self.signature) == (other.alexander, other.signature)
+            and (None in (self.jones, other.jones) or self.jones == other.jones)
+            and (None in (self.floer, other.floer) or self.floer == other.floer)
+        )
+
+    @cached_property
+    def hand(self) -> int:
+        """1 right-handed, -1 left-handed, 0 where none of the invariants tells it from its mirror image.
+
+        Right-handed is where the Jones polynomial reaches farther into the positive powers, as that of
+        the right-handed trefoil, t + t^3 - t^4; if it reaches as far on both sides, where the
+        signature is negative; and then, where the first coefficient that differs, from outside, is
+        larger among the positive powers.
+        """
+        if self.jones is not None:
+            reach = self.jones.lowest + self.jones.highest
+            if reach:
+                return 1 if reach > 0 else -1
+            if not self.signature:
+                for low, high in self._ends(self.jones):
+                    if low != high:
+                        return 1 if high > low else -1
+        return (self.signature < 0) - (self.signature > 0)
+
+    @staticmethod
+    def _ends(jones: Laurent) -> list[tuple[int, int]]:
+        return list(zip(jones.coefficients, jones.coefficients[::-1], strict=True))
+
+    @property
+    def determinant(self) -> int:
+        """|Δ(-1)|."""
+        return abs(self.alexander.at_minus_one())
 
 
-def expected_determinant(kind: str) -> int | None:
-    """Determinant of a knot type such as "unknot", "3_1" or "3_1#4_1"; None if it is not known."""
-    product = 1
-    for part in kind.split("#"):
-        name = part.strip().lower().removeprefix("m")
-        value = DETERMINANTS.get(NAMES.get(name, name))
-        if value is None:
-            return None
-        product *= value
-    return product
+UNKNOT = Invariants(Laurent(0, (1,)), 0, Laurent(0, (1,)), Floer((((0, 0), 1),)))
 
 
-def determinant(polygon: Array) -> int | None:
-    """|Δ(-1)|, Δ the Alexander polynomial of a closed polygon (n, 3): 1 for every unknot.
+def invariants(diagram: PlanarDiagram) -> Invariants:
+    """Of a knot's diagram, with some 60 crossings at most once simplified.
 
-    From the colouring matrix, a row for each crossing: twice the strand above less the two below
-    (Livingston, "Knot theory", 1993, ch. 3). None where it cannot be had reliably: too many
-    crossings, too large a number, or two projections that disagree.
+    Raises:
+        Disagreement: the Alexander polynomial is not what Floer homology or Goeritz' matrix say.
     """
-    found = {_determinant_seen_from(polygon, seed) for seed in (1, 2)}
-    return found.pop() if len(found) == 1 else None
-
-
-def linking_number(one: Array, other: Array) -> int:
-    """How often one closed polygon winds round the other, with sign (Gauss)."""
-    crossings = _crossings([one, other], seed=1)
-    first = len(one)
-    over_one = (crossings.over < first) & (crossings.under >= first)
-    return int(crossings.sign[over_one].sum())
-
-
-def _determinant_seen_from(polygon: Array, seed: int) -> int | None:
-    crossings = _crossings([polygon], seed)
-    count = len(crossings.under)
-    if count > MOST_CROSSINGS:
-        return None
-    if count < 3:
-        return 1
-    # Strands run from one passage below to the next; number k ends at the k-th along the polygon.
-    below = crossings.under + crossings.under_at
-    order = np.argsort(below)
-    ends = below[order]
-    above = np.searchsorted(ends, (crossings.over + crossings.over_at)[order]) % count
-    row = np.arange(count)
-    matrix = np.zeros((count, count))
-    np.add.at(matrix, (row, above), 2.0)
-    np.add.at(matrix, (row, row), -1.0)
-    np.add.at(matrix, (row, (row + 1) % count), -1.0)
-    _, log_size = np.linalg.slogdet(matrix[1:, 1:])
-    if not log_size < np.log(LARGEST):
-        return None
-    size = float(np.exp(log_size))
-    whole = round(size)
-    # A knot's determinant is odd.
-    return whole if whole % 2 and abs(size - whole) < 1e-3 * max(1.0, size) ** 0.5 else None
-
-
-def _crossings(polygons: Sequence[Array], seed: int) -> _Crossings:
-    """All crossings seen from a random direction; edges are numbered through all polygons."""
-    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
-    start = np.concatenate(polygons) @ turn
-    end = np.concatenate([np.roll(p, -1, axis=0) for p in polygons]) @ turn
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
-    i, j = shapely.STRtree(boxes).query(boxes)
-    i, j = i[i < j], j[i < j]
-    u, v, w = end[i] - start[i], end[j] - start[j], start[j] - start[i]
-    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / cross
-        t = (w[:, 0] * u[:, 1] - w[:, 1] * u[:, 0]) / cross
-    meet = (s > 0) & (s < 1) & (t > 0) & (t < 1) & ~_adjacent(polygons, i, j)
-    i, j, s, t, cross = i[meet], j[meet], s[meet], t[meet], cross[meet]
-    height_i = start[i, 2] + s * (end[i, 2] - start[i, 2])
-    height_j = start[j, 2] + t * (end[j, 2] - start[j, 2])
-    i_over = height_i > height_j
-    # Right-handed when the strand above turns counter-clockwise into the one below.
-    sign = np.where(i_over, np.sign(cross), -np.sign(cross)).astype(np.int64)
-    return _Crossings(
-        over=np.where(i_over, i, j),
-        over_at=np.where(i_over, s, t),
-        under=np.where(i_over, j, i),
-        under_at=np.where(i_over, t, s),
-        sign=sign * round(float(np.linalg.det(turn))),
-    )
-
-
-def _adjacent(polygons: Sequence[Array], i: Ints, j: Ints) -> NDArray[np.bool_]:
-    """Whether edges i < j share a vertex: rounding may let them cross there."""
-    sizes = np.array([len(p) for p in polygons])
-    first = np.repeat(np.cumsum(sizes) - sizes, sizes)
-    last = np.repeat(np.cumsum(sizes) - 1, sizes)
-    result: NDArray[np.bool_] = (first[i] == first[j]) & (
-        (j == i + 1) | ((i == first[i]) & (j == last[i]))
-    )
-    return result
+    diagram = simplified(diagram)
+    alexander = alexander_polynomial(diagram)
+    determinant, signature = determinant_and_signature(diagram)
+    if abs(alexander.at_minus_one()) != determinant:
+        raise Disagreement(
+            f"the determinant is {abs(alexander.at_minus_one())} by the Alexander polynomial and "
+            f"{determinant} by Goeritz' matrix"
+        )
+    floer = floer_homology(diagram, alexander)
+    if floer is not None and floer.euler() != alexander:
+        raise Disagreement(
+            f"the Alexander polynomial is {alexander.text()}, and {floer.euler().text()} by Floer "
+            "homology"
+        )
+    if floer is not None and not floer.symmetric:
+        raise Disagreement("Floer homology is not symmetric")
+    return Invariants(alexander, signature, jones_polynomial(diagram), floer)

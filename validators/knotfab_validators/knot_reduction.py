@@ -8,14 +8,29 @@ triangle is an unknot, proved; a triangle that nothing else meets is split from 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["Reduced", "general_position", "orientation", "pierced", "reduce_polygons"]
+__all__ = [
+    "Budget",
+    "Reduced",
+    "Ring",
+    "TooTangled",
+    "adjacent",
+    "certain_sign",
+    "determinants",
+    "general_position",
+    "nearest_approach",
+    "orientation",
+    "pierced",
+    "reduce_polygons",
+    "ring_of",
+    "touching_place",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,7 +40,28 @@ Mask = NDArray[np.bool_]
 # The error of the determinant below is at most 8e-16 times its permanent (Shewchuk, "Adaptive
 # precision floating-point arithmetic", 1997), which is at most 5.2 times the product of the rows.
 UNCERTAIN = 1e-14
-NUDGE = 1e-5  # of the shortest edge: the random shift into general position
+NUDGES = (1e-5, 1e-7, 1e-9)  # of the shortest edge: the random shift into general position
+LEAST_SHIFT = 64 * 2.0**-52  # of the coordinates: less would drown in rounding
+MOST_PAIRS = 5_000_000  # of triangles and edges looked at, some seconds' worth
+NEAREST_PAIRS = 300_000  # of edges, when the nearest ones are looked for
+BLOCK = 256  # boxes looked up at a time, to bound the memory
+
+
+class TooTangled(Exception):
+    """Too many edges are near each other to look at all of them."""
+
+
+@dataclass
+class Budget:
+    """How many pairs of a triangle and an edge may still be looked at."""
+
+    pairs: int = MOST_PAIRS
+
+    def spend(self, pairs: int) -> None:
+        """Raises TooTangled once there are too many."""
+        self.pairs -= pairs
+        if self.pairs < 0:
+            raise TooTangled
 
 
 @dataclass(frozen=True)
@@ -46,7 +82,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class _Ring:
+class Ring:
     """Vertices of all polygons in a row: `at` (n, 3), their polygon, neighbours by position."""
 
     at: Array
@@ -55,8 +91,10 @@ class _Ring:
     after: Ints
 
 
-def reduce_polygons(polygons: Sequence[Array], seed: int = 0, shakes: int = 0) -> Reduced:
-    """Remove vertices, many at a time, until none can go.
+def reduce_polygons(
+    polygons: Sequence[Array], seed: int = 0, shakes: int = 0, budget: Budget | None = None
+) -> Reduced:
+    """Remove vertices, many at a time, until none can go or the budget is spent.
 
     Args:
         polygons: (n >= 3, 3) each, in general position (see `general_position`): where signs
@@ -65,11 +103,15 @@ def reduce_polygons(polygons: Sequence[Array], seed: int = 0, shakes: int = 0) -
             the vertices about (by isotopies also) and try again, so many times.
     """
     rng = np.random.default_rng(seed)
-    ring = _ring(polygons)
+    ring = ring_of(polygons)
+    budget = budget or Budget()
     share, shaken = 0.5, 0
     while len(ring.at):
         ring = _without_triangles(ring)
-        gone = _removable(ring, share, rng)
+        try:
+            gone = _removable(ring, share, rng, budget)
+        except TooTangled:
+            break
         if gone.any():
             ring, share = _without(ring, gone), 0.5
         elif share < 1:
@@ -83,40 +125,61 @@ def reduce_polygons(polygons: Sequence[Array], seed: int = 0, shakes: int = 0) -
 
 
 def general_position(polygons: Sequence[Array], seed: int = 0) -> tuple[Array, ...] | None:
-    """The polygons with each vertex shifted at random by 1e-5 of the shortest edge; None if unsafe.
+    """The polygons with each vertex shifted at random by 1e-5 of the shortest edge, or by less.
 
-    Safe is what is an isotopy: while no vertex moves by more than d, edges that are not adjacent
-    and more than 2 d apart do not meet, and adjacent ones that open by more than what d can close
-    do not fold onto each other. None means that the polygons touch themselves, to that accuracy.
+    The shift is an isotopy: while no vertex moves by more than d, edges that are not adjacent and
+    more than 2 d apart do not meet, and adjacent ones that open by more than what d can close do
+    not fold onto each other. None means that no shift is small enough: the polygons touch
+    themselves or each other, within 4e-9 of the shortest edge.
+
+    Raises:
+        TooTangled: too many edges are near each other.
     """
-    ring = _ring(polygons)
+    ring = ring_of(polygons)
+    for nudge in NUDGES:
+        moved = _shifted(ring, nudge, seed)
+        if moved is not None:
+            return tuple(moved[ring.knot == k] for k in range(len(polygons)))
+    return None
+
+
+def _shifted(ring: Ring, nudge: float, seed: int) -> Array | None:
     edge = ring.at[ring.after] - ring.at
     length = np.linalg.norm(edge, axis=1)
-    d = NUDGE * float(length.min())
-    if not d > 0:
+    d = nudge * float(length.min())
+    if not d > LEAST_SHIFT * float(np.abs(ring.at).max()):
         return None
     unit = edge / length[:, None]
     # Each of two adjacent edges turns by at most asin(2 d / length): |sum of directions| shrinks by
     # no more than twice that.
     opening = np.linalg.norm(unit + unit[ring.before], axis=1)
-    if opening.min() < 8 * NUDGE or _closest(ring, 4 * d) < 4 * d:
+    if opening.min() < 8 * nudge or _closest(ring, 4 * d)[0] < 4 * d:
         return None
     shift = np.random.default_rng(seed).uniform(-1, 1, ring.at.shape) * (d / np.sqrt(3))
-    moved = ring.at + shift
-    return tuple(moved[ring.knot == k] for k in range(len(polygons)))
+    return np.asarray(ring.at + shift)
 
 
 def orientation(a: Array, b: Array, c: Array, d: Array) -> Signs:
     """Sign of det(a - d, b - d, c - d) for rows of points (n, 3); 0 where rounding might decide."""
-    u, v, w = a - d, b - d, c - d
-    det = (
+    return certain_sign(a - d, b - d, c - d)
+
+
+def certain_sign(u: Array, v: Array, w: Array) -> Signs:
+    """Sign of det(u, v, w) for rows (n, 3) that are differences of points; 0 where rounding might
+    decide."""
+    det = determinants(u, v, w)
+    size2 = np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v) * np.einsum("ij,ij->i", w, w)
+    certain = np.abs(det) > UNCERTAIN * np.sqrt(size2)
+    return np.where(certain, np.sign(det), 0).astype(np.int8)
+
+
+def determinants(u: Array, v: Array, w: Array) -> Array:
+    """det(u, v, w) for rows (n, 3)."""
+    return np.asarray(
         u[:, 0] * (v[:, 1] * w[:, 2] - v[:, 2] * w[:, 1])
         + u[:, 1] * (v[:, 2] * w[:, 0] - v[:, 0] * w[:, 2])
         + u[:, 2] * (v[:, 0] * w[:, 1] - v[:, 1] * w[:, 0])
     )
-    size2 = np.einsum("ij,ij->i", u, u) * np.einsum("ij,ij->i", v, v) * np.einsum("ij,ij->i", w, w)
-    certain = np.abs(det) > UNCERTAIN * np.sqrt(size2)
-    return np.where(certain, np.sign(det), 0).astype(np.int8)
 
 
 def pierced(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
@@ -139,28 +202,34 @@ def pierced(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
     return result
 
 
-def _ring(polygons: Sequence[Array]) -> _Ring:
+def ring_of(polygons: Sequence[Array]) -> Ring:
+    """All vertices in a row, polygon after polygon."""
     sizes = [len(p) for p in polygons]
     return _linked(
         np.concatenate(polygons).astype(np.float64), np.repeat(np.arange(len(sizes)), sizes)
     )
 
 
-def _linked(at: Array, knot: Ints) -> _Ring:
+def _linked(at: Array, knot: Ints) -> Ring:
     """Join each run of equal `knot` into a ring."""
     index = np.arange(len(at))
     first = np.flatnonzero(np.diff(knot, prepend=-1))
     last = np.append(first[1:], len(at)) - 1
     after, before = index + 1, index - 1
     after[last[: len(first)]], before[first] = first, last[: len(first)]
-    return _Ring(at, knot, before, after)
+    return Ring(at, knot, before, after)
 
 
-def _without(ring: _Ring, gone: Mask) -> _Ring:
+def adjacent(ring: Ring, i: Ints, j: Ints) -> Mask:
+    """Whether edges i and j share a vertex, or are one (edge k begins at vertex k)."""
+    return np.asarray((i == j) | (ring.after[i] == j) | (ring.after[j] == i))
+
+
+def _without(ring: Ring, gone: Mask) -> Ring:
     return _linked(ring.at[~gone], ring.knot[~gone])
 
 
-def _without_triangles(ring: _Ring) -> _Ring:
+def _without_triangles(ring: Ring) -> Ring:
     """Take out polygons of three vertices whose triangle meets no edge of another polygon."""
     sizes = np.bincount(ring.knot)
     for k in np.flatnonzero(sizes == 3):
@@ -172,7 +241,7 @@ def _without_triangles(ring: _Ring) -> _Ring:
     return ring
 
 
-def _removable(ring: _Ring, share: float, rng: np.random.Generator) -> Mask:
+def _removable(ring: Ring, share: float, rng: np.random.Generator, budget: Budget) -> Mask:
     """Vertices that can go together: free ones of the smallest triangles, no two adjacent.
 
     After one has gone its triangle's third side is an edge; so those must not meet the triangles
@@ -187,12 +256,11 @@ def _removable(ring: _Ring, share: float, rng: np.random.Generator) -> Mask:
     normal = np.cross(a[tried] - b[tried], c[tried] - b[tried])
     area = np.einsum("ij,ij->i", normal, normal)
     tried = tried[area <= np.quantile(area, share)]
-    t, e = _near(a[tried], b[tried], c[tried], ring.at, ring.at[ring.after])
-    own = (e == tried[t]) | (e == ring.before[tried[t]])
-    t, e = tried[t[~own]], e[~own]
-    met = t[pierced(a[t], b[t], c[t], ring.at[e], ring.at[ring.after[e]])]
     gone[tried] = True
-    gone[met] = False
+    for t, e in _near(a[tried], b[tried], c[tried], ring.at, ring.at[ring.after], budget):
+        own = (e == tried[t]) | (e == ring.before[tried[t]])
+        t, e = tried[t[~own]], e[~own]
+        gone[t[pierced(a[t], b[t], c[t], ring.at[e], ring.at[ring.after[e]])]] = False
 
     rank = np.where(gone, rng.permutation(len(gone)).astype(np.float64), np.inf)
     gone &= (rank < rank[ring.before]) & (rank < rank[ring.after])
@@ -200,25 +268,32 @@ def _removable(ring: _Ring, share: float, rng: np.random.Generator) -> Mask:
         own = ring.knot == k
         gone &= ~own | (rank == rank[own].min())
     chosen = np.flatnonzero(gone)
-    t, e = _near(a[chosen], b[chosen], c[chosen], a[chosen], c[chosen])
-    t, e = chosen[t[t != e]], chosen[e[t != e]]
-    met_pairs = pierced(a[t], b[t], c[t], a[e], c[e])
-    t, e = t[met_pairs], e[met_pairs]
-    gone[np.where(rank[t] > rank[e], t, e)] = False
+    for t, e in _near(a[chosen], b[chosen], c[chosen], a[chosen], c[chosen], budget):
+        t, e = chosen[t[t != e]], chosen[e[t != e]]
+        met = pierced(a[t], b[t], c[t], a[e], c[e])
+        t, e = t[met], e[met]
+        gone[np.where(rank[t] > rank[e], t, e)] = False
     return gone
 
 
-def _near(a: Array, b: Array, c: Array, p: Array, q: Array) -> tuple[Ints, Ints]:
-    """Pairs (triangle, segment) whose boxes overlap."""
+def _near(
+    a: Array, b: Array, c: Array, p: Array, q: Array, budget: Budget
+) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs (triangle, segment) whose boxes overlap, some at a time."""
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     low_e, high_e = np.minimum(p, q), np.maximum(p, q)
     tree = shapely.STRtree(shapely.box(low_e[:, 0], low_e[:, 1], high_e[:, 0], high_e[:, 1]))
-    t, e = tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-    keep = (low[t, 2] <= high_e[e, 2]) & (low_e[e, 2] <= high[t, 2])
-    return t[keep].astype(np.int64), e[keep].astype(np.int64)
+    boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+    for start in range(0, len(boxes), BLOCK):
+        t, e = tree.query(boxes[start : start + BLOCK])
+        t += start
+        keep = (low[t, 2] <= high_e[e, 2]) & (low_e[e, 2] <= high[t, 2])
+        t, e = t[keep].astype(np.int64), e[keep].astype(np.int64)
+        budget.spend(len(t))
+        yield t, e
 
 
-def _shaken(ring: _Ring, rng: np.random.Generator) -> _Ring:
+def _shaken(ring: Ring, rng: np.random.Generator) -> Ring:
     """Move each vertex in turn, mostly towards its neighbours' middle, where nothing is in the way.
 
     Moving B to D is an isotopy when no other edge meets the triangles ABD and CBD.
@@ -241,15 +316,67 @@ def _shaken(ring: _Ring, rng: np.random.Generator) -> _Ring:
     return replace(ring, at=at)
 
 
-def _closest(ring: _Ring, reach: float) -> float:
-    """Distance of the closest edges that are not adjacent; infinity if none is within `reach`."""
+def touching_place(polygons: Sequence[Array]) -> Array:
+    """Where polygons that have no general position meet themselves or each other, about, (3,)."""
+    ring = ring_of(polygons)
+    edge = ring.at[ring.after] - ring.at
+    length = np.linalg.norm(edge, axis=1)
+    d = NUDGES[-1] * float(length.min())
+    if not d > LEAST_SHIFT * float(np.abs(ring.at).max()):
+        return np.asarray(ring.at[int(length.argmin())])
+    distance, i, j = _closest(ring, 4 * d)
+    if distance < 4 * d:
+        return _between(ring, i, j)
+    unit = edge / length[:, None]
+    return np.asarray(ring.at[int(np.linalg.norm(unit + unit[ring.before], axis=1).argmin())])
+
+
+def nearest_approach(one: Array, other: Array) -> Array:
+    """The middle between two polygons (n, 3), (m, 3) where they are nearest to each other, (3,)."""
+    ring = ring_of([one, other])
+    from scipy.spatial import cKDTree
+
+    away, vertex = cKDTree(other).query(one)
+    reach, first = float(away.min()), int(away.argmin())
     p, q = ring.at, ring.at[ring.after]
-    i, j = _near(np.minimum(p, q) - reach, p, np.maximum(p, q) + reach, p, q)
-    apart = (i != j) & (ring.after[i] != j) & (ring.after[j] != i)
-    i, j = i[apart], j[apart]
-    if not len(i):
-        return float("inf")
-    return float(_segment_distance(p[i], q[i], p[j], q[j]).min())
+    n = len(one)
+    low, high = np.minimum(p, q)[:n] - reach, np.maximum(p, q)[:n] + reach
+    best = reach, first, n + int(vertex[first])
+    try:
+        for i, j in _near(low, low, high, p[n:], q[n:], Budget(NEAREST_PAIRS)):
+            if len(i):
+                distance = _segment_distance(p[i], q[i], p[j + n], q[j + n])
+                k = int(distance.argmin())
+                best = min(best, (float(distance[k]), int(i[k]), int(j[k]) + n))
+    except TooTangled:
+        pass  # about there will do
+    return _between(ring, best[1], best[2])
+
+
+def _between(ring: Ring, i: int, j: int) -> Array:
+    """Middle of the shortest way between the edges i and j, by alternating projection."""
+    p, u = ring.at[i], ring.at[ring.after[i]] - ring.at[i]
+    r, v = ring.at[j], ring.at[ring.after[j]] - ring.at[j]
+    x, y = p + u / 2, r + v / 2
+    for _ in range(100):
+        y = r + np.clip((x - r) @ v / (v @ v), 0.0, 1.0) * v
+        x = p + np.clip((y - p) @ u / (u @ u), 0.0, 1.0) * u
+    return np.asarray((x + y) / 2)
+
+
+def _closest(ring: Ring, reach: float) -> tuple[float, int, int]:
+    """Distance of the closest edges that are not adjacent, and they; infinity if none is within `reach`."""
+    p, q = ring.at, ring.at[ring.after]
+    best = float("inf"), 0, 0
+    low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach
+    for i, j in _near(low, p, high, p, q, Budget()):
+        apart = ~adjacent(ring, i, j)
+        i, j = i[apart], j[apart]
+        if len(i):
+            distance = _segment_distance(p[i], q[i], p[j], q[j])
+            k = int(distance.argmin())
+            best = min(best, (float(distance[k]), int(i[k]), int(j[k])))
+    return best
 
 
 def _segment_distance(p: Array, q: Array, r: Array, s: Array) -> Array:

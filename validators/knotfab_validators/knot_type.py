@@ -1,9 +1,9 @@
-"""Knot type of the written polygons against the type that the file promises.
+"""Knot type of the written polygons, whether it is what the file promises, and how they are linked.
 
-Nobody is trusted: the polygon is reduced by isotopies of its own (`knot_reduction`). What shrinks
-to nothing is an unknot, or an unlink, by that proof; so are curves that look simple and apart from
-one side. What does not shrink is compared by an invariant, which can refute its type and otherwise
-is only consistent with it.
+Nobody is trusted: the polygons are reduced by isotopies of our own (`knot_reduction`). What shrinks to
+nothing is an unknot, or an unlink, by that proof; so are curves that look simple and apart from one
+side. Of what does not shrink a diagram is made (`projection`), and named by its invariants
+(`knot_identity`, `knot_link`).
 """
 
 from __future__ import annotations
@@ -16,123 +16,216 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from .check import Check, Status, skipped
-from .knot_invariants import determinant, expected_determinant, linking_number
-from .knot_reduction import general_position, reduce_polygons
+from .alexander import colouring_remainder
+from .check import Check, Place, Status, places, skipped
+from .knot_identity import PROVED_UNKNOT, Identity, identify
+from .knot_invariants import Invariants
+from .knot_link import Linking, linking_of
+from .knot_names import Promise, promised_knot
+from .knot_reduction import (
+    Budget,
+    TooTangled,
+    general_position,
+    nearest_approach,
+    reduce_polygons,
+    touching_place,
+)
 from .read_knots import Curves
 
-__all__ = ["KnotFinding", "KnotTypes", "check_knot_type", "knot_types"]
+__all__ = [
+    "KnotFinding",
+    "KnotTypes",
+    "check_knot_type",
+    "check_linking",
+    "knot_checks",
+    "knot_types",
+]
+
+Array = NDArray[np.float64]
+MOST_SHOWN = 6  # linked pairs whose places are given
 
 Verdict = Literal["proved", "consistent", "refuted", "unknown"]
-
-UNKNOTS = ("unknot", "0_1")
-SHAKES = 60  # rounds of random isotopies when a polygon that may be an unknot does not shrink
 
 
 @dataclass(frozen=True)
 class KnotFinding:
-    """What was found of one polygon alone.
+    """What was found of polygon `number` alone, and whether it is what was promised.
 
-    `vertices` are what is left of it, 0 for a proved unknot; `determinant` is None where it was
-    not needed or could not be had.
+    `verdict`: "proved" and "consistent" are for the promise; where nothing was promised, for what is
+    found. "unknown": it cannot be told, or the promise is not understood.
     """
 
-    promised: str
+    number: int
+    promise: Promise
+    identity: Identity
     verdict: Verdict
-    vertices: int
-    determinant: int | None
+
+    @property
+    def sentence(self) -> str:
+        """What it is: "right-handed 3_1, proved"."""
+        return _sentence(self)
 
 
 @dataclass(frozen=True)
 class KnotTypes:
-    """Each polygon's finding, and how they are linked.
+    """Findings of the closed polygons, and how these are linked.
 
-        `split` says that all are proved to be unknots apart from each other (an unlink); `linked` has
-    (one, other, linking number) of the pairs that wind round each other. `touching` says that the
-        polygons meet themselves or each other, or are too near to tell: then they have no type.
+    `touching` is where the polygons meet themselves or each other, or are too near to tell: then
+    they have no type. `tangled` says that there was too much to look at.
     """
 
     knots: tuple[KnotFinding, ...]
-    split: bool
-    linked: tuple[tuple[int, int, int], ...]
-    touching: bool = False
+    linking: Linking
+    touching: Place | None = None
+    tangled: bool = False
 
 
 def knot_types(curves: Curves) -> KnotTypes:
-    """Find out about each polygon of `curves`, and about their link.
+    """Find out about each closed polygon of `curves`, and about their link.
 
     Polygons without a crossing, seen along one of the axes, are unlinked unknots. Otherwise all are
-    reduced together. If something is left of several, each of these is reduced alone, and their
-    linking numbers are computed.
+    reduced together, and what is left is looked at one by one and as a link.
     """
-    placed = general_position(curves.polygons)
-    if placed is None:
-        unknown = tuple(KnotFinding(t, "unknown", len(p), None) for t, p in _named(curves))
-        return KnotTypes(unknown, split=False, linked=(), touching=True)
-    if _no_crossing(curves.polygons):
-        return KnotTypes(tuple(_proved_unknot(t) for t in curves.types), split=True, linked=())
-    together = reduce_polygons(placed)
-    left = dict(zip(together.components, together.polygons, strict=True))
+    numbers = [k for k, closed in enumerate(curves.closed) if closed]
+    polygons = [curves.polygons[k] for k in numbers]
+    promises = [promised_knot(curves.types[k]) for k in numbers]
+    if not polygons:
+        return KnotTypes((), Linking("apart"))
+    try:
+        placed = general_position(polygons)
+        if placed is None:
+            where = places([touching_place(polygons)])[0]
+            return KnotTypes((), Linking("unknown"), touching=where)
+    except TooTangled:
+        return KnotTypes((), Linking("unknown"), tangled=True)
+    if _no_crossing(polygons):
+        identities = {}
+        linking = Linking("apart")
+    else:
+        budget = Budget()
+        together = reduce_polygons(placed, budget=budget)
+        left = dict(zip(together.components, together.polygons, strict=True))
+        identities = {k: identify(polygon, budget) for k, polygon in left.items()}
+        linking = _renumbered(linking_of(together, budget), numbers)
     findings = [
-        _finding(left[k], promised) if k in left else _proved_unknot(promised)
-        for k, promised in enumerate(curves.types)
+        _finding(number, promise, identities.get(k, PROVED_UNKNOT))
+        for k, (number, promise) in enumerate(zip(numbers, promises, strict=True))
     ]
-    numbers = sorted(left)
-    pairs = [(i, j) for n, i in enumerate(numbers) for j in numbers[n + 1 :]]
-    linking = [(i, j, linking_number(left[i], left[j])) for i, j in pairs]
-    return KnotTypes(
-        knots=tuple(findings),
-        # one that is left is an unknot by itself, and all others were split from it
-        split=not left or (len(left) == 1 and findings[numbers[0]].vertices == 0),
-        linked=tuple(link for link in linking if link[2] != 0),
-    )
+    return KnotTypes(tuple(findings), linking)
 
 
 def check_knot_type(curves: Curves) -> Check:
-    """`knot_type`: no polygon's type is refuted and no two are linked; `measured` says what is proved.
+    """`knot_type`: each closed polygon is the knot that the file promises; see `knot_checks`."""
+    return _check_type(curves, knot_types(curves))
 
-    Polygons that touch fail: they have no type. It is skipped, and not required, for open curves
-    and where nothing is known of a promised type; a promised unknot that could not be decided is
-    skipped and required.
+
+def check_linking(curves: Curves) -> Check:
+    """`linking`: no closed polygons are linked with each other; see `knot_checks`."""
+    return _check_linking(curves, knot_types(curves))
+
+
+def knot_checks(curves: Curves) -> tuple[Check, Check]:
+    """The checks `knot_type` and `linking`, for the work of one.
+
+    `knot_type`: `measured` says what each closed polygon is, and whether that is proved or only
+    consistent; `limit` is the promise. Polygons that touch fail: they have no type. It is skipped for
+    open curves alone, and where a promise is not understood; a promised unknot that could not be
+    decided is skipped and required. `at` are places on the knot that is not as promised.
+
+    `linking`: `measured` is the largest size of a linking number, 0 allowed, or says that the polygons
+    are linked although all these are 0. Passes where it is proved that they are apart, or where every
+    invariant is consistent with it. `at` is where the linked ones are nearest.
     """
-    if not all(curves.closed):
-        return skipped("knot_type", "an open curve has no knot type")
     found = knot_types(curves)
-    count = len(found.knots)
-    refuted = [k for k, knot in enumerate(found.knots) if knot.verdict == "refuted"]
-    links = [f"knots {i} and {j} are linked (linking number {n})" for i, j, n in found.linked]
-    if found.touching:
-        return _check(curves, "fail", "no knot", "the polygons touch themselves or each other")
-    if refuted:
-        knot = found.knots[refuted[0]]
-        where = "" if count == 1 else f"knot {refuted[0]} of {count} "
-        detail = f"{where}promised as {knot.promised}; found: {_sentence(knot)}"
-        return _check(curves, "fail", _sentence(knot), "; ".join([detail, *links]))
-    if links:
-        return _check(curves, "fail", links[0], "; ".join(links))
-    parts = [f"knot {k}: {_sentence(knot)}" for k, knot in enumerate(found.knots) if knot.vertices]
-    if not parts:
-        parts = ["shrunk to triangles without a crossing, or simple seen along an axis"]
-    if count > 1 and not found.split:
-        parts.append("linking numbers are 0, which is consistent with their being unlinked")
-    unknown = any(knot.verdict == "unknown" for knot in found.knots)
-    return _check(curves, "skipped" if unknown else "pass", _summary(found), "; ".join(parts))
+    return _check_type(curves, found), _check_linking(curves, found)
 
 
-def _check(curves: Curves, status: Status, measured: str, detail: str) -> Check:
-    promised = ", ".join(dict.fromkeys(curves.types))
-    if len(curves.types) > 1 and set(curves.types) <= set(UNKNOTS):
-        promised = f"unlink of {len(curves.types)} unknots"
-    # a promised unknot can be decided: where it was not, the part is not verified
-    required = status != "skipped" or set(curves.types) <= set(UNKNOTS)
-    return Check("knot_type", status, required, measured, promised, "", detail)
+def _check_type(curves: Curves, found: KnotTypes) -> Check:
+    name = "knot_type"
+    left_out = _left_out(curves)
+    if not any(curves.closed):
+        return skipped(name, "an open curve has no knot type")
+    limit = _limit(curves)
+    if found.touching is not None:
+        detail = "the polygons touch themselves or each other" + left_out
+        return Check(name, "fail", True, "no knot", limit, "", detail, (found.touching,))
+    if found.tangled:
+        promised = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
+        required = any(promised_knot(k).unknot for k in promised)
+        return Check(
+            name, "skipped", required, None, limit, "", "not found: too tangled" + left_out
+        )
+    refuted = [knot for knot in found.knots if knot.verdict == "refuted"]
+    unknown = [knot for knot in found.knots if knot.verdict == "unknown"]
+    trouble = [knot for knot in found.knots if knot.identity.trouble]
+    status: Status = "fail" if refuted or trouble else "skipped" if unknown else "pass"
+    required = status != "skipped" or any(knot.promise.unknot for knot in unknown)
+    several = len(found.knots) > 1
+    shown = refuted or trouble or unknown or found.knots
+    detail = "; ".join(_detail(knot, several) for knot in shown) + left_out
+    at = [place for knot in refuted or trouble for place in knot.identity.places]
+    measured = ", ".join(dict.fromkeys(knot.sentence for knot in refuted or trouble or found.knots))
+    return Check(name, status, required, measured, limit, "", detail, places(at))
 
 
-def _named(curves: Curves) -> list[tuple[str, NDArray[np.float64]]]:
-    return list(zip(curves.types, curves.polygons, strict=True))
+def _check_linking(curves: Curves, found: KnotTypes) -> Check:
+    name = "linking"
+    if not any(curves.closed):
+        return skipped(name, "an open curve is not linked with anything")
+    left_out = _left_out(curves)
+    if sum(curves.closed) == 1:
+        return Check(name, "pass", True, 0.0, 0.0, "", "there is only one closed curve" + left_out)
+    if found.touching is not None:
+        detail = "the polygons touch themselves or each other"
+        return Check(name, "fail", True, "touching", 0.0, "", detail, (found.touching,))
+    linking = found.linking
+    names = " and ".join(map(str, linking.group))
+    if linking.state == "unknown" or found.tangled:
+        why = f"not found: {linking.reason or 'too tangled'}{left_out}"
+        return Check(name, "skipped", True, None, 0.0, "", why)
+    if linking.numbers:
+        worst = sorted(linking.numbers, key=lambda pair: -abs(pair[2]))
+        detail = "; ".join(f"knots {i} and {j} are linked, number {n:+d}" for i, j, n in worst)
+        shown = worst[:MOST_SHOWN]
+        at = [nearest_approach(curves.polygons[i], curves.polygons[j]) for i, j, _ in shown]
+        largest = float(abs(worst[0][2]))
+        return Check(name, "fail", True, largest, 0.0, "", detail + left_out, places(at))
+    if linking.state == "linked":
+        i, j = linking.group[:2]  # two of them say enough
+        detail = f"knots {names} are linked, proved: {linking.reason}; all linking numbers are 0"
+        at = [nearest_approach(curves.polygons[i], curves.polygons[j])]
+        measured = "linked, with linking number 0"
+        return Check(name, "fail", True, measured, 0.0, "", detail + left_out, places(at))
+    if linking.state == "apart":
+        detail = "all are apart from each other, proved"
+    else:
+        detail = f"knots {names}: all invariants are consistent with their being unlinked"
+    return Check(name, "pass", True, 0.0, 0.0, "", detail + left_out)
 
 
-def _no_crossing(polygons: Sequence[NDArray[np.float64]]) -> bool:
+def _renumbered(linking: Linking, numbers: Sequence[int]) -> Linking:
+    """With the numbers that the curves have among all, open ones included."""
+    return Linking(
+        linking.state,
+        tuple((numbers[i], numbers[j], n) for i, j, n in linking.numbers),
+        linking.reason,
+        tuple(numbers[k] for k in linking.group),
+    )
+
+
+def _left_out(curves: Curves) -> str:
+    open_curves = [str(k) for k, closed in enumerate(curves.closed) if not closed]
+    if not open_curves:
+        return ""
+    return f"; open curves have no type and are left out: {', '.join(open_curves)}"
+
+
+def _limit(curves: Curves) -> str | None:
+    kinds = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
+    return ", ".join(dict.fromkeys(k for k in kinds if promised_knot(k).given)) or None
+
+
+def _no_crossing(polygons: Sequence[Array]) -> bool:
     """Whether the polygons are simple and apart when seen along z, y or x.
 
     Leaving out a coordinate rounds nothing, and shapely's orientation test is exact.
@@ -144,49 +237,81 @@ def _no_crossing(polygons: Sequence[NDArray[np.float64]]) -> bool:
     return False
 
 
-def _finding(polygon: NDArray[np.float64], promised: str) -> KnotFinding:
-    """What one polygon alone is, as far as it can be told."""
-    wanted = expected_determinant(promised)
-    rest = reduce_polygons([polygon], seed=1)
-    if not rest.vertices:
-        return _proved_unknot(promised)
-    value = determinant(rest.polygons[0])
-    if value == 1 and wanted == 1:
-        rest = reduce_polygons(rest.polygons, seed=2, shakes=SHAKES)
-        if not rest.vertices:
-            return _proved_unknot(promised)
-    verdict: Verdict = "consistent"
-    if value is not None and wanted is not None and value != wanted:
-        verdict = "refuted"
-    elif value is None or wanted is None:
-        verdict = "unknown"
-    return KnotFinding(promised, verdict, rest.vertices, value)
+def _finding(number: int, promise: Promise, identity: Identity) -> KnotFinding:
+    return KnotFinding(number, promise, identity, _verdict(promise, identity))
 
 
-def _proved_unknot(promised: str) -> KnotFinding:
-    """An unknot: as promised, or not; a promise that is not understood stays open."""
-    if promised in UNKNOTS:
-        return KnotFinding(promised, "proved", 0, None)
-    known = expected_determinant(promised) is not None
-    return KnotFinding(promised, "refuted" if known else "unknown", 0, 1)
+def _verdict(promise: Promise, found: Identity) -> Verdict:
+    if not promise.given:
+        nothing = found.invariants is None
+        return "unknown" if nothing else "proved" if found.proved else "consistent"
+    if not promise.meant or found.trouble:
+        return "unknown"
+    if found.complete:
+        same = {knot.name for knot in found.knots} & {knot.name for knot in promise.meant}
+        if not same:
+            return "refuted"
+        return "proved" if found.proved else "consistent"
+    if found.invariants is not None:
+        fits = any(knot.invariants.fits(found.invariants) for knot in promise.meant)
+        return "consistent" if fits else "refuted"
+    if found.colouring is not None:
+        allowed = {colouring_remainder(knot.invariants.determinant) for knot in promise.meant}
+        if found.colouring not in allowed:
+            return "refuted"
+    return "unknown"
 
 
 def _sentence(knot: KnotFinding) -> str:
-    if knot.vertices == 0:
-        return "unknot, proved"
+    found = knot.identity
+    if found.trouble:
+        return "not found"
+    if found.knots:
+        return f"{_either(found)}, {'proved' if found.proved else 'consistent'}"
+    if knot.verdict == "consistent" and knot.promise.given:
+        return f"{knot.promise.text}, consistent"
     if knot.verdict == "refuted":
-        article = "an" if knot.promised in UNKNOTS else "a"
-        return f"not {article} {knot.promised} (determinant {knot.determinant})"
-    value = "not found" if knot.determinant is None else str(knot.determinant)
-    return f"{knot.promised}, {knot.verdict} (determinant {value}, {knot.vertices} vertices left)"
+        article = "an" if knot.promise.unknot else "a"
+        return f"not {article} {knot.promise.text}"
+    if found.invariants is None:
+        return "not found"
+    return f"not a knot of the table (determinant {found.invariants.determinant})"
 
 
-def _summary(found: KnotTypes) -> str:
-    """What is known of all of them: proved only if all of it is."""
-    proved = all(knot.verdict == "proved" for knot in found.knots)
-    if len(found.knots) == 1:
-        return f"{found.knots[0].promised}, {found.knots[0].verdict}"
-    if proved:
-        kind = f"unlink of {len(found.knots)} unknots"
-        return f"{kind}, {'proved' if found.split else 'consistent'}"
-    return ", ".join(dict.fromkeys(f"{knot.promised}, {knot.verdict}" for knot in found.knots))
+def _either(found: Identity) -> str:
+    """The names of the knots that it may be; both hands of one in one word."""
+    names = [knot.name for knot in found.knots]
+    both = {name.removeprefix("left-handed ") for name in names if name.startswith("left-handed ")}
+    both &= {
+        name.removeprefix("right-handed ") for name in names if name.startswith("right-handed ")
+    }
+    kept = []
+    for name in names:
+        plain = name.removeprefix("left-handed ").removeprefix("right-handed ")
+        kept.append(f"{plain} of either hand" if plain in both else name)
+    return " or ".join(dict.fromkeys(kept))
+
+
+def _detail(knot: KnotFinding, several: bool) -> str:
+    found = knot.identity
+    where = f"knot {knot.number}: " if several else ""
+    if knot.verdict == "refuted":
+        where += f"promised as {knot.promise.text}; found: "
+    text = where + (found.trouble or _sentence(knot))
+    if not knot.promise.meant and knot.promise.given:
+        text += f"; the promised type {knot.promise.text!r} is not understood"
+    if found.reason:
+        text += f" ({found.reason})"
+    if found.invariants is not None and found.crossings:
+        text += f"; {found.crossings} crossings left, {_numbers(found.invariants)}"
+    return text
+
+
+def _numbers(found: Invariants) -> str:
+    """The invariants, for people."""
+    jones = "not found" if found.jones is None else found.jones.text(half=True)
+    text = f"Alexander {found.alexander.text()}, Jones {jones}, signature {found.signature}"
+    if found.floer is None:
+        return text + ", no Floer homology"
+    fibred = ", fibred" if found.floer.fibred else ""
+    return f"{text}, Floer homology of rank {found.floer.total}, genus {found.floer.genus}{fibred}"

@@ -1,27 +1,33 @@
-"""A part's surface: closed, wound outwards, bodies of genus 1, right volume, nothing crossing."""
+"""A part's surface: closed, wound outwards, expected bodies, right volume, nothing crossing."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .check import Check, at_most, skipped
+from .check import Check, at_most, places, skipped
+from .curve_edges import curve_edges
 from .read_knots import Curves
 from .read_mesh import Mesh
+from .second_opinion import opinions, self_intersections
+from .surface import Surface, survey
 
-__all__ = ["Surface", "check_mesh", "self_intersections", "survey"]
+__all__ = ["NAMES", "check_mesh", "self_intersections"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
+BESIDE = 1e-3  # of a face's size: how far behind it one looks (in single precision)
 
 NAMES = (
     "mesh_closed",
     "mesh_winding",
     "mesh_degenerate",
+    "mesh_duplicate",
+    "mesh_manifold",
     "mesh_bodies",
     "mesh_genus",
     "mesh_volume",
@@ -29,203 +35,276 @@ NAMES = (
 )
 
 
-@dataclass(frozen=True)
-class Surface:
-    """What a mesh is made of.
-
-    `open_edges` are edges that not exactly two faces share, `flipped_edges` those that two faces
-    share in the same direction; `where` is the middle of the first bad edge, mm. `body` (m,) is
-    each face's body; `genus` and `volumes_mm3` have one value per body (signed volumes).
-    """
-
-    open_edges: int
-    flipped_edges: int
-    where: Array | None
-    degenerate: Ints
-    body: Ints
-    genus: Ints
-    volumes_mm3: Array
-
-
-def survey(mesh: Mesh) -> Surface:
-    """Edges, bodies, genera and volumes of a mesh with finite vertices.
-
-    The genus follows from V - E + F = 2 - 2g per body and means something only where the mesh is
-    closed; so does the volume.
-    """
-    faces, vertices = mesh.faces, mesh.vertices
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    key = low * np.int64(len(vertices)) + high
-    order = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    count = np.diff(first, append=len(key))
-    forward = np.add.reduceat((start < end)[order].astype(np.int64), first)
-    is_open, is_flipped = count != 2, (count == 2) & (forward != 1)
-    where = None
-    bad = np.flatnonzero(is_open | is_flipped)
-    if len(bad):
-        edge = order[first[bad[0]]]
-        where = (vertices[start[edge]] + vertices[end[edge]]) / 2
-
-    body_of_vertex, bodies = _components(low[order[first]], high[order[first]], len(vertices))
-    body = body_of_vertex[faces[:, 0]]
-    used = np.unique(faces)
-    euler = (
-        np.bincount(body_of_vertex[used], minlength=bodies)
-        - np.bincount(body_of_vertex[low[order[first]]], minlength=bodies)
-        + np.bincount(body, minlength=bodies)
-    )
-    corner = vertices[faces] - vertices.mean(axis=0)
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    flat = ~normal.any(axis=1) | repeated
-    # corner · normal is six times the tetrahedron between face and middle: corner × corner is 0.
-    volumes = np.bincount(body, np.einsum("ij,ij->i", corner[:, 0], normal), minlength=bodies) / 6
-    return Surface(
-        open_edges=int(is_open.sum()),
-        flipped_edges=int(is_flipped.sum()),
-        where=where,
-        degenerate=np.flatnonzero(flat),
-        body=body,
-        genus=1 - euler // 2,
-        volumes_mm3=volumes,
-    )
-
-
-def self_intersections(mesh: Mesh) -> Ints:
-    """Pairs (k, 2) of faces that meet elsewhere than in what they share, by exact predicates.
-
-    libigl's `find_self_intersections` (AABB tree, Shewchuk's predicates) decides alone: it needs
-    0.6 s for 300,000 faces. Faces without area have no side to test, so they must be excluded
-    before.
-    """
-    from igl import predicates
-
-    _, pairs, _ = predicates.find_self_intersections(
-        np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
-    )
-    found: Ints = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
-    return found
-
-
-def check_mesh(mesh: Mesh, curves: Curves | None = None, *, only_knots: bool = True) -> list[Check]:
-    """All checks of the surface; those that a failure before makes meaningless are skipped.
+def check_mesh(
+    mesh: Mesh,
+    curves: Curves | None = None,
+    *,
+    bodies: int | None = None,
+    genus: Sequence[int] | None = None,
+) -> list[Check]:
+    """All checks of the surface, in the order of `NAMES`; what a failure makes meaningless is skipped.
 
     Args:
-        mesh: the part. curves: its knots, where they are known: one body each, and the volume by
-            Pappus (pi r² L within 0.5 %).
-        only_knots: the part is nothing but tubes; otherwise number and volume of its bodies are
-            not known beforehand.
+        mesh: the part.
+        curves: the centre lines, if the part is nothing but the tubes about them: then the volume
+            must be that of Pappus within 0.5 %, and every body's positive. A part that is more than
+            its tubes, or has no known ones, may have cavities (bodies turned inwards that lie in the
+            matter of another); its bodies must not lie in each other's matter.
+        bodies: how many there must be. Left out: one for each curve; without curves any number.
+        genus: of each body, in any order. Left out: 1 for the tube of a closed curve and 0 for that
+            of an open one; without curves any. Where nothing is expected, `mesh_bodies` and
+            `mesh_genus` are there to inform: they pass, and are not required.
     """
     if not len(mesh.faces) or not np.isfinite(mesh.vertices).all():
         why = "coordinates that are not finite" if len(mesh.faces) else "no faces"
         closed = Check("mesh_closed", "fail", True, why, None, "", f"the mesh has {why}")
         return [closed, *_not_run(NAMES[1:], f"the mesh has {why}")]
     found = survey(mesh)
-    place = "" if found.where is None else f", the first at {_place(found.where)}"
-    checks = [
-        at_most(
+    if curves is not None:
+        bodies = len(curves.polygons) if bodies is None else bodies
+        genus = [1 if closed else 0 for closed in curves.closed] if genus is None else genus
+    checks, apart = _edges_and_faces(mesh, found), _apart(mesh, found)
+    if found.manifold:
+        largest = _largest_faces(mesh, found)
+        where = _centres(mesh, largest)
+        checks += [_bodies(found, bodies, where), _genus(found, genus, where)]
+        crossing = apart.status == "fail"
+        checks.append(_volume(mesh, found, curves, largest, crossing=crossing))
+    else:
+        lacking = "a surface everywhere" if found.closed else "closed and consistently wound"
+        checks += _not_run(NAMES[5:8], f"the mesh is not {lacking}")
+    return [*checks, apart]
+
+
+def _edges_and_faces(mesh: Mesh, found: Surface) -> list[Check]:
+    """The checks that count edges, corners and faces which must not be."""
+    rims, crowded = found.open_edges, found.crowded_edges
+    folded, pinched = found.flipped_edges, found.pinched
+    manifold = np.concatenate([_middles(mesh, crowded), mesh.vertices[pinched]])
+    return [
+        _none(
             "mesh_closed",
-            found.open_edges,
-            0,
+            _middles(mesh, rims),
             "edges",
-            f"edges that are not shared by exactly two faces, of {len(mesh.faces)} faces{place}",
+            f"edges of one face alone (or another odd number), of {len(mesh.faces)} faces",
         ),
-        at_most(
+        _none(
             "mesh_winding",
-            found.flipped_edges,
-            0,
+            _middles(mesh, folded),
             "edges",
-            f"edges whose two faces are wound against each other{place}",
+            "edges whose faces are wound against each other",
         ),
-        at_most("mesh_degenerate", len(found.degenerate), 0, "faces", "faces without an area"),
+        _none("mesh_degenerate", _centres(mesh, found.flat), "faces", "faces without an area"),
+        _none(
+            "mesh_duplicate",
+            _centres(mesh, found.duplicate),
+            "faces",
+            "faces with the same three corners as another",
+        ),
+        _none(
+            "mesh_manifold",
+            manifold,
+            "places",
+            f"{len(crowded)} edges of more than two faces, and {len(pinched)} corners where "
+            "surfaces meet in a point",
+        ),
     ]
-    if found.open_edges or found.flipped_edges:
-        return checks + _not_run(NAMES[3:], "the mesh is not closed and consistently wound")
-    known = curves if only_knots else None
-    checks += [_bodies(found, known), _genus(found, only_knots), _volume(found, known)]
-    if len(found.degenerate):
-        return checks + _not_run(NAMES[6:], "faces without an area cannot be tested")
-    return [*checks, _apart(mesh)]
 
 
-def _bodies(found: Surface, curves: Curves | None) -> Check:
+def _none(name: str, at: Array, unit: str, detail: str) -> Check:
+    """A check that passes when there is nothing of that kind; `at` (k, 3) are the places."""
+    if len(at):
+        detail += f", the first at {_place(at[0])}"
+    return at_most(name, len(at), 0, unit, detail, at=at)
+
+
+def _bodies(found: Surface, wanted: int | None, where: Array) -> Check:
+    """Where the count is wrong the smallest bodies are named first: they are what was not meant."""
     count = len(found.volumes_mm3)
-    wanted = None if curves is None else len(curves.polygons)
     holds = wanted is None or count == wanted
-    detail = "closed surfaces" + ("" if wanted is None else ", one for each knot")
-    return Check("mesh_bodies", "pass" if holds else "fail", True, count, wanted, "", detail)
+    detail = "closed surfaces" if wanted is None else "closed surfaces, and how many there must be"
+    smallest = where[np.argsort(np.abs(found.volumes_mm3), kind="stable")]
+    return Check(
+        "mesh_bodies",
+        "pass" if holds else "fail",
+        wanted is not None,
+        count,
+        wanted,
+        "",
+        detail,
+        () if holds else places(smallest),
+    )
 
 
-def _genus(found: Surface, only_knots: bool) -> Check:
-    if not only_knots:
-        return skipped("mesh_genus", "the part is more than tubes")
-    wrong = np.flatnonzero(found.genus != 1)
-    worst = int(found.genus[wrong[0]]) if len(wrong) else 1
-    detail = "every body is a closed tube (genus 1)"
-    if len(wrong):
-        detail = f"{len(wrong)} of {len(found.genus)} bodies are no closed tubes (genus 1)"
-    return Check("mesh_genus", "fail" if len(wrong) else "pass", True, worst, 1, "", detail)
+def _genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
+    """Compared as a whole: how many bodies of each genus there are."""
+    if wanted is None:
+        several = ", ".join(str(g) for g in found.genus[:10])
+        more = ", ..." if len(found.genus) > 10 else ""
+        detail = "handles of each body (0: a ball, 1: a ring)"
+        return Check("mesh_genus", "pass", False, several + more, None, "", detail)
+    left, wrong = list(wanted), []
+    for body, g in enumerate(found.genus.tolist()):
+        if g in left:
+            left.remove(g)
+        else:
+            wrong.append(body)
+    kinds = sorted(set(wanted))
+    limit = kinds[0] if len(kinds) == 1 else ", ".join(str(g) for g in wanted)
+    if not wrong:
+        # bodies that are missing altogether are another check's
+        measured = int(found.genus[0]) if len(kinds) == 1 else ", ".join(map(str, found.genus))
+        detail = "handles of each body (1: the tube of a closed curve, 0: of an open one)"
+        return Check("mesh_genus", "pass", True, measured, limit, "", detail)
+    detail = f"{len(wrong)} of {len(found.genus)} bodies have another number of handles"
+    detail += f", the first at {_place(where[wrong[0]])}"
+    measured = int(found.genus[wrong[0]])
+    return Check(
+        "mesh_genus", "fail", True, measured, limit, "", detail, places(where[i] for i in wrong)
+    )
 
 
-def _volume(found: Surface, curves: Curves | None) -> Check:
-    """Against Pappus: a tube's volume is the section's area times the way of its centre."""
-    volume = float(found.volumes_mm3.sum())
-    inverted = np.flatnonzero(~(found.volumes_mm3 > 0))
-    if len(inverted):
+def _volume(
+    mesh: Mesh, found: Surface, curves: Curves | None, largest: Ints, crossing: bool
+) -> Check:
+    """Every body bounds matter from outside (or, in a part that is no tube, a cavity from inside).
+
+    Bodies that cross each other are partly in each other's matter: another check says so.
+    """
+    inverted, where = ~(found.volumes_mm3 > 0), _centres(mesh, largest)
+    if curves is None and len(where) > 1 and not crossing:
+        inverted = _misplaced(mesh, largest)
+    bad = np.flatnonzero(inverted)
+    if len(bad):
+        what = "are turned inside out" if curves is not None or len(where) == 1 else ""
+        what = what or "are turned inside out, or lie in the matter of others"
         return Check(
             "mesh_volume",
             "fail",
             True,
-            float(found.volumes_mm3[inverted[0]]),
+            float(found.volumes_mm3[bad[0]]),
             0.0,
             "mm³",
-            f"{len(inverted)} of {len(found.volumes_mm3)} bodies are turned inside out",
+            f"{len(bad)} of {len(where)} bodies {what}, the first at {_place(where[bad[0]])}",
+            places(where[i] for i in bad),
         )
     if curves is None or curves.radius_mm is None:
-        return Check("mesh_volume", "pass", True, volume, 0.0, "mm³", "every body's is positive")
-    wanted = np.sort(np.pi * curves.radius_mm**2 * np.array(curves.lengths_mm))
-    bodies = np.sort(found.volumes_mm3)
-    each = ""
+        volume = float(found.volumes_mm3.sum())
+        return Check("mesh_volume", "pass", True, volume, 0.0, "mm³", "what the mesh encloses")
+    return _against_pappus(found, curves, curves.radius_mm, where)
+
+
+def _against_pappus(found: Surface, curves: Curves, radius: float, where: Array) -> Check:
+    """A tube's volume is the section's area times the way of its centre (Pappus, Guldin).
+
+    The ends of an open tube may be flat, or balls that add 4/3 pi r³: the nearer one counts.
+    """
+    lengths = curve_edges(curves).lengths_mm(len(curves.polygons))
+    tubes, by_volume = np.pi * radius**2 * lengths, np.argsort(found.volumes_mm3, kind="stable")
+    balls = np.where(curves.closed, 0.0, 4 / 3 * np.pi * radius**3)
+    order = np.argsort(tubes, kind="stable")
+    wanted, round_ends, bodies = tubes[order], balls[order], found.volumes_mm3[by_volume]
+    each, at = "", where[by_volume]
     if len(bodies) != len(wanted):  # then they can be compared in sum only
-        bodies, wanted = bodies.sum(keepdims=True), wanted.sum(keepdims=True)
+        bodies, wanted, round_ends = (a.sum(keepdims=True) for a in (bodies, wanted, round_ends))
     elif len(bodies) > 1:
         each = ", the worst of all knots"
-    difference = np.abs(bodies - wanted) / wanted
+    flat = np.abs(bodies - wanted) / wanted
+    rounded = np.abs(bodies - wanted - round_ends) / (wanted + round_ends)
+    difference = np.minimum(flat, rounded)
     worst = int(difference.argmax())
+    full = wanted + np.where(rounded < flat, round_ends, 0.0)
     return at_most(
         "mesh_volume",
         float(difference[worst]),
         VOLUME_LIMIT,
         "relative",
-        f"{bodies[worst]:.6g} mm³ against {wanted[worst]:.6g} mm³, the tube's section times its "
+        f"{bodies[worst]:.6g} mm³ against {full[worst]:.6g} mm³, the tube's section times its "
         f"length{each}",
+        at=at[worst : worst + 1],
     )
 
 
-def _apart(mesh: Mesh) -> Check:
-    pairs = self_intersections(mesh)
-    detail = "pairs of faces that meet elsewhere than in a shared edge or corner"
-    if len(pairs):
-        middle = mesh.vertices[mesh.faces[pairs[0, 0]]].mean(axis=0)
-        detail += f", the first at {_place(middle)}"
-    return at_most("mesh_self_intersection", len(pairs), 0, "pairs", detail)
+def _misplaced(mesh: Mesh, largest: Ints) -> NDArray[np.bool_]:
+    """(b,) whether a body is turned inside out, or lies in the matter of others.
+
+    Behind a face of a solid's surface the winding number is 1. That holds for the surface of a
+    cavity too, and for a body inside a cavity. It is 0 where a body is inside out (in front of its
+    faces: -1), and 2 where it lies in matter: slicers do not agree on what that means. (Barill et al.,
+    "Fast winding numbers for soups and clouds", ACM TOG 37(4), 2018.)
+
+    Args:
+        largest: (b,) a face of each body.
+    """
+    from igl import fast_winding_number
+
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[largest]], 1, 0)
+    normal = np.cross(b - a, c - a)  # as long as twice the area: its root is a length
+    step = normal * (BESIDE / np.sqrt(np.linalg.norm(normal, axis=1)))[:, None]
+    winding = fast_winding_number(
+        np.ascontiguousarray(mesh.vertices),
+        np.ascontiguousarray(mesh.faces),
+        (a + b + c) / 3 - step,
+    )
+    misplaced: NDArray[np.bool_] = np.rint(np.asarray(winding)) != 1
+    return misplaced
+
+
+def _apart(mesh: Mesh, found: Surface) -> Check:
+    """Both libraries must find nothing; where only one does the detail says so, and it fails."""
+    name = "mesh_self_intersection"
+    kept = np.delete(np.arange(len(mesh.faces)), found.flat)
+    if not len(kept):
+        return skipped(name, "faces without an area cannot be tested")
+    asked = opinions(Mesh(mesh.vertices, mesh.faces[kept]))
+    if asked.pairs is None:
+        return Check(name, "fail", True, "untested", 0, "pairs", f"not tested: {asked.why}")
+    number = len(asked.pairs)
+    by_igl = f"{'' if asked.counted or not number else 'at least '}{number} by libigl"
+    detail = f"pairs of faces that meet elsewhere than in a shared edge or corner: {by_igl}"
+    if asked.seen is None:
+        if number == 0:
+            return skipped(name, f"{detail}; {asked.why}", required=True)
+        detail += f"; {asked.why}"
+        seen = kept[:0]
+    else:
+        seen = kept[asked.seen]
+        if asked.counted or not number:
+            detail += f", {len(seen)} faces that cross others by pymeshlab"
+        else:
+            detail += ", and pymeshlab agrees" if len(seen) else ", which pymeshlab does not see"
+        if number and not len(seen):
+            detail += " (the two do not agree; faces that only touch count for libigl alone)"
+        elif len(seen) and not number:
+            detail += " (the two do not agree)"
+    bad = kept[asked.pairs[:, 0]] if number else seen
+    at = _centres(mesh, bad)
+    if len(at):
+        detail += f", the first at {_place(at[0])}"
+    return at_most(name, max(number, len(seen) if not number else 0), 0, "pairs", detail, at=at)
+
+
+def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
+    """(b,) the largest face of each body: where to look for it."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    order = np.lexsort([-area, found.body])
+    _, first = np.unique(found.body[order], return_index=True)
+    return np.asarray(order[first], dtype=np.int64)
+
+
+def _middles(mesh: Mesh, edges: Ints) -> Array:
+    """(k, 3) the middles of edges (k, 2)."""
+    return np.asarray(mesh.vertices[edges].mean(axis=1), dtype=np.float64)
+
+
+def _centres(mesh: Mesh, faces: Ints) -> Array:
+    """(k, 3) the centres of faces, by their numbers (k,)."""
+    return np.asarray(mesh.vertices[mesh.faces[faces]].mean(axis=1), dtype=np.float64)
 
 
 def _not_run(names: tuple[str, ...], why: str) -> list[Check]:
     return [skipped(name, why) for name in names]
-
-
-def _components(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
-    """The number of each vertex's body, and how many bodies have edges; lone vertices get 0."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    bodies = np.unique(label[start])
-    return np.searchsorted(bodies, label).clip(max=len(bodies) - 1).astype(np.int64), len(bodies)
 
 
 def _place(point: Array) -> str:

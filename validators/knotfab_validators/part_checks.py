@@ -2,64 +2,131 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 from .check import Check, at_least, skipped
-from .knot_type import check_knot_type
+from .clearance import check_clearance
+from .clock import timed
+from .knot_type import knot_checks
 from .mesh_check import NAMES as MESH_CHECKS
 from .mesh_check import check_mesh
+from .plates import check_plates, printability_of_plates
+from .printability import NAMES as PRINT_CHECKS
+from .printability import printability_checks
 from .read_knots import Curves
 from .read_mesh import Mesh
-from .read_scene import Scene
+from .read_plates import Laid
+from .read_scene import Mount, Scene
 from .region import check_build_volume, check_region
 from .thickness import check_bend, check_length, check_thickness, thickness
 from .tube_fit import check_tube
 
 __all__ = ["part_checks"]
 
+PLATE_HOLES = 2  # for the screws
+
 
 def part_checks(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    seconds: dict[str, float],
+    plates: Sequence[Laid] = (),
 ) -> list[Check]:
-    """Mesh, tube, thickness, bend, length, knot type, region and build volume.
+    """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
     The thickness must reach the tube's radius, and with a scene half its clearance more; where no
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
-    Adds the seconds of each group to `seconds`.
+    Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
+    are what must fit the printer and can be printed, and must make up the part.
     """
-    checks: list[Check] = []
-    if mesh is None:
-        checks += [skipped(name, "not given the part") for name in (*MESH_CHECKS, "tube")]
-    else:
-        with _Clock(seconds, "mesh"):
-            checks += check_mesh(mesh, curves)
-        with _Clock(seconds, "tube"):
-            checks.append(check_tube(mesh, curves))
-    if curves is None:
-        names = ("thickness", "bend", "length", "knot_type")
-        checks += [skipped(name, "not given the knots") for name in names]
-    else:
-        with _Clock(seconds, "thickness"):
-            checks += _of_curves(curves, scene)
-        with _Clock(seconds, "knot type"):
-            kind = check_knot_type(curves)
-        # a part is built of unlinked unknots; curves alone are asked for their thickness
-        checks.append(kind if mesh is not None else replace(kind, required=False))
+    checks = _of_mesh(mesh, curves, scene, seconds) + _of_knots(mesh, curves, scene, seconds)
     if scene is None:
         checks += [skipped(name, "not given the scene") for name in ("region", "build_volume")]
-        return checks
-    with _Clock(seconds, "region"):
-        checks.append(check_region(scene.region, scene.pose, curves, mesh))
-        if mesh is None:
-            checks.append(skipped("build_volume", "not given the part"))
+    else:
+        with timed(seconds, "region"):
+            checks.append(check_region(scene.region, scene.pose, curves, mesh))
+            if not plates:
+                checks.append(_build_volume(mesh, scene))
+    if mesh is not None and scene is not None and plates:
+        with timed(seconds, "plates"):
+            checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
+        return checks + printability_of_plates(plates, scene.printer, checks, seconds)
+    return checks + _of_printer(mesh, scene, checks, seconds)
+
+
+def _of_mesh(
+    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+) -> list[Check]:
+    """The surface, whether it is the tube of the curves, and the gaps between its strands."""
+    if mesh is None:
+        return [skipped(n, "not given the part") for n in (*MESH_CHECKS, "tube", "clearance")]
+    mount = scene.mount if scene is not None else Mount("none", "auto", ())
+    mounted = mount.kind != "none"
+    with timed(seconds, "mesh"):
+        if mounted:
+            bodies, genus = _predicted(mount, curves)
+            checks = check_mesh(mesh, bodies=bodies, genus=genus)
         else:
-            room = scene.printer.build_volume_mm
-            lacking = "the scene names a printer without its build_volume_mm"
-            checks.append(
-                skipped("build_volume", lacking) if room is None else check_build_volume(mesh, room)
-            )
+            checks = check_mesh(mesh, curves)
+    with timed(seconds, "tube"):
+        checks.append(check_tube(mesh, curves, mounted=mounted))
+    with timed(seconds, "clearance"):
+        required = scene.piece.clearance_mm if scene is not None and curves is not None else None
+        checks.append(check_clearance(mesh, curves, required))
     return checks
+
+
+def _predicted(mount: Mount, curves: Curves | None) -> tuple[int | None, Sequence[int] | None]:
+    """How many bodies a mounted part must have, and their genera; None where that is not known.
+
+    A peg that ends on a plate closes a loop for each one after a knot's first, and each knot brings
+    its own; a peg that ends in a hole of the wall closes none.
+    """
+    if not mount.pegs or curves is None:
+        return None, None
+    if mount.kind == "wall" and mount.foot == "dowel":
+        return len(curves.polygons), [1] * len(curves.polygons)
+    holes = PLATE_HOLES if mount.kind == "wall" else 0
+    return 1, [sum(mount.pegs) + holes]
+
+
+def _of_knots(
+    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+) -> list[Check]:
+    if curves is None:
+        names = ("thickness", "bend", "length", "knot_type", "linking")
+        return [skipped(name, "not given the knots") for name in names]
+    with timed(seconds, "thickness"):
+        checks = _of_curves(curves, scene)
+    with timed(seconds, "knot type"):
+        kinds = knot_checks(curves)
+    # a part is built of unlinked unknots; curves alone are asked for their thickness
+    return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
+
+
+def _build_volume(mesh: Mesh | None, scene: Scene) -> Check:
+    if mesh is None:
+        return skipped("build_volume", "not given the part")
+    room = scene.printer.build_volume_mm
+    if room is None:
+        why = "the scene names a printer without its build_volume_mm"
+        return skipped("build_volume", why)
+    return check_build_volume(mesh, room)
+
+
+def _of_printer(
+    mesh: Mesh | None, scene: Scene | None, before: Sequence[Check], seconds: dict[str, float]
+) -> list[Check]:
+    """Printability, where the surface is sound enough for the words to mean something."""
+    if mesh is None:
+        return [skipped(name, "not given the part") for name in PRINT_CHECKS]
+    broken = [c.name for c in before if c.name in MESH_CHECKS and c.status == "fail" and c.required]
+    lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
+    printer = scene.printer if scene is not None else None
+    stands = scene is not None and scene.mount.kind == "stand"
+    return printability_checks(mesh, printer, seconds=seconds, stands=stands, lacking=lacking)
 
 
 def _of_curves(curves: Curves, scene: Scene | None) -> list[Check]:
@@ -85,17 +152,3 @@ def _of_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     else:
         checks.append(check_bend(curves, bend))
     return [*checks, check_length(curves, scene.material.max_length_mm)]
-
-
-class _Clock:
-    """Adds the time spent inside to `seconds[group]`."""
-
-    def __init__(self, seconds: dict[str, float], group: str) -> None:
-        self.seconds, self.group = seconds, group
-
-    def __enter__(self) -> None:
-        self.start = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        spent = time.perf_counter() - self.start
-        self.seconds[self.group] = self.seconds.get(self.group, 0.0) + spent

@@ -1,9 +1,8 @@
-"""Read knots.json: centre lines as closed polygons, checked before anything is measured on them."""
+"""Read knots.json: centre lines as polygons, checked before anything is measured on them."""
 
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,20 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .read_mesh import BadFile
+from .mesh import BadFile
+from .read_mesh import MOST_MM, read_bytes
 
 __all__ = ["Curves", "parse_knots", "read_knots"]
 
 Array = NDArray[np.float64]
 
+MOST_BYTES = 64_000_000  # a million points; Python holds JSON in ten times its bytes
+
 
 @dataclass(frozen=True)
 class Curves:
-    """Closed polygons with one tube radius.
+    """Polygons with one tube radius.
 
-    `polygons` are (n, 3) float64 mm, the last point joins the first and is not repeated; `types`
-    are the knot types that the file promises, such as "unknot" or "3_1"; `radius_mm` is None where
-    the file gives none.
+    `polygons` are (n, 3) float64 mm; where `closed` says so the last point joins the first, and is
+    not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
+    for an open curve); `radius_mm` is None where the file gives none.
     """
 
     polygons: tuple[Array, ...]
@@ -39,9 +41,9 @@ class Curves:
 
     @property
     def lengths_mm(self) -> tuple[float, ...]:
-        """Length of each polygon, closing edge included."""
-        edges = (np.roll(p, -1, axis=0) - p for p in self.polygons)
-        return tuple(float(np.linalg.norm(edge, axis=1).sum()) for edge in edges)
+        """Length of each polygon, the closing edge included where it is closed."""
+        pairs = zip(self.polygons, self.closed, strict=True)
+        return tuple(float(np.linalg.norm(_edges(p, closed), axis=1).sum()) for p, closed in pairs)
 
 
 def read_knots(path: Path) -> Curves:
@@ -51,14 +53,13 @@ def read_knots(path: Path) -> Curves:
         BadFile: the file cannot be read, or is not such a file: the message names the knot and the
             point.
     """
+    content = read_bytes(path, MOST_BYTES)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFile(f"{path.name}: cannot be read ({error})") from error
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadFile(f"{path.name}: is not JSON ({error})") from error
+        data = json.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise BadFile(f"{path.name}: is not JSON ({_short(error)})") from error
     return parse_knots(data, path.name)
 
 
@@ -67,16 +68,16 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
     if not isinstance(data, dict):
         raise BadFile(f"{name}: must hold an object with the keys schema, radius_mm and knots")
     if data.get("schema") != 1:
-        raise BadFile(f"{name}: schema is {data.get('schema')!r}, only 1 is known")
+        raise BadFile(f"{name}: schema is {_short(data.get('schema'))}, only 1 is known")
     if data.get("unit", "mm") != "mm":
-        raise BadFile(f"{name}: unit is {data['unit']!r}, it must be 'mm'")
+        raise BadFile(f"{name}: unit is {_short(data['unit'])}, it must be 'mm'")
     knots = data.get("knots")
     if not isinstance(knots, list) or not knots:
         raise BadFile(f"{name}: knots must be a list of at least one knot")
     return Curves(
         polygons=tuple(_polygon(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
         types=tuple(_type(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
-        closed=(True,) * len(knots),
+        closed=tuple(knot.get("closed", True) for knot in knots),
         radius_mm=_radius(data.get("radius_mm"), name),
     )
 
@@ -84,31 +85,44 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
 def _polygon(knot: Any, where: str) -> Array:
     if not isinstance(knot, dict) or "points" not in knot:
         raise BadFile(f"{where} has no points")
-    if knot.get("closed", True) is not True:
-        raise BadFile(f"{where} is not closed; only closed curves can be checked")
+    closed = knot.get("closed", True)
+    if not isinstance(closed, bool):
+        raise BadFile(f"{where}: closed must be true or false, got {_short(closed)}")
     try:
-        points = np.array(knot["points"], dtype=np.float64)
+        raw = np.array(knot["points"])
+        points = raw.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadFile(f"{where}: points must be a list of [x, y, z]") from error
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
-        raise BadFile(f"{where}: needs at least 3 points [x, y, z], got shape {points.shape}")
+    if raw.dtype.kind not in "iuf":  # texts and truth values look like numbers to numpy
+        raise BadFile(f"{where}: points must be a list of [x, y, z], of numbers")
+    least = 3 if closed else 2
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
+        raise BadFile(f"{where}: needs at least {least} points [x, y, z], got shape {points.shape}")
     if not np.isfinite(points).all():
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise BadFile(f"{where}: point {bad} is not finite")
-    edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    if np.abs(points).max() > MOST_MM:
+        raise BadFile(f"{where}: has coordinates beyond {MOST_MM:g} mm")
+    edges = np.linalg.norm(_edges(points, closed), axis=1)
     if not edges.min() > 0:
         i = int(edges.argmin())
-        raise BadFile(
-            f"{where}: points {i} and {(i + 1) % len(points)} coincide (the last point joins the "
-            "first, it must not be repeated)"
-        )
-    if not np.isfinite(edges).all():
-        raise BadFile(f"{where}: coordinates are too large")
+        why = " (the last point joins the first, it must not be repeated)" if closed else ""
+        raise BadFile(f"{where}: points {i} and {(i + 1) % len(points)} coincide{why}")
     return points
 
 
+def _edges(points: Array, closed: bool) -> Array:
+    edges: Array = np.roll(points, -1, axis=0) - points
+    return edges if closed else edges[:-1]
+
+
+def _short(thing: object) -> str:
+    text = str(thing)
+    return text if len(text) < 80 else text[:80] + "..."
+
+
 def _type(knot: Any, where: str) -> str:
-    kind = knot.get("type", "unknot")
+    kind = knot.get("type", "unknot" if knot.get("closed", True) else "open")
     if not isinstance(kind, str):
         raise BadFile(f"{where}: type must be a word such as 'unknot' or '3_1'")
     return kind
@@ -118,6 +132,6 @@ def _radius(value: Any, name: str) -> float | None:
     if value is None:
         return None
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or value <= 0:
-        raise BadFile(f"{name}: radius_mm must be a number above 0, got {value!r}")
+    if not number or not 0 < value <= MOST_MM:  # NaN is in no order
+        raise BadFile(f"{name}: radius_mm must be a number above 0, got {_short(value)}")
     return float(value)

@@ -1,64 +1,48 @@
-"""Read a part's surface from STL (binary or text) or 3MF, as an indexed triangle mesh in mm."""
+"""Read a part's surface from STL, OBJ, PLY or 3MF, as an indexed triangle mesh in mm.
+
+The readers are this package's own, but for lib3mf's: strangers' files are met here, so that every
+count is held against the bytes there are before anything is allocated; and trimesh, which reads all
+of these, loads manifold3d, the maker's library, with itself.
+"""
 
 from __future__ import annotations
 
-import io
-import locale
-import re
-import zipfile
-from dataclasses import dataclass
+import stat
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["BadFile", "Mesh", "merge_equal", "read_mesh"]
+from .mesh import BadFile, Corners, Mesh, merge_equal
+from .read_3mf import corners_3mf, is_3mf
+from .read_obj import corners_obj, is_obj
+from .read_ply import corners_ply, is_ply
+from .read_stl import corners_stl, is_stl
 
-Array = NDArray[np.float64]
-Faces = NDArray[np.int64]
+__all__ = ["BadFile", "Mesh", "merge_equal", "read_bytes", "read_mesh"]
 
-MOST_BYTES = 2_000_000_000  # of a file, or of what a 3MF unpacks to
-MOST_NAME = 1000  # bytes after the last `endsolid`
-STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
-MM_PER_UNIT = (0.001, 1.0, 10.0, 25.4, 304.8, 1000.0)  # micrometre, mm, cm, inch, foot, metre
+MOST_BYTES = 2_000_000_000
+MOST_MM = 1e7
+"""Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""
 
-
-class BadFile(ValueError):
-    """A file that cannot be read; the message is one sentence that names it."""
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """Triangles in mm: `vertices` (n, 3) finite, `faces` (m, 3) indices, m >= 1.
-
-    Corners at exactly equal coordinates are one vertex; nothing else is repaired.
-    """
-
-    vertices: Array
-    faces: Faces
+MOST_TRIANGLES = 20_000_000
 
 
 def read_mesh(path: Path) -> Mesh:
-    """The mesh of an STL or 3MF file, all its bodies together.
+    """The mesh of a file, all its bodies together; the content tells the format, then the name.
 
-    A 3MF's objects are placed as its build items say, and its unit is brought to mm.
+    A 3MF's objects are placed as its build items say, and its unit is brought to mm. The other
+    formats know no unit: their numbers are mm.
 
     Raises:
-        BadFile: the file cannot be read, holds no triangles, or coordinates that are not finite.
+        BadFile: the file cannot be read, holds no triangles, or coordinates that are not finite, or
+            farther from the origin than `MOST_MM`.
     """
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise BadFile(f"{path.name}: is larger than {MOST_BYTES // 10**9} GB")
-        content = path.read_bytes()
-    except OSError as error:
-        raise BadFile(f"{path.name}: cannot be read ({error.strerror})") from error
-    if content[:4] == b"PK\x03\x04":
-        corners = _corners_3mf(content, path.name)
-    else:
-        corners = _corners_stl(content, path.name)
+    content = read_bytes(path, MOST_BYTES)
+    corners = _corners(content, path)
     if not len(corners):
         raise BadFile(f"{path.name}: holds no triangles")
+    if len(corners) > MOST_TRIANGLES:
+        raise BadFile(f"{path.name}: has {len(corners)} triangles, more than {MOST_TRIANGLES}")
     bad = ~np.isfinite(corners).all(axis=(1, 2))
     if bad.any():
         first = int(bad.argmax())
@@ -66,84 +50,51 @@ def read_mesh(path: Path) -> Mesh:
             f"{path.name}: {int(bad.sum())} of {len(corners)} triangles have a corner that is not "
             f"finite, the first is number {first}"
         )
+    far = float(np.abs(corners).max())
+    if far > MOST_MM:
+        raise BadFile(
+            f"{path.name}: has coordinates as large as {far:.3g} mm; a part's are at most {MOST_MM:g}"
+        )
     return merge_equal(corners)
 
 
-def merge_equal(corners: NDArray[np.floating[Any]]) -> Mesh:
-    """Index triangles (m, 3, 3) by their exactly equal corners (0.0 and -0.0 are equal).
+def read_bytes(path: Path, most: int) -> bytes:
+    """The content of a regular file of at most `most` bytes; anything else would hang or never end.
 
-    Two rounds of `np.unique` on whole numbers: first of (x, y), then of that pair and z.
+    Raises:
+        BadFile: it is a folder, a device or a pipe, is too large, or cannot be read.
     """
-    flat = corners.reshape(-1, 3) + corners.dtype.type(0.0)
-    number = [np.unique(flat[:, axis], return_inverse=True)[1] for axis in range(3)]
-    count = len(flat)
-    pair = np.unique(number[0] * np.int64(count) + number[1], return_inverse=True)[1]
-    _, first, index = np.unique(
-        pair * np.int64(count) + number[2], return_index=True, return_inverse=True
-    )
-    return Mesh(flat[first].astype(np.float64), index.reshape(-1, 3).astype(np.int64))
+    try:
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise BadFile(f"{path.name}: is a folder, not a file")
+        if not stat.S_ISREG(about.st_mode):
+            raise BadFile(f"{path.name}: is not a plain file")
+        if about.st_size > most:
+            raise BadFile(f"{path.name}: is larger than {most / 1e6:.6g} MB")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        if isinstance(error, BadFile):
+            raise
+        why = getattr(error, "strerror", None) or error
+        raise BadFile(f"{path.name}: cannot be read ({why})") from error
 
 
-def _corners_stl(content: bytes, name: str) -> NDArray[np.floating[Any]]:
-    """(m, 3, 3) corners as stored: single precision when binary.
-
-    Read here rather than by trimesh, which loads manifold3d, the maker's library, with itself.
-    """
-    count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
-    if len(content) == 84 + 50 * count:
-        return np.frombuffer(content, dtype=STL_FACET, offset=84)["corners"]
-    if content.lstrip()[:5].lower() == b"solid":
-        return _corners_text(content, name)
+def _corners(content: bytes, path: Path) -> Corners:
+    name = path.name
     if not content:
         raise BadFile(f"{name}: is empty")
-    if count > 0 and len(content) - 84 > 50:
-        raise BadFile(
-            f"{name}: is not an STL file, or is cut off: its header promises {count} triangles, "
-            f"what follows is {(len(content) - 84) / 50:.6g}"
-        )
-    raise BadFile(f"{name}: is not an STL file, or is cut off")
-
-
-def _corners_text(content: bytes, name: str) -> NDArray[np.floating[Any]]:
-    """(m, 3, 3) corners of an STL file of words: three `vertex x y z` to each `facet`."""
-    text = content.lower()
-    found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
-    facets = len(re.findall(rb"\bfacet\s+normal\b", text))
-    if len(found) != 3 * facets or b"endsolid" not in text[-MOST_NAME:]:
-        raise BadFile(f"{name}: is not an STL file, or is cut off")
-    try:
-        return np.array(found, dtype=np.float64).reshape(-1, 3, 3)
-    except ValueError as error:
-        raise BadFile(f"{name}: has a corner that is not three numbers") from error
-
-
-def _corners_3mf(content: bytes, name: str) -> NDArray[np.floating[Any]]:
-    """(m, 3, 3) corners of all build items, mm."""
-    import lib3mf
-
-    before = locale.setlocale(locale.LC_ALL)  # lib3mf sets it to "C", where text files are ASCII
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MOST_BYTES:
-                raise BadFile(f"{name}: unpacks to more than {MOST_BYTES // 10**9} GB")
-        model = lib3mf.get_wrapper().CreateModel()
-        model.QueryReader("3mf").ReadFromBuffer(content)
-        scale = MM_PER_UNIT[int(model.GetUnit())]
-        merged = model.MergeToModel()  # one mesh per build item, transforms applied
-        objects = merged.GetMeshObjects()
-        parts: list[NDArray[np.floating[Any]]] = [np.empty((0, 3, 3))]
-        while objects.MoveNext():
-            body = objects.GetCurrentMeshObject()
-            n, m = body.GetVertexCount(), body.GetTriangleCount()
-            points = (lib3mf.Position * n)(*body.GetVertices())
-            corners = (lib3mf.Triangle * m)(*body.GetTriangleIndices())
-            vertices = np.frombuffer(points, dtype=np.float32).reshape(n, 3)
-            faces = np.frombuffer(corners, dtype=np.uint32).reshape(m, 3)
-            parts.append(vertices[faces] * scale)
-    except BadFile:
-        raise
-    except Exception as error:  # a parser that meets garbage may raise anything
-        raise BadFile(f"{name}: is not a 3MF file, or is damaged") from error
-    finally:
-        locale.setlocale(locale.LC_ALL, before)
-    return np.concatenate(parts)
+    if is_3mf(content):
+        return corners_3mf(content, name)
+    if is_ply(content):
+        return corners_ply(content, name)
+    if is_stl(content):
+        return corners_stl(content, name)
+    if path.suffix.lower() == ".obj" or is_obj(content):
+        return corners_obj(content, name)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind in ("3mf", "ply"):
+        raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")
+    if kind == "stl":
+        return corners_stl(content, name)  # says what is wrong with it
+    raise BadFile(f"{name}: is not an STL, OBJ, PLY or 3MF file")

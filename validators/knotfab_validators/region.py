@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .check import Check, at_most, skipped
+from .curve_edges import curve_edges
 from .read_knots import Curves
 from .read_mesh import Mesh
 from .read_scene import Pose, Region
+from .sampling import worst_apart
 
 __all__ = ["check_build_volume", "check_region", "sticks_out"]
 
@@ -19,13 +21,13 @@ REGION_TOLERANCE_MM = 1e-6  # what rounding may cost on the way from scene to pa
 
 
 def sticks_out(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
-    """(n,) how far balls of `radius_mm` about `points` (n, 3) stick out of the region, mm.
+    """(n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
 
-    Negative inside. For a box the largest excess over its faces; for a cylinder (axis y) the
+    In mm, negative inside. For a box the largest excess over its faces; for a cylinder (axis y) the
     larger one of those over its mantle and its ends. The region's size must be known.
     """
-    if region.size_mm is None:
-        raise ValueError("the region's size is left open")
+    if region.size_mm is None or region.kind == "mesh":
+        raise ValueError("the region's size is left open, or it is a mesh")
     p = points - np.array(region.center_mm)
     half = np.array(region.size_mm) / 2
     if region.kind == "sphere":
@@ -44,49 +46,93 @@ def check_region(
 ) -> Check:
     """`region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
 
-    The regions are convex, so that the vertices of centre line or mesh decide.
+    Box, cylinder and sphere are convex, so that the vertices of centre line or mesh decide; of a
+    region that is a mesh the least distance between centre line and surface does, and a part without
+    a known tube is measured at points 1 mm apart.
 
     Args:
         pose: from the coordinates of curves and mesh to the scene's; None: they are the same.
     """
-    if region.size_mm is None:
+    if region.kind == "mesh" and region.surface is None:
+        return skipped("region", "the region's mesh is not given")
+    if region.kind != "mesh" and region.size_mm is None:
         return skipped("region", "the scene leaves the region's size open")
-    if curves is not None and curves.radius_mm is not None:
-        points, radius, what = np.concatenate(curves.polygons), curves.radius_mm, "the tube"
-    elif mesh is not None:
-        points, radius, what = mesh.vertices, 0.0, "the part"
-    else:
+    tube = curves is not None and curves.radius_mm is not None
+    if not tube and mesh is None:
         return skipped("region", "neither the part nor the tube's radius is given")
-    if pose is not None:
-        matrix = np.array(pose)
-        points = points @ matrix[:3, :3].T + matrix[:3, 3]
-    excess = sticks_out(points, region, radius)
-    worst = int(excess.argmax()) if not np.isnan(excess).any() else int(np.isnan(excess).argmax())
-    x, y, z = points[worst]
+    matrix = np.eye(4) if pose is None else np.array(pose, dtype=np.float64)
+    radius = 0.0
+    if tube:
+        assert curves is not None and curves.radius_mm is not None
+        radius, what = curves.radius_mm, "the tube"
+        points, excess = _tube(region, curves, radius, matrix)
+    else:
+        assert mesh is not None
+        what = "the part"
+        points, excess = _part(region, mesh, matrix)
+    worst = worst_apart(excess, points, max(2 * radius, 1.0), REGION_TOLERANCE_MM)
+    x, y, z = points[worst[0]]
     return at_most(
         "region",
-        float(excess[worst]),
+        float(excess[worst[0]]),
         0.0,
         "mm",
         f"how far {what} sticks out of the {region.kind} (negative: inside), nearest to its "
         f"boundary at ({x:.2f}, {y:.2f}, {z:.2f}) mm of the scene",
         tolerance=REGION_TOLERANCE_MM,
+        at=(points[worst] - matrix[:3, 3]) @ matrix[:3, :3],
     )
+
+
+def _tube(region: Region, curves: Curves, radius: float, matrix: Array) -> tuple[Array, Array]:
+    """Points of the centre lines in the scene, and how far the tube sticks out there."""
+    if region.surface is None:
+        points = _moved(np.concatenate(curves.polygons), matrix)
+        return points, sticks_out(points, region, radius)
+    from .region_mesh import tube_beyond
+
+    edges = curve_edges(curves)
+    start, end = _moved(edges.start, matrix), _moved(edges.end, matrix)
+    return tube_beyond(_placed(region), start, end, radius)
+
+
+def _part(region: Region, mesh: Mesh, matrix: Array) -> tuple[Array, Array]:
+    """Points of the part in the scene, and how far it sticks out there."""
+    vertices = _moved(mesh.vertices, matrix)
+    if region.surface is None:
+        return vertices, sticks_out(vertices, region)
+    from .region_mesh import part_beyond
+
+    return part_beyond(_placed(region), Mesh(vertices, mesh.faces))
+
+
+def _placed(region: Region) -> Mesh:
+    """The region's mesh where it stands in the scene."""
+    assert region.surface is not None
+    return Mesh(region.surface.vertices + np.array(region.center_mm), region.surface.faces)
+
+
+def _moved(points: Array, matrix: Array) -> Array:
+    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
 
 
 def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) -> Check:
     """`build_volume`: the part lies on the bed's positive octant and inside the printer's volume."""
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    excess = np.maximum(high - np.array(build_volume_mm), -low)
+    vertices = mesh.vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    excess = np.maximum(vertices - np.array(build_volume_mm), -vertices).max(axis=1)
+    worst = worst_apart(excess, vertices, 1.0, BED_TOLERANCE_MM)
     size = " x ".join(f"{s:.2f}" for s in high - low)
     room = " x ".join(f"{s:g}" for s in build_volume_mm)
-    axis = "xyz"[int(excess.argmax())]
+    axis = "xyz"[int(np.maximum(high - np.array(build_volume_mm), -low).argmax())]
     return at_most(
         "build_volume",
-        float(excess.max()),
+        float(excess[worst[0]]),
         0.0,
         "mm",
         f"how far the part of {size} mm sticks out of the printer's {room} mm, most along {axis}, "
         "where its corner lies at the origin",
         tolerance=BED_TOLERANCE_MM,
+        at=vertices[worst],
     )

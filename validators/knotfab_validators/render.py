@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .view import ViewGeometry
+from .view import ON_RECEIVER_MM, ViewGeometry
 
 __all__ = ["CannotRender", "SilhouetteRenderer", "why_no_rendering"]
 
@@ -148,8 +148,7 @@ class SilhouetteRenderer:
         u, v = geometry.du / np.linalg.norm(geometry.du), geometry.dv / np.linalg.norm(geometry.dv)
         depth = (geometry.light - self._vertices) @ normal
         near = max(0.9 * float(depth.min()), 1e-3 * height)
-        # on the plane is not before it; the clipping itself is in single precision
-        far = 1.01 * float(depth.max()) if behind else height * (1 - 1e-6)
+        far = 1.01 * float(depth.max()) if behind else height - ON_RECEIVER_MM
         camera = self._camera
         camera.SetPosition(*light)
         camera.SetFocalPoint(*(light - height * normal))

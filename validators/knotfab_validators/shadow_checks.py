@@ -15,6 +15,8 @@ __all__ = ["shadow_checks", "skipped_shadow_checks"]
 
 NAMES = ("shadow", "shadow_exact", "outline", "wrong_outline")
 
+MOST_INTRUSION = 0.001  # of the frame, by a mount whose pegs hide in the tube's shadow
+
 
 def skipped_shadow_checks(why: str, *, required: bool) -> list[Check]:
     """All of them, skipped for one reason."""
@@ -29,30 +31,34 @@ def shadow_checks(
     max_outline_px: float,
     no_rendering: str | None,
     polygons_decide: bool,
+    mount: str = "none",
 ) -> list[Check]:
     """The shadow's checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
-    asked). Where nothing was rendered (`no_rendering` says why) it is skipped, though required,
-    unless `polygons_decide`. `shadow_exact`: pixels at which rendering and exact polygons disagree
-    away from the outline, at most 0. `outline`: distance from the exact tube's shadow.
+    asked); what a stand darkens outside the frame is left out. Where nothing was rendered
+    (`no_rendering` says why) it is skipped, though required, unless `polygons_decide`.
+    `shadow_exact`: pixels at which rendering and exact polygons disagree away from the outline, at
+    most 0. `outline`: distance from the exact tube's shadow.
     `vertices` (n, 3) are the part's, in its own coordinates: places are named there.
-    `wrong_outline`: the longest stretch along which the outlines of shadow and picture are farther
-    apart than `WRONG_PX`, for information.
+    `intrusion`: the share of the frame that a mount darkens outside picture and knots, at most
+    `MOST_INTRUSION` on a wall mount. `wrong_outline`: the longest stretch along which the outlines
+    of shadow and picture are farther apart than `WRONG_PX`, for information.
     """
     checks = []
     if no_rendering is not None and not polygons_decide:
         checks.append(_skipped("shadow", no_rendering, True))
     else:
-        name = min(views, key=lambda n: views[n].whole.iou)
+        name = min(views, key=lambda n: views[n].judged.iou)
         by = "rendered" if no_rendering is None else "exact polygons alone"
         checks.append(
             at_least(
                 "shadow",
-                views[name].whole.iou,
+                views[name].judged.iou,
                 iou_floor,
                 "",
                 f"IoU of the file's shadow and the picture, view {name} ({by})"
+                + (", below the frame without its stand" if mount == "stand" else "")
                 + ("" if iou_floor is not None else "; no floor is asked"),
                 required=iou_floor is not None,
             )
@@ -92,6 +98,8 @@ def shadow_checks(
                 at=[] if (vertex := views[name].outline_vertex) is None else [vertices[vertex]],
             )
         )
+    if mount != "none":
+        checks.append(_intrusion(views, mount))
     name = max(views, key=lambda n: views[n].wrong.length_px)
     wrong, frame = views[name].wrong, views[name].frame
     u, v = wrong.where[0] - frame.pad_x, wrong.where[1] - frame.pad_y
@@ -108,6 +116,21 @@ def shadow_checks(
         )
     )
     return checks
+
+
+def _intrusion(views: Mapping[str, VerifiedView], mount: str) -> Check:
+    dark = {n: v.intrusion for n, v in views.items() if v.intrusion is not None}
+    if not dark:
+        return _skipped("intrusion", "not given the knots", False)
+    name = max(dark, key=lambda n: dark[n])
+    return at_most(
+        "intrusion",
+        dark[name],
+        MOST_INTRUSION if mount == "wall" else None,
+        "of the frame",
+        f"what the mount darkens inside the frame, outside the picture and the knots, view {name}",
+        required=mount == "wall",
+    )
 
 
 def _skipped(name: str, why: str, required: bool) -> Check:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .check import Check, at_least, at_most
+from .check import Check, Place, at_least, at_most
 from .critical_chords import CurvePoint, shortest_critical_chord
 from .read_knots import Curves
 
@@ -22,23 +22,25 @@ ROUNDING = 1e-12  # relative
 class Thickness:
     """The polygonal thickness `value` (a radius) and the two numbers it is the minimum of.
 
-    `min_rad_at` is (knot, vertex), `dcsd_at` the two ends of the shortest doubly critical chord as
-    (knot, edge, where on the edge from 0 to 1); either is None where there is none (value inf).
-    `point` is the vertex, or the middle of the chord, that decides. Knots, vertices and edges are
-    counted from 0.
+    `half_dcsd`, half the shortest doubly critical chord, is looked for only up to `min_rad`: None
+    says that it is not shorter than that, or that there is no such chord. `min_rad_at` is (knot,
+    vertex), None where nothing bends (`min_rad` inf); `dcsd_at` the two ends of the chord as
+    (knot, edge, where on the edge from 0 to 1), `dcsd_points` their places. `point` is the vertex,
+    or the middle of the chord, that decides. Knots, vertices and edges are counted from 0.
     """
 
     value: float
     min_rad: float
     min_rad_at: tuple[int, int] | None
-    half_dcsd: float
+    half_dcsd: float | None
     dcsd_at: tuple[CurvePoint, CurvePoint] | None
-    point: tuple[float, float, float]
+    dcsd_points: tuple[Place, Place] | None
+    point: Place
 
     @property
     def bend_decides(self) -> bool:
         """Whether a bend, rather than two strands, sets the thickness."""
-        return self.min_rad <= self.half_dcsd
+        return self.half_dcsd is None or self.min_rad <= self.half_dcsd
 
 
 def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> Thickness:
@@ -46,7 +48,9 @@ def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -
 
     The minimum of MinRad over the vertices, min(adjacent edges) / (2 tan(theta/2)) with theta the
     turning angle, and half the shortest doubly critical chord (Rawdon, "Approximating the
-    thickness of a knot", 1998; "Approximating smooth thickness", 2000).
+    thickness of a knot", 1998; "Approximating smooth thickness", 2000). All doubly critical
+    chords count, not only local minima of the distance ("struts"); the minimum is the same, since
+    from any other chord shorter than twice MinRad the distance can be lowered to a strut.
 
     Args:
         polygons: arrays (n, 3), n >= 2, of one unit. closed: all, by default.
@@ -63,20 +67,22 @@ def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -
         raise ValueError("a coordinate is not finite")
     is_closed = [True] * len(arrays) if closed is None else list(closed)
     min_rad, at = _min_rad(arrays, is_closed)
-    chord = shortest_critical_chord(arrays, is_closed)
-    half = chord.length / 2 if chord is not None else float("inf")
-    point = arrays[0][0]
-    if at is not None:
-        point = arrays[at[0]][at[1]]
-    if chord is not None and half < min_rad:
-        point = chord.middle
+    chord = shortest_critical_chord(arrays, is_closed, up_to=2 * min_rad)
+    half = chord.length / 2 if chord is not None else None
+    point = arrays[0][0] if at is None else arrays[at[0]][at[1]]
+    ends = None
+    if chord is not None:
+        ends = (_place(chord.points[0]), _place(chord.points[1]))
+        if chord.length / 2 < min_rad:
+            point = chord.middle
     return Thickness(
-        value=min(min_rad, half),
+        value=min_rad if half is None else min(min_rad, half),
         min_rad=min_rad,
         min_rad_at=at,
         half_dcsd=half,
         dcsd_at=None if chord is None else chord.ends,
-        point=(float(point[0]), float(point[1]), float(point[2])),
+        dcsd_points=ends,
+        point=_place(point),
     )
 
 
@@ -110,12 +116,16 @@ def _bend_radii(polygon: Array, closed: bool) -> Array:
     return radii
 
 
-def _spot(point: tuple[float, float, float]) -> str:
+def _place(point: Array) -> Place:
+    return float(point[0]), float(point[1]), float(point[2])
+
+
+def _spot(point: Place) -> str:
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
 
 
-def _end(end: CurvePoint) -> str:
-    return f"knot {end[0]} vertex {end[1]}"
+def _end(end: CurvePoint, place: Place) -> str:
+    return f"knot {end[0]} vertex {end[1]} at {_spot(place)}"
 
 
 def _rounding(limit: float | None) -> float:
@@ -124,38 +134,47 @@ def _rounding(limit: float | None) -> float:
 
 
 def check_thickness(curves: Curves, required_mm: float | None) -> Check:
-    """`thickness`: the polygonal thickness is at least `required_mm`, the tube's radius."""
+    """`thickness`: the polygonal thickness is at least `required_mm`; None measures only.
+
+    `required_mm` is the tube's radius and half the clearance.
+    """
     found = thickness(curves.polygons, curves.closed)
-    if found.bend_decides and found.min_rad_at is not None:
+    at: list[Place] = [found.point]
+    if not found.bend_decides and found.dcsd_at is not None and found.dcsd_points is not None:
+        one, other = map(_end, found.dcsd_at, found.dcsd_points)
+        detail = f"two strands decide, {one} and {other}"
+    elif found.min_rad_at is not None:
         knot, vertex = found.min_rad_at
         detail = f"a bend decides, at knot {knot} vertex {vertex}, {_spot(found.point)}"
-    elif found.dcsd_at is not None:
-        one, other = found.dcsd_at
-        detail = f"two strands decide, {_end(one)} and {_end(other)}, near {_spot(found.point)}"
     else:
-        detail = "nothing bends and no strands face each other"
-    return at_least(
-        "thickness", found.value, required_mm, "mm", detail, tolerance=_rounding(required_mm)
-    )
+        at, detail = [], "nothing bends and no strands face each other"
+    tolerance = _rounding(required_mm)
+    return at_least("thickness", found.value, required_mm, "mm", detail, tolerance=tolerance, at=at)
 
 
 def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
     """`bend`: no bend radius (MinRad) of the centre lines is below `min_bend_radius_mm`."""
-    radius, at = _min_rad(curves.polygons, curves.closed)
-    if at is None:
-        detail = "nothing bends"
-    else:
-        x, y, z = curves.polygons[at[0]][at[1]]
-        detail = f"tightest at knot {at[0]} vertex {at[1]}, {_spot((x, y, z))}"
+    radius, found = _min_rad(curves.polygons, curves.closed)
+    at: list[Place] = []
+    detail = "nothing bends"
+    if found is not None:
+        at = [_place(curves.polygons[found[0]][found[1]])]
+        detail = f"tightest at knot {found[0]} vertex {found[1]}, {_spot(at[0])}"
     tolerance = _rounding(min_bend_radius_mm)
-    return at_least("bend", radius, min_bend_radius_mm, "mm", detail, tolerance=tolerance)
+    return at_least("bend", radius, min_bend_radius_mm, "mm", detail, tolerance=tolerance, at=at)
 
 
 def check_length(curves: Curves, max_mm: float | None) -> Check:
-    """`length`: the centre lines together are no longer than `max_mm`."""
+    """`length`: the centre lines together are no longer than `max_mm`; at: where the longest is."""
     lengths = []
     for polygon, closed in zip(curves.polygons, curves.closed, strict=True):
         path = np.concatenate([polygon, polygon[:1]]) if closed else polygon
         lengths.append(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()))
-    detail = "" if len(lengths) == 1 else f"{len(lengths)} knots; the longest {max(lengths):.1f} mm"
-    return at_most("length", sum(lengths), max_mm, "mm", detail, tolerance=_rounding(max_mm))
+    total = sum(lengths)
+    longest = lengths.index(max(lengths))
+    start = _place(curves.polygons[longest][0])
+    detail = f"{len(lengths)} knot{'s' if len(lengths) > 1 else ''}"
+    if len(lengths) > 1:
+        detail += f"; the longest is knot {longest}, {lengths[longest]:.1f} mm"
+    detail += f", which starts at {_spot(start)}"
+    return at_most("length", total, max_mm, "mm", detail, tolerance=_rounding(max_mm), at=[start])

@@ -81,10 +81,18 @@ class TubeField:
         return value
 
 
-def tube_field(polygons: Sequence[Array], radius: float, geometry: ViewGeometry) -> TubeField:
-    """The exact tube of closed polygons [(n, 3), ...], mm, as seen in `geometry`."""
-    start = np.concatenate(polygons) - geometry.light
-    end = np.concatenate([np.roll(p, -1, axis=0) for p in polygons]) - geometry.light
+def tube_field(
+    polygons: Sequence[Array],
+    radius: float,
+    geometry: ViewGeometry,
+    closed: Sequence[bool] | None = None,
+) -> TubeField:
+    """The exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
+    joined = [True] * len(polygons) if closed is None else closed
+    pairs = list(zip(polygons, joined, strict=True))
+    start = np.concatenate([p if c else p[:-1] for p, c in pairs]) - geometry.light
+    ends = [np.roll(p, -1, axis=0) if c else p[1:] for p, c in pairs]
+    end = np.concatenate(ends) - geometry.light
     hulls = _outlines(start, end, radius, geometry)
     points, ring = shapely.get_coordinates(shapely.normalize(hulls), return_index=True)
     inside = ring[1:] == ring[:-1]
@@ -141,7 +149,9 @@ class OutlineError:
         return max(self.spill_mm, self.missing_mm, 0.0)
 
 
-def outline_error(field: TubeField, outline: Array, shadow: Mask) -> OutlineError:
+def outline_error(
+    field: TubeField, outline: Array, shadow: Mask, own: Array | None = None
+) -> OutlineError:
     """Largest distance between a shadow and the exact tube's.
 
     Spill is the largest distance outside the tube of any point of the shadow, missing the
@@ -152,19 +162,42 @@ def outline_error(field: TubeField, outline: Array, shadow: Mask) -> OutlineErro
     Args:
         outline: (m, 2) vertices of the exact shadow's outline, in pixels of the field's geometry.
         shadow: (height, width), the shadow at the pixel centres.
+        own: (k, 2) pixels where vertices of the tube's surface are seen. With them the spill is
+            taken over these alone, so that a mount's shadow is none of it; what is missing is
+            found as before.
     """
-    rows, columns = np.nonzero(shadow != field.mask)
-    pixels = np.column_stack([columns, rows]).astype(np.float64)
+    lit = _at(field.mask & ~shadow)
     at_outline = field.signed_distance(outline)
-    at_pixel = field.signed_distance(pixels)
-    lit = ~shadow[rows, columns]
-    points = np.concatenate([outline, outline, pixels])
-    error = np.concatenate([-at_outline, at_outline, np.where(lit, at_pixel, -at_pixel)])
-    spill = np.concatenate([-at_outline, -at_pixel[~lit]])
-    missing = np.concatenate([at_outline, at_pixel[lit]])
+    if own is None:
+        dark = _at(shadow & ~field.mask)
+        reach, spill = [outline, dark], [-at_outline, -field.signed_distance(dark)]
+    else:
+        own = own[~_well_inside(field.mask, own)]
+        reach, spill = [own], [-field.signed_distance(own)]
+    missing = [at_outline, field.signed_distance(lit)]
+    points = np.concatenate([*reach, outline, lit])
+    error = np.concatenate([*spill, *missing])
     worst = points[int(np.argmax(error))] if len(error) else np.zeros(2)
     return OutlineError(
-        spill_mm=float(spill.max(initial=0.0)),
-        missing_mm=float(missing.max(initial=0.0)),
+        spill_mm=float(np.concatenate(spill).max(initial=0.0)),
+        missing_mm=float(np.concatenate(missing).max(initial=0.0)),
         where=(float(worst[0]), float(worst[1])),
     )
+
+
+def _at(mask: Mask) -> Array:
+    """(n, 2) pixel centres at which a mask holds."""
+    rows, columns = np.nonzero(mask)
+    return np.column_stack([columns, rows]).astype(np.float64)
+
+
+def _well_inside(mask: Mask, pixels: Array) -> Mask:
+    """(m,) whether a pixel and all around it are dark, so that nothing there can be spill."""
+    inner = mask.copy()
+    for axis in (0, 1):
+        inner &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)
+    whole = np.rint(pixels).astype(np.int64)
+    seen = ((whole >= 1) & (whole < np.array(mask.shape[::-1]) - 1)).all(axis=1)
+    inside: Mask = np.zeros(len(pixels), dtype=bool)
+    inside[seen] = inner[whole[seen, 1], whole[seen, 0]]
+    return inside

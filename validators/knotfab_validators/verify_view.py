@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .compare import Overlap, legibility, overlap
 from .exact_shadow import shadow_lines, shadow_mask, shadow_polygon
+from .mount_matter import tube_vertices
 from .outline_stretch import WrongStretch, wrong_stretch
 from .render import SilhouetteRenderer
 from .silhouette import WorkingFrame, padded_mask, working_frame
@@ -33,7 +34,9 @@ class VerifiedView:
     `stray_px` counts the pixels at which rendering and polygons disagree farther than one pixel
     from the outline. `tube` and `outline` are None without knots; `outline_vertex` is the number
     of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
-    along which the outlines of shadow and picture differ.
+    along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
+    that a mount darkens outside both picture and knots; None where the knots are not known.
+    `judged` is what the floor is asked of: `whole`, but for what a stand darkens outside the frame.
     """
 
     frame: WorkingFrame
@@ -41,6 +44,7 @@ class VerifiedView:
     exact: Mask
     rendered: Mask | None
     whole: Overlap
+    judged: Overlap
     exact_iou: float
     stray_px: int | None
     tube: Overlap | None
@@ -48,6 +52,7 @@ class VerifiedView:
     outline_px: float | None
     outline_vertex: int | None
     wrong: WrongStretch
+    intrusion: float | None
     legibility: dict[str, float] | None
 
     @property
@@ -64,7 +69,9 @@ def verify_view(
     *,
     polygons: Sequence[Array] | None = None,
     radius: float | None = None,
-    bodies: Sequence[Faces] | None = None,
+    closed: Sequence[bool] | None = None,
+    mounted: bool = False,
+    stand: bool = False,
     renderer: SilhouetteRenderer | None = None,
     longer: int = 1024,
 ) -> VerifiedView:
@@ -74,7 +81,12 @@ def verify_view(
         vertices, faces: (n, 3) and (m, 3), the part. target: (H, W), the picture's silhouette.
         geometry: the view, on the picture's pixels.
         polygons, radius: the knots' centre lines and the tube's radius, where they are known.
-        bodies: the faces of the knots alone, where the part has more; None: all of it is knots.
+        closed: for each of them, whether its last point joins the first; all by default.
+        mounted: whether the part is more than the tube about `polygons`; then the knots' own shadow
+            is that of the exact tube, which the check `tube` finds in the part.
+        stand: whether that is a stand, which shows below the frame and may show inside it. The
+            outline is then that of the tube's own surface, and what lies outside the frame is
+            judged where it is the tube's.
         renderer: of this mesh, where rendering is possible.
         longer: pixels on the longer side of the frame.
 
@@ -94,34 +106,73 @@ def verify_view(
         exact=exact,
         rendered=rendered,
         whole=whole,
+        judged=whole,
         exact_iou=overlap(exact, wanted).iou,
         stray_px=None if rendered is None else second_opinion(rendered, exact, polygon),
-        tube=whole if bodies is None else None,
+        tube=None if mounted else whole,
         outline=None,
         outline_px=None,
         outline_vertex=None,
         wrong=wrong_stretch(exact if rendered is None else rendered, wanted),
+        intrusion=None,
         legibility=None,
     )
-    if bodies is not None and len(bodies):
-        lines = shadow_lines(vertices, np.concatenate(bodies), fine)
-        tube_exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
-        result = replace(result, tube=overlap(tube_exact, wanted))
-    else:
-        tube_exact = exact
     if polygons is not None and radius is not None:
-        field = tube_field(polygons, radius, fine)
-        error = outline_error(field, shapely.get_coordinates(polygon), tube_exact)
+        field = tube_field(polygons, radius, fine, closed)
+        own = None
+        if stand:
+            on_tube = tube_vertices(vertices, faces, polygons, radius)
+            own = fine.project(vertices[on_tube])[0]
+        error = outline_error(field, shapely.get_coordinates(polygon), exact, own)
+        shadow = result.shadow
+        if stand:
+            kept = shadow & (_in_frame(frame) | field.mask)
+            result = replace(
+                result, judged=overlap(kept, wanted), wrong=wrong_stretch(kept, wanted)
+            )
         result = replace(
             result,
+            tube=overlap(field.mask, wanted) if mounted else whole,
             outline=error,
             outline_px=error.largest_mm / fine.pixel_mm,
             outline_vertex=_casting(vertices, fine, error.where),
+            intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
         )
     if renderer is not None:
-        read = legibility(renderer, vertices, geometry, target)
-        result = replace(result, legibility=read)
+        result = replace(
+            result, legibility=_legibility(renderer, vertices, faces, geometry, target)
+        )
     return result
+
+
+def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
+    """What share of the picture's frame a mask (H, W) on the padded frame covers."""
+    return float(mask[_in_frame(frame)].mean())
+
+
+def _in_frame(frame: WorkingFrame) -> Mask:
+    """The picture's frame on the padded one."""
+    inside = np.zeros((frame.padded_height, frame.padded_width), dtype=bool)
+    rows = slice(frame.pad_y, frame.pad_y + frame.height)
+    inside[rows, frame.pad_x : frame.pad_x + frame.width] = True
+    return inside
+
+
+def _legibility(
+    renderer: SilhouetteRenderer,
+    vertices: Array,
+    faces: Faces,
+    geometry: ViewGeometry,
+    target: Mask,
+) -> dict[str, float]:
+    """`legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
+    _, w = geometry.project(vertices)
+    before = (w < geometry.w_of_receiver)[faces].any(axis=1)
+    if before.all():
+        return legibility(renderer, vertices, geometry, target)
+    left = faces[before]
+    with SilhouetteRenderer(vertices, left) as own:
+        return legibility(own, vertices[np.unique(left)], geometry, target)
 
 
 def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from .silhouette import WorkingFrame
 
-__all__ = ["SceneView", "ViewGeometry", "view_geometry"]
+__all__ = ["ON_RECEIVER_MM", "SceneView", "ViewGeometry", "view_geometry"]
 
 Array = NDArray[np.float64]
+
+ON_RECEIVER_MM = 2e-3
+"""What is no farther before the receiver plane lies on it: a plate's face, as rounding leaves it."""
 
 
 class SceneView(Protocol):
@@ -73,6 +76,11 @@ class ViewGeometry:
     def light_height(self) -> float:
         """Distance of the light from the receiver plane, mm."""
         return float(self.normal @ (self.light - self.origin))
+
+    @property
+    def w_of_receiver(self) -> float:
+        """The w (see `projection`) at and beyond which matter lies on or behind the receiver."""
+        return 1.0 - ON_RECEIVER_MM / self.light_height
 
     @property
     def pixel_mm(self) -> float:

@@ -1,0 +1,1 @@
+"""Good and broken parts, made by a script, that the validators are held against."""

@@ -1,0 +1,25 @@
+"""The broken parts of the corpus: each is a good one with one named fault, and one check must reject it."""
+
+from __future__ import annotations
+
+from .broken_files import broken_files
+from .broken_knots import broken_knots
+from .broken_mesh import broken_mesh
+from .broken_print import broken_print
+from .broken_shadow import broken_shadow
+from .case import Broken
+
+__all__ = ["broken"]
+
+
+def broken() -> list[Broken]:
+    """All broken cases; their names differ."""
+    cases = [
+        *broken_mesh(),
+        *broken_knots(),
+        *broken_shadow(),
+        *broken_print(),
+        *broken_files(),
+    ]
+    assert len({case.name for case in cases}) == len(cases)
+    return cases

@@ -1,0 +1,138 @@
+"""One case of the corpus: its files, and for a broken one the check that must reject it and where."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .curves import Array
+from .files import DEFAULT_VIEW, Mask, Part, shadow
+from .parts import Body, tubes
+
+__all__ = [
+    "READ",
+    "Broken",
+    "Good",
+    "Place",
+    "knotted",
+    "places_of",
+    "tied",
+    "tweaked",
+    "with_picture",
+    "with_scene",
+]
+
+READ = "read"
+"""Stands for the readers: a file that they refuse is rejected by them, not by a check."""
+
+Place = tuple[float, float, float]
+MARGIN_MM = 4.0  # from the tube to the printer's x and y planes
+PIXELS = 256
+
+
+@dataclass(frozen=True)
+class Good:
+    """A part that no required check may reject."""
+
+    name: str
+    make: Callable[[], Part]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A part with one fault.
+
+    `meant` is the check that must reject it, or `READ`. `places` are where the fault is, mm, part
+    coordinates: one of the places that the check names must come within `within_mm` of one of
+    them; none where a place makes no sense. `says` is a word that a reader's sentence must have.
+    """
+
+    name: str
+    make: Callable[[], Part]
+    meant: str
+    places: Callable[[Part], Iterable[Place]] | None = None
+    within_mm: float = 0.0
+    says: str = ""
+
+
+def knotted(
+    curves: Sequence[Array] | Array,
+    radius: float = 3.0,
+    types: Sequence[str] = (),
+    sides: int = 24,
+    format: str = "stl",
+) -> Part:
+    """The tubes about some curves, laid on the bed's positive octant, with their knots.json."""
+    every = [curves] if isinstance(curves, np.ndarray) else list(curves)
+    body = tubes(every, radius, sides)
+    shift = np.array([MARGIN_MM, MARGIN_MM, 0.0]) - body.vertices.min(axis=0)
+    return Part(
+        body=body.moved(shift),
+        knots=tuple(curve + shift for curve in every),
+        types=tuple(types) or ("unknot",) * len(every),
+        radius=radius,
+        format=format,
+    )
+
+
+def tied(
+    curves: Callable[[], Sequence[Array] | Array],
+    radius: float,
+    types: Sequence[str] = (),
+    sides: int = 24,
+) -> Part:
+    """`knotted`, of curves that are made only now."""
+    return knotted(curves(), radius, types, sides)
+
+
+def with_scene(part: Part, **tables: Mapping[str, Any]) -> Part:
+    """The part with a scene about its middle, seen from above, and the shadow it casts as picture.
+
+    `tables` are merged into those of the scene; `view` is merged into its only view.
+    """
+    assert part.body is not None
+    low, high = part.body.vertices.min(axis=0), part.body.vertices.max(axis=0)
+    pose = np.eye(4)
+    pose[:3, 3] = -(low + high) / 2
+    scene: dict[str, Any] = {
+        "schema": 1,
+        "piece": {"clearance_mm": 0.4},
+        "views": [{**DEFAULT_VIEW, **tables.pop("view", {})}],
+        "accuracy": {"name": "standard", "iou_floor": 0.92, "max_outline_error_px": 0.5},
+        "pose": {"matrix": pose.tolist()},
+    }
+    if part.radius is not None:
+        scene["piece"]["tube_radius_mm"] = part.radius
+    for name, table in tables.items():
+        scene[name] = {**scene.get(name, {}), **table}
+    return with_picture(replace(part, scene=scene), part.body)
+
+
+def with_picture(part: Part, body: Body) -> Part:
+    """The part with the shadow of `body` as its scene's picture."""
+    assert part.scene is not None
+    (view,) = part.scene["views"]
+    wide, high = view["frame_width_mm"], view["frame_height_mm"]
+    pixels = (PIXELS, max(1, round(PIXELS * high / wide)))
+    picture: Mask = shadow(body, view, pixels, np.array(part.scene["pose"]["matrix"]))
+    return replace(part, pictures={view["picture"]: picture})
+
+
+def tweaked(part: Part, table: str, **values: Any) -> Part:
+    """The part with some keys of one table of its scene changed; the picture stays."""
+    assert part.scene is not None
+    scene = copy.deepcopy(dict(part.scene))
+    if table == "view":
+        scene["views"][0].update(values)
+    else:
+        scene[table] = {**scene.get(table, {}), **values}
+    return replace(part, scene=scene)
+
+
+def places_of(points: Array) -> tuple[Place, ...]:
+    """Points (n, 3) or (3,) as places."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in np.atleast_2d(points))

@@ -1,0 +1,209 @@
+"""A part's files as the validators read them: mesh, knots.json, scene.toml and its picture."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from .curves import Array
+from .parts import Body
+
+__all__ = ["Files", "Mask", "Part", "encoded", "shadow", "write"]
+
+Mask = NDArray[np.bool_]
+
+DEFAULT_VIEW = {
+    "name": "front",
+    "kind": "shadow",
+    "picture": "front.png",
+    "frame_width_mm": 120.0,
+    "frame_height_mm": 120.0,
+    "light_distance_mm": 500.0,
+    "light_diameter_mm": 2.0,
+    "wall_distance_mm": 60.0,
+    "wall_tilt_deg": 0.0,
+    "azimuth_deg": 0.0,
+}
+OVERSAMPLED = 4  # a pixel's side in samples when a shadow is drawn
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a case's folder is made from; lengths in mm, all in part coordinates.
+
+    `scene` holds the tables of scene.toml, `pictures` the masks (H, W) it names; `raw` are files
+    that are written as they are, in place of those made from the rest.
+    """
+
+    body: Body | None
+    knots: tuple[Array, ...] = ()
+    types: tuple[str, ...] = ()
+    radius: float | None = None
+    scene: Mapping[str, Any] | None = None
+    pictures: Mapping[str, Mask] = field(default_factory=dict)
+    format: str = "stl"
+    raw: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Files:
+    """Where a case was written; None for what it does not have."""
+
+    part: Path | None
+    knots: Path | None
+    scene: Path | None
+
+
+def write(part: Part, folder: Path) -> Files:
+    """Write a part's files into a folder that exists."""
+    names: dict[str, bytes] = {}
+    if part.body is not None:
+        names[_part_name(part.format)] = encoded(part.body, part.format)
+    if part.knots:
+        names["knots.json"] = _knots_json(part)
+    if part.scene is not None:
+        names["scene.toml"] = tomli_w.dumps(dict(part.scene)).encode()
+    for name, mask in part.pictures.items():
+        buffer = io.BytesIO()
+        Image.fromarray(np.where(mask, 0, 255).astype(np.uint8)).save(buffer, format="PNG")
+        names[name] = buffer.getvalue()
+    names.update(part.raw)
+    for name, content in names.items():
+        (folder / name).write_bytes(content)
+    found = [folder / name for name in names if name.startswith("part.")]
+    return Files(
+        part=found[0] if found else None,
+        knots=folder / "knots.json" if "knots.json" in names else None,
+        scene=folder / "scene.toml" if "scene.toml" in names else None,
+    )
+
+
+def _part_name(form: str) -> str:
+    return f"part.{form.partition('-')[0]}"
+
+
+def _knots_json(part: Part) -> bytes:
+    pairs = zip(part.types, part.knots, strict=True)
+    knots = [{"closed": True, "type": t, "points": k.tolist()} for t, k in pairs]
+    data: dict[str, Any] = {"schema": 1, "unit": "mm", "knots": knots}
+    if part.radius is not None:
+        data["radius_mm"] = part.radius
+    return json.dumps(data).encode()
+
+
+def encoded(body: Body, form: str) -> bytes:
+    """The bytes of a mesh file: stl, stl-text, obj, ply, ply-binary, 3mf or 3mf-inch."""
+    if form == "stl":
+        return _stl(body)
+    if form in ("3mf", "3mf-inch"):
+        return _threemf(body, "millimeter" if form == "3mf" else "inch")
+    if form == "stl-text":
+        return "\n".join(["solid part", *_facets(body), "endsolid part", ""]).encode()
+    if form == "obj":
+        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in body.vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in body.faces + 1]
+        return "\n".join([*lines, ""]).encode()
+    if form in ("ply", "ply-binary"):
+        return _ply(body, binary=form == "ply-binary")
+    raise ValueError(f"no such format: {form}")
+
+
+def _stl(body: Body) -> bytes:
+    record = np.zeros(len(body.faces), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    record["v"] = body.vertices[body.faces]
+    return bytes(80) + np.array(len(body.faces), dtype="<u4").tobytes() + record.tobytes()
+
+
+def _facets(body: Body) -> list[str]:
+    lines = []
+    for corners in body.vertices[body.faces]:
+        lines.append("facet normal 0 0 0\nouter loop")
+        lines += [f"vertex {x:.9g} {y:.9g} {z:.9g}" for x, y, z in corners]
+        lines.append("endloop\nendfacet")
+    return lines
+
+
+def _ply(body: Body, *, binary: bool) -> bytes:
+    head = (
+        f"ply\nformat {'binary_little_endian' if binary else 'ascii'} 1.0\n"
+        f"element vertex {len(body.vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(body.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if binary:
+        record = np.zeros(len(body.faces), dtype=[("n", "u1"), ("i", "<i4", 3)])
+        record["n"], record["i"] = 3, body.faces
+        return head + body.vertices.astype("<f4").tobytes() + record.tobytes()
+    lines = [f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in body.vertices]
+    lines += [f"3 {a} {b} {c}" for a, b, c in body.faces]
+    return head + "\n".join([*lines, ""]).encode()
+
+
+def _threemf(body: Body, unit: str) -> bytes:
+    points = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in body.vertices)
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in body.faces)
+    model = (
+        f'<?xml version="1.0" encoding="UTF-8"?><model unit="{unit}" xml:lang="en-US" '
+        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
+        f'<object id="1" type="model"><mesh><vertices>{points}</vertices><triangles>{faces}'
+        '</triangles></mesh></object></resources><build><item objectid="1"/></build></model>'
+    )
+    types = (
+        '<?xml version="1.0" encoding="UTF-8"?>'
+        '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+        '<Default Extension="rels" '
+        'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+        '<Default Extension="model" '
+        'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+    )
+    relations = (
+        '<?xml version="1.0" encoding="UTF-8"?>'
+        '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+        '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
+        'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+    )
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("[Content_Types].xml", types)
+        archive.writestr("_rels/.rels", relations)
+        archive.writestr("3D/3dmodel.model", model)
+    return buffer.getvalue()
+
+
+def shadow(body: Body, view: Mapping[str, Any], pixels: tuple[int, int], pose: Array) -> Mask:
+    """The shadow (H, W) that a body in part coordinates casts in a view, by drawing its triangles.
+
+    Projected as docs/conventions.md says; nothing of the body may lie behind the wall.
+
+    Args:
+        pixels: width and height of the picture. pose: (4, 4), from part to scene.
+    """
+    azimuth, tilt = np.radians(view["azimuth_deg"]), np.radians(view["wall_tilt_deg"])
+    axis = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    up = np.cos(tilt) * np.array([0.0, 1.0, 0.0]) + np.sin(tilt) * axis
+    light, wall = view["light_distance_mm"] * axis, -view["wall_distance_mm"] * axis
+    points = body.vertices @ pose[:3, :3].T + pose[:3, 3]
+    ray = points - light
+    normal = np.cross(right, up)
+    onto = light + ray * ((wall - light) @ normal / (ray @ normal))[:, None] - wall
+    width, height = (side * OVERSAMPLED for side in pixels)
+    u = (onto @ right / view["frame_width_mm"] + 0.5) * width - 0.5
+    v = (0.5 - onto @ up / view["frame_height_mm"]) * height - 0.5
+    sheet = Image.new("L", (width, height), 0)
+    draw = ImageDraw.Draw(sheet)
+    for triangle in np.column_stack([u, v])[body.faces]:
+        draw.polygon([(float(x), float(y)) for x, y in triangle], fill=255)
+    small = sheet.resize(pixels, Image.Resampling.BOX)
+    mask: Mask = np.asarray(small) >= 128
+    return mask

@@ -1,0 +1,1 @@
+"""Drawings to measure from: pages of an exact size, and dimensions."""

@@ -1,0 +1,171 @@
+"""Pages that print at full size: papers, tiles to be laid together, crosses and a ruler to check by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+__all__ = [
+    "OVERLAP_MM",
+    "PAPERS",
+    "RULER_MM",
+    "Box",
+    "Paper",
+    "Tile",
+    "blank_page",
+    "facts_page",
+    "page_foot",
+    "ruler",
+    "tile_page",
+    "tiles_of",
+    "write_pages",
+]
+
+Box = tuple[float, float, float, float]  # left, bottom, right, top
+
+OVERLAP_MM = 10.0  # what neighbouring pages share
+RULER_MM = 100.0
+_HEAD_MM = 16.0  # at the foot of each page, for the ruler and the page's name
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A page's size and its margin, in mm."""
+
+    name: str
+    width: float
+    height: float
+    margin: float = 10.0
+
+    @property
+    def room(self) -> tuple[float, float]:
+        """Width and height that a drawing may fill."""
+        return self.width - 2 * self.margin, self.height - 2 * self.margin - _HEAD_MM
+
+
+PAPERS = {"a4": Paper("A4", 210.0, 297.0), "letter": Paper("Letter", 215.9, 279.4)}
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One page of a drawing: its place among the others, and where in the drawing (mm) its room's lower
+    left corner lies."""
+
+    row: int
+    column: int
+    left: float
+    bottom: float
+
+
+def tiles_of(box: Box, paper: Paper) -> list[Tile]:
+    """The pages that cover `box` of a drawing (mm).
+
+    Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
+    """
+    wide, high = paper.room
+    left, bottom, right, top = box
+
+    def along(low: float, size: float, room: float) -> list[float]:
+        step = room - OVERLAP_MM
+        count = max(1, int(np.ceil((size - OVERLAP_MM) / step - 1e-9)))
+        covered = count * step + OVERLAP_MM
+        return [low - 0.5 * (covered - size) + k * step for k in range(count)]
+
+    columns = along(left, right - left, wide)
+    rows = along(bottom, top - bottom, high)[::-1]
+    return [Tile(r, c, x, y) for r, y in enumerate(rows) for c, x in enumerate(columns)]
+
+
+def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
+    """One PDF of these pages, the same bytes for the same pages; returns how many there are."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    settings: Any = {
+        "path.simplify": False,  # simplifying moves points
+        "pdf.compression": 6,
+        "font.family": "DejaVu Sans",
+    }
+    about = {"CreationDate": None, "Title": title, "Creator": "knotfab"}
+    count = 0
+    with rc_context(settings), PdfPages(path, metadata=about) as pdf:
+        for page in pages:
+            pdf.savefig(page)
+            count += 1
+    return count
+
+
+def blank_page(paper: Paper) -> tuple[Figure, Axes]:
+    """A figure of exactly the paper's size, whose axes are millimetres from its lower left."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0, paper.width), ylim=(0, paper.height))
+    axes.axis("off")
+    return figure, axes
+
+
+def ruler(axes: Axes, paper: Paper, before: str) -> None:
+    """100 mm at the lower left, to be measured before one `before`s."""
+    x, y = paper.margin, paper.margin + 6
+    axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
+    for k in range(int(RULER_MM) // 10 + 1):
+        axes.plot([x + 10 * k] * 2, [y, y + (3.0 if k % 5 == 0 else 1.5)], color="black", lw=0.4)
+    axes.text(x, y - 1.0, f"100 mm: measure it before you {before}", size=6, va="top")
+
+
+def page_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
+    """What a page is, at its lower right: the drawing, the paper and the page's number, and a note."""
+    right = paper.width - paper.margin
+    axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
+    axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")
+    axes.text(right, paper.margin + 3.5, f"{paper.name}, {page}", size=6, ha="right", va="top")
+
+
+def facts_page(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
+    """A page of words, with a ruler."""
+    figure, axes = blank_page(paper)
+    top = paper.height - paper.margin
+    axes.text(paper.margin, top, title, size=14, va="top")
+    for k, line in enumerate(facts):
+        axes.text(paper.margin, top - 14 - 5.2 * k, line, size=8, va="top")
+    ruler(axes, paper, before)
+    page_foot(axes, paper, page, "")
+    return figure
+
+
+def tile_page(
+    paper: Paper, tile: Tile, count: int, page: str, title: str, note: str, before: str
+) -> tuple[Figure, Axes, tuple[float, float], Rectangle]:
+    """A page for one tile of a drawing: its window, crosses to lay on each other, ruler and foot.
+
+    Returns:
+        The figure, its axes, the shift (mm) from the drawing to the page, and the window to clip by.
+    """
+    from matplotlib.patches import Rectangle
+
+    figure, axes = blank_page(paper)
+    wide, high = paper.room
+    x0, y0 = paper.margin, paper.margin + _HEAD_MM
+    window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
+    axes.add_patch(window)
+    # in the middle of the shared strips, the same places of the drawing on both pages
+    half = 0.5 * OVERLAP_MM
+    for x in (x0 + half, x0 + wide - half):
+        for y in (y0 + half, y0 + high - half):
+            axes.plot([x - 3, x + 3], [y, y], color="black", lw=0.25)
+            axes.plot([x, x], [y - 3, y + 3], color="black", lw=0.25)
+    ruler(axes, paper, before)
+    where = f", row {tile.row + 1}, column {tile.column + 1}" if count > 1 else ""
+    page_foot(axes, paper, page, f"{title}{where}", note)
+    return figure, axes, (x0 - tile.left, y0 - tile.bottom), window

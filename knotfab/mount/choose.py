@@ -1,0 +1,276 @@
+"""As few pegs as keep every knot from sagging: added where they help most, taken away where they idle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.knots import Knots
+from knotfab.mount.frame_model import frame_of, round_beams
+from knotfab.mount.rays import Rays
+
+__all__ = ["Pegs", "Stiffness", "choose_pegs", "sag_of"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+JOINT_RADII = 2.0  # distance of the frame model's joints along a tube, in tube radii
+APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
+CANDIDATES = 96  # of one knot: in each stretch of its length the shortest free ray
+TRIED = 16  # of them when a peg is added: those nearest to where it sags most
+STUCK = 4  # pegs in a row that hardly help
+PIECES = 4  # of a tapering peg, each taken as round
+DOWN = np.array([0.0, -1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What the piece is made of and how far it may sag: MPa, g/cm³, mm."""
+
+    young_mpa: float
+    density_g_cm3: float
+    max_sag_mm: float
+
+
+@dataclass(frozen=True)
+class Pegs:
+    """Chosen pegs, as numbers of rays, and the largest displacement (mm) with them, and where (3,)."""
+
+    rays: Ints
+    sag_mm: float
+    sag_at: Array
+
+
+def choose_pegs(
+    knots: Knots,
+    rays: Rays,
+    top_radius_mm: float,
+    foot_radius_mm: Array,
+    stiffness: Stiffness,
+    *,
+    most: int = 60,
+) -> Pegs:
+    """Choose rays for pegs until no point of any knot sags more than `max_sag_mm` (gravity: -y).
+
+    Each knot starts with one peg. Then the peg is added that leaves the least sag, and in the end
+    those are taken away that the limit does not need. Where no free ray is left, or a knot has
+    `most`, the sag is what it is: the caller compares.
+
+    Args:
+        knots: in scene coordinates, those that `rays` belong to.
+        top_radius_mm, foot_radius_mm: of a peg, at the tube and (n,) at the wall, for each ray.
+
+    Raises:
+        ValueError: a knot has no free ray at all; the message names it.
+    """
+    chosen: list[int] = []
+    worst, at = 0.0, knots.points[0]
+    for k in range(len(knots.knots)):
+        own = np.flatnonzero(rays.free & (rays.knot == k))
+        if not len(own):
+            raise ValueError(f"no light ray from knot {k} to the wall is free for a peg")
+        apart = _apart(rays, own, chosen, knots.radius_mm)
+        model = _Model(
+            knots, rays, k, apart if len(apart) else own, top_radius_mm, foot_radius_mm, stiffness
+        )
+        pegs, sag, place = _of_knot(model, rays, chosen, knots.radius_mm, stiffness, most)
+        chosen += pegs
+        if sag >= worst:
+            worst, at = sag, place
+    return Pegs(np.array(chosen, dtype=np.int64), worst, at)
+
+
+def _of_knot(
+    model: _Model, rays: Rays, others: list[int], radius: float, stiffness: Stiffness, most: int
+) -> tuple[list[int], float, Array]:
+    """Pegs of one knot, its sag and where it is."""
+    pegs = [0]  # numbers of the model's candidates; the first always stays
+    sag, place, arc = model.sag(pegs)
+    history = [sag]
+    while sag > stiffness.max_sag_mm and len(pegs) < most:
+        if len(history) > STUCK and sag > 0.98 * history[-1 - STUCK]:
+            break  # no free ray where it would help
+        taken = [*others, *(int(model.candidates[p]) for p in pegs)]
+        free = np.flatnonzero(
+            np.isin(model.candidates, _apart(rays, model.candidates, taken, radius))
+        )
+        if not len(free):
+            break
+        gap = np.abs(model.arc_of[free] - arc)
+        gap = np.minimum(gap, model.perimeter - gap)
+        tried = [[*pegs, int(p)] for p in free[np.argsort(gap, kind="stable")[:TRIED]]]
+        outcomes = [model.sag(t) for t in tried]
+        best = int(np.argmin([o[0] for o in outcomes]))
+        pegs, (sag, place, arc) = tried[best], outcomes[best]
+        history.append(sag)
+    needed = max(stiffness.max_sag_mm, sag)
+    for peg in pegs[1:]:
+        without = [p for p in pegs if p != peg]
+        found = model.sag(without)
+        if found[0] <= needed:
+            pegs, (sag, place, arc) = without, found
+    return [int(model.candidates[p]) for p in pegs], sag, place
+
+
+def _apart(rays: Rays, own: Ints, taken: list[int], radius: float) -> Ints:
+    """Those rays whose feet keep away from those taken."""
+    if not taken:
+        return own
+    gaps = np.linalg.norm(rays.foot[own][:, None] - rays.foot[taken][None], axis=2).min(axis=1)
+    apart: Ints = own[gaps >= APART_RADII * radius]
+    return apart
+
+
+def sag_of(
+    knots: Knots,
+    rays: Rays,
+    chosen: Ints,
+    top_radius_mm: float,
+    foot_radius_mm: Array,
+    stiffness: Stiffness,
+) -> float:
+    """Largest displacement (mm) of all knots on the chosen pegs, from one whole frame each.
+
+    What `choose_pegs` finds by adding pegs to a solved frame, found anew.
+    """
+    worst = 0.0
+    for k in range(len(knots.knots)):
+        own = chosen[rays.knot[chosen] == k]
+        vertices = np.union1d(_joints(knots.knots[k].points, knots.radius_mm), rays.vertex[own])
+        joints, ends, radius = _tube(knots.knots[k].points, vertices, knots.radius_mm)
+        n, fixed = len(joints), []
+        for ray in own:
+            first, last = rays.top[ray], rays.foot[ray]
+            share = (np.arange(PIECES) + 1)[:, None] / PIECES
+            new = len(joints) + np.arange(PIECES)
+            chain = np.concatenate([[np.searchsorted(vertices, rays.vertex[ray])], new])
+            joints = np.concatenate([joints, first + share * (last - first)])
+            ends = np.concatenate([ends, np.column_stack([chain[:-1], chain[1:]])])
+            radius = np.concatenate([radius, _taper(top_radius_mm, float(foot_radius_mm[ray]))])
+            fixed.append(new[-1])
+        frame = frame_of(
+            round_beams(joints, ends, radius),
+            np.array(fixed),
+            stiffness.young_mpa,
+            stiffness.density_g_cm3,
+            DOWN,
+        )
+        worst = max(worst, float(np.linalg.norm(frame.moved()[:n, :3], axis=1).max()))
+    return worst
+
+
+def _joints(points: Array, radius: float) -> Ints:
+    """Vertices about `JOINT_RADII` apart."""
+    arc, perimeter = _arc(points)
+    count = max(6, int(perimeter / (JOINT_RADII * radius)))
+    at = np.searchsorted(arc, np.arange(count) * perimeter / count)
+    joints: Ints = np.unique(at[at < len(points)])
+    return joints
+
+
+def _arc(points: Array) -> tuple[Array, float]:
+    """(n,) arc length at each vertex, and all around."""
+    steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    arc: Array = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(arc[:-1]), float(arc[-1])
+
+
+def _tube(points: Array, vertices: Ints, radius: float) -> tuple[Array, Ints, Array]:
+    n = len(vertices)
+    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    return points[vertices], ring, np.full(n, radius)
+
+
+def _taper(top: float, foot: float) -> Array:
+    """(PIECES,) radii of a cone cut into round pieces."""
+    return top + (np.arange(PIECES) + 0.5) / PIECES * (foot - top)
+
+
+class _Model:
+    """One knot's frame on its first peg; further pegs are springs at their tops.
+
+    With the frame's flexibility F at all candidates known, pegs S with stiffness k and loads f at
+    their tops move them by u_S = (I + F_SS k)⁻¹ (u0_S + F_SS f), and the rest by what they then
+    exert: a dense problem of six unknowns a peg instead of the whole frame.
+    """
+
+    def __init__(
+        self,
+        knots: Knots,
+        rays: Rays,
+        k: int,
+        own: Ints,
+        top_radius: float,
+        foot_radius: Array,
+        stiffness: Stiffness,
+    ) -> None:
+        points, radius = knots.knots[k].points, knots.radius_mm
+        arc, self.perimeter = _arc(points)
+        bins = (arc[rays.vertex[own]] / self.perimeter * CANDIDATES).astype(np.int64)
+        order = np.lexsort((rays.length_mm[own], bins))
+        shortest = own[order[np.flatnonzero(np.diff(bins[order], prepend=-1))]]
+        middle = points.mean(axis=0)
+        near = np.linalg.norm(rays.top[shortest] - middle, axis=1) + rays.length_mm[shortest]
+        first = int(near.argmin())
+        self.candidates = np.concatenate([shortest[first : first + 1], np.delete(shortest, first)])
+        self.arc_of = arc[rays.vertex[self.candidates]]
+        vertices = np.union1d(_joints(points, radius), rays.vertex[self.candidates])
+        self.arc, self.n = arc[vertices], len(vertices)
+        pegs = [self._peg(rays, r, top_radius, foot_radius, stiffness) for r in self.candidates]
+        self.spring = np.array([p[0] for p in pegs])
+        self.push = np.array([p[1] for p in pegs])
+        joints, ends, radii = _tube(points, vertices, radius)
+        self.places = joints
+        tops = np.searchsorted(vertices, rays.vertex[self.candidates])
+        frame = frame_of(
+            round_beams(joints, ends, radii),
+            np.array([], dtype=np.int64),
+            stiffness.young_mpa,
+            stiffness.density_g_cm3,
+            DOWN,
+            springs={int(tops[0]): (self.spring[0], self.push[0])},
+        )
+        self.own = frame.moved()  # (n, 6)
+        flexibility = frame.flexibility(tops).reshape(6 * self.n, -1)
+        at_tops = (6 * tops[:, None] + np.arange(6)).ravel()
+        self.among = flexibility[at_tops]  # (6 c, 6 c)
+        self.at_rest = self.own.reshape(-1)[at_tops]
+        moves = flexibility.reshape(self.n, 6, -1)[:, :3].reshape(3 * self.n, -1)
+        self.moves = np.ascontiguousarray(moves.T)  # (6 c, 3 n)
+
+    @staticmethod
+    def _peg(
+        rays: Rays, ray: int, top: float, foot: Array, stiffness: Stiffness
+    ) -> tuple[Array, Array]:
+        """A peg as its top feels it: (6, 6) stiffness and (6,) load."""
+        share = np.arange(PIECES + 1)[:, None] / PIECES
+        joints = rays.top[ray] + share * (rays.foot[ray] - rays.top[ray])
+        chain = np.column_stack([np.arange(PIECES), np.arange(1, PIECES + 1)])
+        beams = round_beams(joints, chain, _taper(top, float(foot[ray])))
+        frame = frame_of(
+            beams, np.array([PIECES]), stiffness.young_mpa, stiffness.density_g_cm3, DOWN
+        )
+        spring = np.asarray(
+            np.linalg.inv(frame.flexibility(np.array([0]))[:6, 0]), dtype=np.float64
+        )
+        return spring, spring @ frame.moved()[0]
+
+    def sag(self, pegs: list[int]) -> tuple[float, Array, float]:
+        """Largest displacement of the tube (mm), where it is, and at what arc length."""
+        more = np.array(pegs[1:], dtype=np.int64)
+        moved = self.own[:, :3]
+        if len(more):
+            rows = (6 * more[:, None] + np.arange(6)).ravel()
+            among = self.among[np.ix_(rows, rows)]
+            push = self.push[more]
+            springs = np.einsum("rpi,pij->rpj", among.reshape(len(rows), -1, 6), self.spring[more])
+            left = np.eye(len(rows)) + springs.reshape(len(rows), -1)
+            right = self.at_rest[rows] + among @ push.ravel()
+            top = np.linalg.solve(left, right).reshape(-1, 6)
+            force = (push - np.einsum("pij,pj->pi", self.spring[more], top)).ravel()
+            moved = moved + (force @ self.moves[rows]).reshape(-1, 3)
+        size = np.linalg.norm(moved, axis=1)
+        worst = int(size.argmax())
+        return float(size[worst]), self.places[worst], float(self.arc[worst])

@@ -1,0 +1,376 @@
+"""The setting-up sheet: one page that puts lamp, piece and wall where the scene says, with dimensions."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.drawing.dimensions import Scaled, dimension, fit, length, outlines
+from knotfab.drawing.pages import PAPERS, Box, blank_page, write_pages
+from knotfab.mount.mount import Mounted
+from knotfab.mount.placement import Placement, placement_of
+from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
+from knotfab.scene.camera import Camera
+from knotfab.scene.model import Scene, View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["write_setup"]
+
+Array = NDArray[np.float64]
+
+SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
+FRONT: Box = (20.0, 62.0, 108.0, 152.0)
+WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
+COSTS_Y = 42.0
+INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
+SHADOW = "0.82"
+
+
+def write_setup(
+    folder: Path,
+    mounted: Mounted,
+    scene: Scene,
+    camera: Camera,
+    misplacement: Mapping[str, Mapping[str, float]] | None,
+) -> list[str]:
+    """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
+
+    Args:
+        mounted: the piece and its mount, in scene coordinates. scene: with its first view's frame
+            resolved. camera: of that view. misplacement: what the verification measured of it
+            (`views[0]["misplacement"]` of the report), if it did.
+    """
+    from matplotlib import rc_context
+
+    view = scene.views[0]
+    page = _sheet(mounted, placement_of(mounted, camera), camera, view, misplacement)
+    write_pages(folder / "setup.pdf", "Setting up", [page])
+    settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
+    about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
+    with rc_context(settings):
+        page.savefig(folder / "setup.svg", metadata=about)
+    return ["setup.pdf", "setup.svg"]
+
+
+def _sheet(
+    mounted: Mounted,
+    place: Placement,
+    camera: Camera,
+    view: View,
+    misplacement: Mapping[str, Mapping[str, float]] | None,
+) -> Figure:
+    paper = PAPERS["a4"]
+    figure, axes = blank_page(paper)
+    side = _side_view(axes, mounted, place, view)
+    front = _front_view(axes, mounted, place, camera)
+    left, top = 14.0, paper.height - 12
+    axes.text(left, top, "Setting up", size=15, va="top")
+    axes.text(
+        left, top - 8.0,
+        "Lengths in mm, from the middle of the lamp and of the piece. What counts is the figures, "
+        f"not the drawing. Side view {side.name}, front view {front.name}.",
+        size=6.5, va="top", color="0.35",
+    )  # fmt: skip
+    y = _words(axes, WORDS_Y, "What to do", steps_of(mounted, place, view), numbered=True)
+    _words(axes, y - 3.0, "The lamp", lamp_facts(view))
+    _costs(axes, left, costs_of(misplacement, view, on_wall=mounted.wall is not None))
+    return figure
+
+
+def _words(
+    axes: Axes, top: float, title: str, lines: Sequence[str], *, numbered: bool = False
+) -> float:
+    """Lines of the column of words, from `top` down; returns where they end."""
+    axes.text(WORDS_X, top, title, size=9, va="top", weight="bold")
+    y = top - 6.0
+    for number, line in enumerate(lines, start=1):
+        head = f"{number}. " if numbered else ""
+        for k, row in enumerate(textwrap.wrap(line, WORDS_WIDE - len(head))):
+            axes.text(WORDS_X + (3.5 if head else 0.0), y, row, size=6.5, va="top")
+            if head and k == 0:
+                axes.text(WORDS_X, y, head, size=6.5, va="top")
+            y -= 3.2
+        y -= 1.4
+    return y
+
+
+def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
+    axes.text(left, COSTS_Y, "What it costs to be off", size=9, va="top", weight="bold")
+    half = (len(lines) + 1) // 2
+    for k, line in enumerate(lines):
+        x = left if k < half else left + 94.0
+        axes.text(x, COSTS_Y - 6.0 - 3.6 * (k % half), line, size=6.5, va="top")
+    axes.text(
+        left, COSTS_Y - 8.5 - 3.6 * half,
+        "Measured on the written file, over 5 mm and 1°, against the picture where it should be on the "
+        "wall: a shadow that merely moves counts as lost too.",
+        size=6, va="top", color="0.35",
+    )  # fmt: skip
+
+
+def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
+    """Lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
+    # to the right of the page: level towards the lamp; the viewer is at the piece's left
+    seen = np.stack([place.level[2], place.level[1], -place.level[0]])
+    piece = outlines(mounted.bodies, seen)
+    lamp = seen[:2] @ place.lamp
+    frame, wall = _wall_lines(place, seen)
+    ends = np.concatenate([*piece, frame, wall, lamp[None]])
+    base = place.base
+    desk = base.bottom if base is not None else None
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    zone = (SIDE[0] + 6, SIDE[1] + 20, SIDE[2] - 12, SIDE[3] - 8)
+    to = fit((float(low[0]), float(low[1]), float(high[0]), float(high[1])), zone)
+    bottom = float(to(low)[1])
+    for end in frame:
+        axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
+    axes.plot(*to(np.stack([lamp, seen[:2] @ place.middle])).T, color=FAINT, lw=0.3, ls="-.")
+    _filled(axes, [to(p) for p in piece], PIECE)
+    axes.plot(*to(wall).T, color=INK, lw=0.8)
+    axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
+    _lamp(axes, to(lamp), view.light_diameter_mm / to.ratio)
+    _hatch(axes, to(wall), to)
+    _note(axes, to(lamp) + (0, 3.2), _name(view), size=7, ha="center")
+    _note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
+    middle = to(np.zeros(2))
+    axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
+    axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
+    on_wall, at_lamp = to(seen[:2] @ place.middle), to(lamp)
+    for a, b, row, value in (
+        (on_wall, middle, 5.0, view.wall_distance_mm),
+        (middle, at_lamp, 5.0, view.light_distance_mm),
+        (on_wall, at_lamp, 11.0, view.wall_distance_mm + view.light_distance_mm),
+    ):
+        down = bottom - row
+        dimension(axes, (a[0], down), (b[0], down), (0, 0), length(value))
+        for p in (a, b):
+            axes.plot([p[0], p[0]], [p[1] - 3, down - 1], color="#06c", lw=0.2)
+    if abs(view.wall_tilt_deg) > 1e-9:
+        _tilt(axes, place, seen, to, view.wall_tilt_deg)
+    if desk is not None and base is not None:
+        _desk(axes, place, seen, to, desk)
+    axes.text(SIDE[0], bottom - 17.0, f"Side view, from the left, {to.name}", size=7.5, va="top")
+    return to
+
+
+def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
+    """The frame and the wall seen from the side, (2, 2) each, from below."""
+    middle, up = seen[:2] @ place.middle, seen[:2] @ place.wall[1]
+    half = place.frame_mm[1] / 2
+    shown = (half if place.plate_mm is None else place.plate_mm[1] / 2) + 12.0
+    top = max(shown, place.up_mm + 12.0)
+    low = max(shown, 12.0 - place.up_mm)
+    if place.base is not None:
+        low = max(low, (float(middle[1]) - place.base.bottom) / float(up[1]))
+    frame = np.stack([middle - half * up, middle + half * up])
+    return frame, np.stack([middle - low * up, middle + top * up])
+
+
+def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) -> None:
+    """A tilted wall: its angle, and the lamp's distance square to it."""
+    foot = place.lamp - place.off_wall_mm * place.wall[2]
+    a, b = to(np.stack([foot, place.lamp]) @ seen[:2].T)
+    axes.plot(*np.stack([a, b]).T, color="#06c", lw=0.3, ls=":")
+    dimension(axes, a, b, (0, 0), f"{length(place.off_wall_mm)} square to the wall")
+    x, y = to(seen[:2] @ place.middle)
+    lean = "towards" if tilt > 0 else "away from"
+    axes.text(
+        x - 9.0, y, f"top leans {abs(tilt):g}° {lean} the lamp", size=6.5, rotation=90 - tilt,
+        ha="right", va="center", rotation_mode="anchor", color="#06c",
+    )  # fmt: skip
+
+
+def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) -> None:
+    """The desk, the lamp's height above it, and where the base stands."""
+    assert place.base is not None
+    lamp = seen[:2] @ place.lamp
+    gap = level_wall(place, desk)
+    ends = to(np.array([[gap, desk], [lamp[0] + 20.0, desk]]))
+    axes.plot(*ends.T, color=INK, lw=0.8)
+    foot = to(np.array([lamp[0], desk]))
+    away = (5.0, 0.0)
+    dimension(axes, foot, to(lamp), away, length(float(lamp[1]) - desk))
+    back, front = (to(np.array([x, desk])) for x in (place.base.back, place.base.front))
+    wall = to(np.array([gap, desk]))
+    up = (0.0, 3.5)
+    dimension(axes, wall, back, up, length(place.base.back - gap))
+    dimension(axes, front, foot, up, length(float(lamp[0]) - place.base.front))
+
+
+def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) -> Scaled:
+    """The wall as seen from the lamp's side: frame, shadow, plate, marks, holes, the lamp's foot."""
+    from matplotlib.patches import Rectangle
+
+    wide, high = place.frame_mm
+    outer = place.plate_mm or place.frame_mm
+    foot = np.array([place.right_mm, place.up_mm])
+    ends = np.array([[-outer[0] / 2, -outer[1] / 2], [outer[0] / 2, outer[1] / 2], foot])
+    desk: float | None = None
+    if place.base is not None:
+        rise = float(place.wall[1] @ place.level[1])
+        desk = (place.base.bottom - float(place.level[1] @ place.middle)) / rise
+        ends = np.append(ends, [[0.0, desk]], axis=0)
+    low, top = ends.min(axis=0), ends.max(axis=0)
+    to = fit((float(low[0]), float(low[1]), float(top[0]), float(top[1])), FRONT)
+    below = None if desk is None else float(to(np.array([0.0, desk]))[1])
+    _filled(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
+    for size, width in ((place.plate_mm, 0.8), (place.frame_mm, 0.5)):
+        if size is not None:
+            at = to(np.array([-size[0] / 2, -size[1] / 2]))
+            axes.add_patch(
+                Rectangle(
+                    (float(at[0]), float(at[1])), size[0] / to.ratio, size[1] / to.ratio,
+                    fill=False, lw=width, ec=INK, ls="-" if size is place.plate_mm else "--",
+                )
+            )  # fmt: skip
+    _marks(axes, mounted, place, to)
+    if desk is not None:
+        line = to(np.array([[-0.6 * wide, desk], [0.6 * wide, desk]]))
+        axes.plot(*line.T, color=INK, lw=0.8)
+        _note(axes, line[0] + (0, 0.8), "desk", size=6.5)
+        corner = to(np.array([0.5 * wide, -0.5 * high]))
+        dimension(axes, (corner[0], line[0][1]), corner, (6, 0), length(-high / 2 - desk))
+    _front_dimensions(axes, place, to, float(to(low)[1]))
+    axes.text(
+        FRONT[0] - 6, COSTS_Y + 6.0,
+        f"Front view, square to the wall, {to.name}. Dashed: the frame; grey: its shadow.",
+        size=7.5, va="top",
+    )  # fmt: skip
+    return to
+
+
+def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -> None:
+    wide, high = place.frame_mm
+    outer = place.plate_mm or place.frame_mm
+    corners = to(np.array([[-outer[0] / 2, -outer[1] / 2], [outer[0] / 2, outer[1] / 2]]))
+    inner = to(np.array([[-wide / 2, -high / 2], [wide / 2, high / 2]]))
+    foot = to(np.array([place.right_mm, place.up_mm]))
+    down = bottom - 3.5
+    dimension(axes, (inner[0][0], down), (inner[1][0], down), (0, 0), f"frame {length(wide)}")
+    right = float(corners[1][0]) + 4.5
+    dimension(axes, (right, inner[0][1]), (right, inner[1][1]), (0, 0), f"frame {length(high)}")
+    # the lamp's foot, from the left and the lower edge of what is on the wall
+    top = float(corners[1][1]) + 3.5
+    dimension(
+        axes, (corners[0][0], top), (foot[0], top), (0, 0),
+        length(place.right_mm + outer[0] / 2), color=LIGHT,
+    )  # fmt: skip
+    left = float(corners[0][0]) - 3.5
+    dimension(
+        axes, (left, corners[0][1]), (left, foot[1]), (0, 0),
+        length(place.up_mm + outer[1] / 2), color=LIGHT,
+    )  # fmt: skip
+    axes.plot([foot[0], foot[0]], [foot[1], top + 1], color=LIGHT, lw=0.25)
+    axes.plot([left - 1, foot[0]], [foot[1], foot[1]], color=LIGHT, lw=0.25)
+    axes.plot(*foot, "o", ms=5, mfc="none", mec=LIGHT, mew=0.8)
+    axes.plot(*foot, "+", ms=8, color=LIGHT, mew=0.5)
+    _note(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
+    if len(place.holes) == 2 and place.plate_mm is not None:
+        a, b = to(place.holes)
+        y = down - 5.5
+        dimension(
+            axes,
+            (a[0], y),
+            (b[0], y),
+            (0, 0),
+            f"screw holes {length(float(np.ptp(place.holes[:, 0])))}",
+        )
+        y -= 5.5
+        dimension(axes, (corners[0][0], y), (corners[1][0], y), (0, 0), f"plate {length(outer[0])}")
+        x = right + 5.5
+        dimension(axes, (x, corners[0][1]), (x, corners[1][1]), (0, 0), f"plate {length(outer[1])}")
+
+
+def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
+    """Screw holes or drill holes, the plate's notches, and which way is up."""
+    for number, hole in enumerate(to(place.holes), start=1):
+        axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
+        if place.plate_mm is None:
+            _note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
+    if place.plate_mm is not None and mounted.wall is not None and mounted.wall.settings.mark_mm:
+        x, y = (s / 2 for s in place.plate_mm)
+        for at, marker in (((0, y), "v"), ((0, -y), "^"), ((-x, 0), ">"), ((x, 0), "<")):
+            axes.plot(*to(np.array(at)), marker, ms=3, color=INK, mew=0)
+        axes.plot(*(to(np.array([0.0, y])) - (0, 2.4)), "^", ms=4, color=INK, mew=0)
+    elif place.plate_mm is None:
+        _note(
+            axes,
+            to(np.array([0.0, place.frame_mm[1] / 2])) - (0, 1.0),
+            "▲ up",
+            size=7,
+            ha="center",
+            va="top",
+        )
+
+
+def _shadow(mounted: Mounted, place: Placement) -> list[Array]:
+    """The outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
+    from manifold3d import CrossSection, Manifold, Mesh64
+
+    lamp = place.wall @ (place.lamp - place.middle)
+    flat = CrossSection()
+    for vertices, faces in mounted.bodies:
+        own = np.ascontiguousarray((vertices - place.middle) @ place.wall.T)
+        solid = Manifold(Mesh64(own, np.ascontiguousarray(faces, dtype=np.uint64)))
+        solid = solid.trim_by_plane([0.0, 0.0, 1.0], 0.01)  # a plate's face is the wall
+
+        def cast(points: Array) -> Array:
+            reach = lamp[2] / (lamp[2] - points[:, 2:])
+            moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
+            return np.column_stack([moved, points[:, 2] * reach[:, 0]])
+
+        flat += solid.warp_batch(cast).project()
+    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.05).to_polygons()]
+
+
+def _filled(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
+    """Polygons and their holes as one path, cut off below a height of the page."""
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    rings = [Outline(np.append(p, p[:1], axis=0), closed=True) for p in polygons]
+    if rings:
+        patch = PathPatch(Outline.make_compound_path(*rings), fc=color, lw=0)
+        axes.add_patch(patch)
+        if above is not None:
+            patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
+
+
+def _lamp(axes: Axes, at: Array, across: float) -> None:
+    from matplotlib.patches import Circle
+
+    axes.add_patch(
+        Circle((float(at[0]), float(at[1])), max(0.5 * across, 0.5), fc=LIGHT, lw=0.3, ec=INK)
+    )
+    axes.plot(*np.stack([at - (2.5, 0), at + (2.5, 0)]).T, color=INK, lw=0.25)
+    axes.plot(*np.stack([at - (0, 2.5), at + (0, 2.5)]).T, color=INK, lw=0.25)
+
+
+def _hatch(axes: Axes, wall: Array, to: Scaled) -> None:
+    """Short strokes behind the wall's line."""
+    along = wall[1] - wall[0]
+    reach = float(np.linalg.norm(along))
+    unit = along / reach
+    behind = np.array([-unit[1], unit[0]]) - unit
+    for s in np.arange(1.5, reach, 2.5):
+        axes.plot(
+            *np.stack([wall[0] + s * unit, wall[0] + s * unit + behind]).T, color=FAINT, lw=0.3
+        )
+
+
+def _note(axes: Axes, at: Array, text: str, **style: Any) -> None:
+    axes.text(float(at[0]), float(at[1]), text, **style)
+
+
+def _name(view: View) -> str:
+    if view.kind != "shadow":
+        return "eye"
+    return f"lamp, {length(view.light_diameter_mm)} mm" if view.light_diameter_mm > 0 else "lamp"

@@ -1,0 +1,138 @@
+"""The drill template of a piece on dowels: its holes at full size, to be taped to the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.drawing.dimensions import length
+from knotfab.drawing.pages import (
+    PAPERS,
+    RULER_MM,
+    Box,
+    Paper,
+    Tile,
+    facts_page,
+    tile_page,
+    tiles_of,
+    write_pages,
+)
+from knotfab.mount.mount import Mounted
+from knotfab.mount.placement import Placement, placement_of
+from knotfab.scene.camera import Camera
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["PLAY_MM", "SPARE_DEPTH_MM", "write_drill_template"]
+
+Array = NDArray[np.float64]
+
+PLAY_MM = 0.3  # by which a hole is wider than its dowel
+SPARE_DEPTH_MM = 1.0  # and deeper
+LISTED = 40  # holes on the page of words
+_EDGE_MM = 4.0  # around the frame
+_BEFORE = "drill"  # the ruler is measured
+
+
+def write_drill_template(folder: Path, mounted: Mounted, camera: Camera) -> list[str]:
+    """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
+
+    They print at full size: each hole a circle of the dowel's diameter and `PLAY_MM`, with cross
+    hairs and its number, in the frame's outline, seen from the lamp's side. The same piece gives the
+    same bytes.
+
+    Returns:
+        The names of the files; none for any other mount.
+    """
+    if mounted.wall is None or mounted.wall.settings.foot != "dowel":
+        return []
+    place = placement_of(mounted, camera)
+    across = np.array([2 * peg.foot_radius_mm + PLAY_MM for peg in mounted.wall.pegs])
+    facts = _facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
+    half = np.array(place.frame_mm) / 2 + _EDGE_MM
+    reach = np.abs(place.holes).max(axis=0) + across.max()
+    x, y = (float(v) for v in np.maximum(half, reach))
+    names = []
+    for key, paper in PAPERS.items():
+        names.append(f"drill-template-{key}.pdf")
+        pages = _pages(place, across, facts, (-x, -y, x, y), paper)
+        write_pages(folder / names[-1], "Drill template at full size", pages)
+    return names
+
+
+def _facts(place: Placement, across: Array, deep: float) -> list[str]:
+    """The page of words: what to do, and the table of the holes."""
+    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})
+    lines = [
+        "Print all pages at 100 %, not fitted to the page.",
+        f"Measure the ruler: it must be {length(RULER_MM)} mm long. If it is not, do not drill.",
+        "Lay the crosses of neighbouring pages on each other and tape them together.",
+        "Tape the sheet to the wall, the arrow up, the dashed line level, and drill through it:",
+        f"{len(across)} holes, {length(deep)} mm deep, square to the wall, with a drill of "
+        f"{' / '.join(length(b) for b in bits)} mm.",
+        "",
+        "hole: to the right and up from the middle of the frame, diameter (mm)",
+    ]
+    for number, ((x, y), wide) in enumerate(zip(place.holes, across, strict=True), start=1):
+        if number > LISTED:
+            lines.append("and so on: all are drawn")
+            break
+        lines.append(f"{number:3d}:   {x:8.1f}   {y:8.1f}   {wide:5.1f}")
+    return lines
+
+
+def _pages(
+    place: Placement, across: Array, facts: list[str], box: Box, paper: Paper
+) -> Iterator[Figure]:
+    tiles = tiles_of(box, paper)
+    total = 1 + len(tiles)
+    yield facts_page(paper, "Drill template, full size", facts, f"page 1 of {total}", _BEFORE)
+    for number, tile in enumerate(tiles, start=2):
+        yield _tile(place, across, paper, tile, len(tiles), f"page {number} of {total}")
+
+
+def _tile(
+    place: Placement, across: Array, paper: Paper, tile: Tile, count: int, page: str
+) -> Figure:
+    from matplotlib.patches import Circle, Rectangle
+
+    note = "print at 100 %, not fitted to the page"
+    figure, axes, shift, window = tile_page(
+        paper, tile, count, page, "drill template", note, _BEFORE
+    )
+    off = np.array(shift)
+    x, y = place.frame_mm[0] / 2, place.frame_mm[1] / 2
+    corner = off - (x, y)
+    frame = Rectangle((float(corner[0]), float(corner[1])), 2 * x, 2 * y, fill=False, lw=0.5)
+    axes.add_patch(frame)
+    frame.set_clip_path(window)
+    drawn = []
+    for ends in ([[-x, 0], [x, 0]], [[0, -y], [0, y]]):
+        drawn += axes.plot(*(np.array(ends) + off).T, color="0.5", lw=0.25, ls=(0, (12, 6)))
+    for (u, v), wide in zip(place.holes + off, across, strict=True):
+        circle = Circle((u, v), wide / 2, fill=False, lw=0.4)
+        axes.add_patch(circle)
+        circle.set_clip_path(window)
+        arm = wide / 2 + 1.5
+        drawn += axes.plot([u - arm, u + arm], [v, v], color="black", lw=0.2)
+        drawn += axes.plot([u, u], [v - arm, v + arm], color="black", lw=0.2)
+    # the arrow: at the frame's upper edge and, so that each page has one, at the window's
+    left, top = window.get_x(), window.get_y() + window.get_height()
+    for at in ((float(off[0]) + 12.0, float(off[1]) + y - 18.0), (left + 14.0, top - 18.0)):
+        drawn += axes.plot([at[0]] * 2, [at[1], at[1] + 9.0], color="#c00", lw=1.0)
+        drawn += axes.plot(at[0], at[1] + 9.0, "^", ms=6, color="#c00", mew=0)
+    for line in drawn:
+        line.set_clip_path(window)
+    wide_room, high_room = paper.room
+    low = (paper.margin, window.get_y())
+    for number, (u, v) in enumerate(place.holes + off, start=1):
+        if low[0] <= u <= low[0] + wide_room - 4 and low[1] <= v <= low[1] + high_room - 4:
+            axes.text(u + across[number - 1] / 2 + 0.4, v + 0.8, str(number), size=7, color="#a00")
+    axes.text(left + 16.0, top - 13.0, "up", size=8, color="#c00")
+    return figure

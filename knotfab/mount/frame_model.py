@@ -1,0 +1,201 @@
+"""A space frame of straight beams under its own weight: how far each joint moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Beams", "Frame", "deflection", "frame_of", "round_beams", "stiffness_of"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GRAVITY_M_S2 = 9.81
+POISSON = 0.35  # of filament plastics; it enters through the twist alone
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Euler-Bernoulli beams of one material between joints.
+
+    Attributes:
+        joints: (n, 3) mm. ends: (m, 2) joints of each beam.
+        area: (m,) mm². inertia: (m,) second moment of area, mm⁴, the same about every axis of the
+            section (round or square). twist: (m,) torsion constant, mm⁴.
+    """
+
+    joints: Array
+    ends: Ints
+    area: Array
+    inertia: Array
+    twist: Array
+
+
+def round_beams(joints: Array, ends: Ints, radius: Array) -> Beams:
+    """Beams of round section, `radius` (m,) mm."""
+    area = np.pi * radius**2
+    return Beams(joints, ends, area, np.pi / 4 * radius**4, np.pi / 2 * radius**4)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame whose stiffness is factored: forces in, displacements and turns out.
+
+    `loose` are the numbers of the free unknowns among six for each joint (three displacements in
+    mm, three turns in radians), `weight` (6 n,) the frame's own load on them.
+    """
+
+    joints: int
+    loose: Ints
+    weight: Array
+    factor: Any
+
+    def moved(self) -> Array:
+        """(n, 6) displacements and turns of the joints under the frame's own weight."""
+        return self._solved(self.weight[:, None]).reshape(self.joints, 6)
+
+    def flexibility(self, joints: Ints) -> Array:
+        """(6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
+        unit = np.zeros((6 * self.joints, len(joints), 6))
+        for number, joint in enumerate(joints):
+            unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
+        solved = self._solved(unit.reshape(6 * self.joints, -1))
+        moves: Array = solved.reshape(6 * self.joints, len(joints), 6)
+        return moves
+
+    def response(self, force: Array) -> Array:
+        """(n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
+        return self._solved(force.reshape(-1, 1)).reshape(self.joints, 6)
+
+    def _solved(self, force: Array) -> Array:
+        moved = np.zeros_like(force)
+        moved[self.loose] = self.factor.solve(np.ascontiguousarray(force[self.loose]))
+        return moved
+
+
+def frame_of(
+    beams: Beams,
+    fixed: Ints,
+    young_mpa: float,
+    density_g_cm3: float,
+    down: Array,
+    springs: Mapping[int, tuple[Array, Array]] | None = None,
+) -> Frame:
+    """The frame of beams under their own weight, ready to be asked.
+
+    The direct stiffness method with 12 x 12 element matrices and consistent loads (Przemieniecki,
+    "Theory of Matrix Structural Analysis", 1968, ch. 5): exact at the joints for small
+    displacements of slender beams, however long they are. Shear is left out.
+
+    Args:
+        fixed: joints that neither move nor turn. down: (3,) unit vector of gravity.
+        springs: joint -> (6, 6) stiffness and (6,) load of what else holds it.
+
+    Raises:
+        ValueError: something is not held (the stiffness is singular), or a beam has no length.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.linalg import splu
+
+    n = len(beams.joints)
+    along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    if not (length > 0).all():
+        raise ValueError("a beam has no length")
+    axes = _axes(along / length[:, None])
+    turn = _turns(axes)
+    stiffness = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
+    weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
+    load = _loads(axes, turn, weight, length, down)
+    freedom = (6 * beams.ends[:, :, None] + np.arange(6)).reshape(len(length), 12)
+    force = np.zeros(6 * n)
+    np.add.at(force, freedom.ravel(), load.ravel())
+    rows, columns = np.repeat(freedom, 12, axis=1).ravel(), np.tile(freedom, (1, 12)).ravel()
+    values = stiffness.ravel()
+    for joint, (spring, push) in (springs or {}).items():
+        at = 6 * joint + np.arange(6)
+        rows, columns = np.append(rows, np.repeat(at, 6)), np.append(columns, np.tile(at, 6))
+        values = np.append(values, spring.ravel())
+        force[at] += push
+    held = np.zeros(6 * n, dtype=bool)
+    held[(6 * np.asarray(fixed, dtype=np.int64)[:, None] + np.arange(6)).ravel()] = True
+    if not held.any() and not springs:
+        raise ValueError("nothing is held")
+    matrix = coo_matrix((values, (rows, columns)), shape=(6 * n, 6 * n)).tocsc()
+    loose = np.flatnonzero(~held)
+    try:
+        factor = splu(matrix[loose][:, loose], permc_spec="MMD_AT_PLUS_A")
+    except RuntimeError as error:
+        raise ValueError("a joint is not held") from error
+    return Frame(n, loose, force, factor)
+
+
+def deflection(
+    beams: Beams, fixed: Ints, young_mpa: float, density_g_cm3: float, down: Array
+) -> Array:
+    """(n, 3) displacement of the joints, mm, under the beams' own weight (see `frame_of`)."""
+    return frame_of(beams, fixed, young_mpa, density_g_cm3, down).moved()[:, :3]
+
+
+def stiffness_of(beams: Beams, young_mpa: float) -> Array:
+    """(m, 12, 12) the beams' stiffness matrices in common axes: six unknowns of each end."""
+    along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    turn = _turns(_axes(along / length[:, None]))
+    found: Array = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
+    return found
+
+
+def _turns(axes: Array) -> Array:
+    """(m, 12, 12) from common axes to the beams' own (m, 3, 3)."""
+    turn = np.zeros((len(axes), 12, 12))
+    for block in range(4):
+        turn[:, 3 * block : 3 * block + 3, 3 * block : 3 * block + 3] = axes
+    return turn
+
+
+def _axes(unit: Array) -> Array:
+    """(m, 3, 3) rows: along each beam, and two across it."""
+    helper = np.zeros_like(unit)
+    helper[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
+    second = np.cross(unit, helper)
+    second /= np.linalg.norm(second, axis=1)[:, None]
+    return np.stack([unit, second, np.cross(unit, second)], axis=1)
+
+
+def _stiffness(beams: Beams, length: Array, young: float) -> Array:
+    """(m, 12, 12) element matrices in the beams' own axes."""
+    shear = young / (2 * (1 + POISSON))
+    k = np.zeros((len(length), 12, 12))
+    stretch, twist = young * beams.area / length, shear * beams.twist / length
+    for i, j, sign in ((0, 0, 1), (6, 6, 1), (0, 6, -1), (6, 0, -1)):
+        k[:, i, j] = sign * stretch
+        k[:, i + 3, j + 3] = sign * twist
+    bend = young * beams.inertia
+    for move, rotate, s in ((1, 5, 1.0), (2, 4, -1.0)):
+        a, b = 12 * bend / length**3, s * 6 * bend / length**2
+        c, d = 4 * bend / length, 2 * bend / length
+        at = [move, rotate, move + 6, rotate + 6]
+        block = [[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]]
+        for p, row in enumerate(block):
+            for q, value in enumerate(row):
+                k[:, at[p], at[q]] = value
+    return k
+
+
+def _loads(axes: Array, turn: Array, weight: Array, length: Array, down: Array) -> Array:
+    """(m, 12) consistent loads of the weight per mm, in common axes."""
+    q = axes @ down * weight[:, None]  # (m, 3) along the beams' own axes
+    f = np.zeros((len(length), 12))
+    for axis in range(3):
+        f[:, axis] = f[:, axis + 6] = q[:, axis] * length / 2
+    f[:, 5] = q[:, 1] * length**2 / 12
+    f[:, 11] = -f[:, 5]
+    f[:, 4] = -q[:, 2] * length**2 / 12
+    f[:, 10] = -f[:, 4]
+    loads: Array = np.einsum("mij,mi->mj", turn, f)
+    return loads

@@ -1,0 +1,210 @@
+"""From tubes to the piece that is printed: the mount that the scene asks for, as bodies and as an account."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knots
+from knotfab.mount.choose import Stiffness
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
+from knotfab.part.pose import choose_pose
+from knotfab.scene.camera import Camera
+from knotfab.scene.model import Scene
+
+__all__ = ["Mounted", "mount_piece"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """What is to be printed, in scene coordinates.
+
+    `scene` has the mount resolved (its foot, the pegs of each knot); `upright` is the turn (3, 3)
+    from scene to bed in which the mount wants to be printed, None where any will do.
+    """
+
+    bodies: list[Mesh]
+    names: list[str]
+    scene: Scene
+    upright: Array | None
+    wall: WallMount | None
+    stand: StandMount | None = None
+
+    @property
+    def fixed_mm(self) -> tuple[float, float, float] | None:
+        """What of the part's extents, as `upright` lays it, does not come with the picture's frame.
+
+        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None
+        where that is the tube's thickness alone.
+        """
+        if self.wall is None:
+            return None
+        s, view = self.wall.settings, self.scene.views[0]
+        off = view.wall_distance_mm * float(np.cos(np.deg2rad(view.wall_tilt_deg)))
+        if s.foot == "plate":
+            return 2 * s.plate_margin_mm, 2 * s.plate_margin_mm, off + s.plate_thickness_mm
+        across = 2 * max(peg.root_radius_mm for peg in self.wall.pegs)
+        return across, across, off + s.dowel_depth_mm
+
+    def report(self) -> dict[str, Any]:
+        """The report's `mount`."""
+        if self.stand is not None:
+            return self._report_stand(self.stand)
+        if self.wall is None:
+            return {"kind": "none"}
+        lengths = [peg.length_mm for peg in self.wall.pegs]
+        return {
+            "kind": "wall",
+            "foot": self.wall.settings.foot,
+            "pegs": len(self.wall.pegs),
+            "pegs_of_knots": list(self.scene.mount.pegs),
+            "peg_length_mm": [min(lengths), max(lengths)],
+            "peg_diameter_mm": 2 * self.wall.pegs[0].top_radius_mm,
+            "sag_mm": self.wall.sag_again_mm,
+            "max_sag_mm": self.scene.mount.max_sag_mm,
+        }
+
+    def _report_stand(self, stand: StandMount) -> dict[str, Any]:
+        width, depth, front, back = stand.base.size_mm
+        radius = stand.members.radius
+        return {
+            "kind": "stand",
+            "posts": len(stand.posts),
+            "struts": len(stand.struts),
+            "members_of_knots": list(self.scene.mount.pegs),
+            "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
+            "base_mm": [width, depth, front],
+            "base_back_mm": back,
+            "margin_mm": stand.margin_mm,
+            "tip_deg": stand.tip_deg,
+            "predicted_intrusion": stand.predicted_intrusion,
+            "sag_mm": stand.sag_again_mm,
+            "max_sag_mm": self.scene.mount.max_sag_mm,
+        }
+
+    def check_sag(self) -> dict[str, Any] | None:
+        """`sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
+        mount = self.wall if self.stand is None else self.stand
+        if mount is None:
+            return None
+        sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
+        x, y, z = mount.sag_at
+        if isinstance(mount, WallMount):
+            on = f"{len(mount.pegs)} pegs"
+        else:
+            on = f"{len(mount.posts)} posts and {len(mount.struts)} struts"
+        return {
+            "name": "sag",
+            "status": "pass" if sag <= limit else "fail",
+            "required": False,
+            "measured": sag,
+            "limit": limit,
+            "unit": "mm",
+            "detail": f"largest displacement under the piece's own weight on {on}, "
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene",
+            "at": [],
+        }
+
+
+def mount_piece(
+    scene: Scene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask | None = None
+) -> Mounted:
+    """Add the scene's mount to the tubes (one per knot, scene coordinates).
+
+    Args:
+        target: (H, W) the picture's silhouette, which a stand needs.
+
+    Raises:
+        SceneError: there is no such mount for this piece.
+        ValueError: a stand without a target.
+    """
+    asked = scene.mount
+    if asked.kind == "none":
+        return Mounted(tubes, _names(len(tubes)), scene, None, None)
+    if asked.kind == "stand":
+        if target is None:
+            raise ValueError("a stand is placed by the picture's silhouette")
+        return _on_a_stand(scene, knots, tubes, camera, target)
+    foot = _foot(scene, knots, camera)
+    mount = plan_wall(
+        knots,
+        camera,
+        scene.piece.clearance_mm,
+        Stiffness(scene.material.young_modulus_mpa, scene.material.density_g_cm3, asked.max_sag_mm),
+        WallSettings(
+            foot,
+            asked.plate_thickness_mm,
+            asked.plate_margin_mm,
+            asked.hole_diameter_mm,
+            asked.dowel_depth_mm,
+        ),
+    )
+    count = [sum(peg.knot == k for peg in mount.pegs) for k in range(len(tubes))]
+    resolved = asked.model_copy(update={"foot": foot, "pegs": tuple(count)})
+    bodies = wall_bodies(tubes, mount, camera)
+    return Mounted(
+        bodies,
+        ["piece with wall plate"] if foot == "plate" else _names(len(bodies)),
+        scene.model_copy(update={"mount": resolved}),
+        _off_the_wall(camera),
+        mount,
+    )
+
+
+def _on_a_stand(
+    scene: Scene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask
+) -> Mounted:
+    asked, material = scene.mount, scene.material
+    stand = plan_stand(
+        knots,
+        camera,
+        target,
+        scene.piece.clearance_mm,
+        Stiffness(material.young_modulus_mpa, material.density_g_cm3, asked.max_sag_mm),
+        StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
+    )
+    bodies = stand_bodies(tubes, stand)
+    count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
+    resolved = scene.model_copy(update={"mount": asked.model_copy(update={"pegs": tuple(count)})})
+    try:
+        choose_pose(knots, bodies, scene.printer.build_volume_mm, None, BASE_DOWN)
+    except SceneError:  # too tall, or too wide: it may lie down
+        return Mounted(bodies, ["piece on its stand"], resolved, None, None, stand)
+    return Mounted(bodies, ["piece on its stand"], resolved, BASE_DOWN, None, stand)
+
+
+def _names(count: int) -> list[str]:
+    return [f"knot {i + 1}" for i in range(count)]
+
+
+def _foot(scene: Scene, knots: Knots, camera: Camera) -> Literal["plate", "dowel"]:
+    """A plate where the printer holds one as large as the frame, and as high as the piece stands off."""
+    asked = scene.mount
+    if asked.foot != "auto":
+        return asked.foot
+    across = camera.width * float(np.linalg.norm(camera.du)) + 2 * asked.plate_margin_mm
+    along = camera.height * float(np.linalg.norm(camera.dv)) + 2 * asked.plate_margin_mm
+    wall = camera.receiver
+    high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm
+    width, depth, height = scene.printer.build_volume_mm
+    fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
+    return "plate" if fits and high + asked.plate_thickness_mm <= height else "dowel"
+
+
+def _off_the_wall(camera: Camera) -> Array:
+    """The turn that lays the wall on the bed, its front up and the picture's right to the right."""
+    out = camera.receiver[:3]
+    across = camera.du / np.linalg.norm(camera.du)
+    turn: Array = np.stack([across, np.cross(out, across), out])
+    return turn

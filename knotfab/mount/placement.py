@@ -1,0 +1,133 @@
+"""Where the lamp stands, measured from what a person finds on the wall, the plate or the desk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.mount.mount import Mounted
+from knotfab.mount.plinth import Base
+from knotfab.scene.camera import Camera
+
+__all__ = ["Mark", "Placement", "placement_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place that can be touched with the end of a tape measure: its name, where it is in the scene
+    (3,), and how far from it the middle of the lamp is."""
+
+    name: str
+    at: Array
+    lamp_mm: float
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What puts the lamp where the scene says (mm, scene coordinates).
+
+    `wall` (3, 3) has rows: right, up the wall, and out of it; `level` (3, 3): right, straight up, and
+    level towards the lamp. `middle` (3,) is the frame's, on the wall; `frame_mm` its width and
+    height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
+    `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
+    are those in plate or wall, right and up from the middle; `base` is a stand's.
+    """
+
+    lamp: Array
+    wall: Array
+    level: Array
+    middle: Array
+    frame_mm: tuple[float, float]
+    plate_mm: tuple[float, float] | None
+    off_wall_mm: float
+    right_mm: float
+    up_mm: float
+    marks: tuple[Mark, ...]
+    holes: Array
+    base: Base | None
+
+    def on_wall(self, points: Array) -> Array:
+        """(..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
+        return np.asarray((points - self.middle) @ self.wall[:2].T)
+
+
+def placement_of(mounted: Mounted, camera: Camera) -> Placement:
+    """The placement of a mounted piece's lamp, by the scene alone."""
+    out = camera.receiver[:3]
+    right = camera.du / np.linalg.norm(camera.du)
+    wall = np.stack([right, np.cross(out, right), out])
+    above = np.array([0.0, 1.0, 0.0])
+    level = np.stack([right, above, np.cross(right, above)])
+    middle = camera.corner + 0.5 * (camera.width - 1) * camera.du
+    middle = middle + 0.5 * (camera.height - 1) * camera.dv
+    width = camera.width * float(np.linalg.norm(camera.du))
+    height = camera.height * float(np.linalg.norm(camera.dv))
+    plate: tuple[float, float] | None = None
+    holes = np.empty((0, 2))
+    if mounted.wall is not None:
+        s = mounted.wall.settings
+        if s.foot == "plate":
+            plate = (width + 2 * s.plate_margin_mm, height + 2 * s.plate_margin_mm)
+            x = plate[0] / 2 - s.hole_inset_mm
+            holes = np.array([[-x, 0.0], [x, 0.0]])
+        else:
+            holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
+    base = None if mounted.stand is None else mounted.stand.base
+    places = _places(wall, level, middle, (width, height), plate, base)
+    to_lamp = wall @ (camera.eye - middle)
+    return Placement(
+        camera.eye,
+        wall,
+        level,
+        middle,
+        (width, height),
+        plate,
+        float(to_lamp[2]),
+        float(to_lamp[0]),
+        float(to_lamp[1]),
+        tuple(
+            Mark(name, at, float(np.linalg.norm(camera.eye - at))) for name, at in places.items()
+        ),
+        holes,
+        base,
+    )
+
+
+def _places(
+    wall: Array,
+    level: Array,
+    middle: Array,
+    frame: tuple[float, float],
+    plate: tuple[float, float] | None,
+    base: Base | None,
+) -> dict[str, Array]:
+    """Four places to measure from: the middles of the base's or the plate's edges, or the frame's corners."""
+    if base is not None:
+        x, z = (base.left + base.right) / 2, (base.back + base.front) / 2
+        sides = {
+            "front": (x, base.front),
+            "back": (x, base.back),
+            "left": (base.left, z),
+            "right": (base.right, z),
+        }
+        return {
+            f"{name} edge of the base": np.array([u, base.bottom, v]) @ level
+            for name, (u, v) in sides.items()
+        }
+    if plate is not None:
+        x, y = plate[0] / 2, plate[1] / 2
+        edges = {"upper": (0.0, y), "lower": (0.0, -y), "left": (-x, 0.0), "right": (x, 0.0)}
+        return {
+            f"{name} edge of the plate": middle + np.array(at) @ wall[:2]
+            for name, at in edges.items()
+        }
+    x, y = frame[0] / 2, frame[1] / 2
+    return {
+        f"{high} {side} corner of the frame": middle + np.array([u, v]) @ wall[:2]
+        for high, v in (("upper", y), ("lower", -y))
+        for side, u in (("left", -x), ("right", x))
+    }

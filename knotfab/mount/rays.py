@@ -1,0 +1,146 @@
+"""Where a peg may run from tube to wall along a light ray, in the tube's shadow, clear of all strands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.knots import Knots
+
+__all__ = ["Rays", "free_rays"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LEAST_SINE = 0.6  # between tube and ray: a peg that leaves along its tube would graze it
+JOINT_RADII = 3.0  # of arc on each side of a peg's top that belong to its joint
+SAMPLE_RADII = 0.35  # between samples of the centre lines
+
+
+@dataclass(frozen=True)
+class Rays:
+    """The light rays through the vertices of the knots, (n,) in the knots' order.
+
+    `top` and `foot` (n, 3) are where a ray leaves the tube's middle and where it meets the wall, mm;
+    `free` says that a peg may stand there; `tangent` (n, 3) are the tube's unit directions.
+    """
+
+    knot: Ints
+    vertex: Ints
+    top: Array
+    foot: Array
+    tangent: Array
+    free: Mask
+
+    @property
+    def length_mm(self) -> Array:
+        """(n,) from top to foot."""
+        return np.asarray(np.linalg.norm(self.foot - self.top, axis=1))
+
+
+def free_rays(
+    knots: Knots, light: Array, wall: Array, peg_share: float, clearance_mm: float
+) -> Rays:
+    """Find the rays on which a round peg is hidden and touches nothing but its own joint.
+
+    Whatever lies on a ray behind a point of the tube, no farther from it than the tube's radius
+    magnified from the light, is in the tube's shadow (design, section 8). A peg is a cone of which
+    `peg_share` of that is filled. It is free when every other stretch of tube that lies behind its
+    top stays `clearance_mm` away.
+
+    Args:
+        knots: in scene coordinates. light: (3,) mm. wall: (4,) unit normal towards the light and offset.
+        peg_share: the peg's radius over that of the tube's shadow, above 0 and at most 1.
+
+    Raises:
+        ValueError: the peg would be thicker than the tube's shadow.
+    """
+    if not 0 < peg_share <= 1:
+        raise ValueError(f"a peg of {peg_share} tubes does not hide behind the tube")
+    knot = np.concatenate([np.full(len(k.points), i) for i, k in enumerate(knots.knots)])
+    vertex = np.concatenate([np.arange(len(k.points)) for k in knots.knots])
+    top = knots.points
+    tangent = np.concatenate([_tangents(k.points) for k in knots.knots])
+    away = top - light
+    height = wall[:3] @ light + wall[3]
+    foot = light + away * (height / -(away @ wall[:3]))[:, None]
+    unit = away / np.linalg.norm(away, axis=1)[:, None]
+    sine = np.linalg.norm(np.cross(unit, tangent), axis=1)
+    free = sine >= LEAST_SINE
+    free &= _clear(knots, light, knot, vertex, top, foot, peg_share, clearance_mm)
+    return Rays(knot, vertex, top, foot, tangent, free)
+
+
+def _tangents(points: Array) -> Array:
+    ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    unit: Array = ahead / np.linalg.norm(ahead, axis=1)[:, None]
+    return unit
+
+
+def _clear(
+    knots: Knots,
+    light: Array,
+    knot: Ints,
+    vertex: Ints,
+    top: Array,
+    foot: Array,
+    share: float,
+    clearance: float,
+) -> Mask:
+    """(n,) whether all tubes but a peg's own joint keep their clearance from it.
+
+    Seen from the light a ray is a point, and what may touch it lies near that point: samples of
+    the centre lines are looked up on the unit sphere about the light, and measured in space.
+    """
+    from scipy.spatial import cKDTree
+
+    samples, owner, arc, perimeter = _samples(knots)
+    start = np.concatenate([[0], np.cumsum([len(k.points) for k in knots.knots])])
+    arc_of_vertex = np.concatenate([_arc(k.points) for k in knots.knots])[start[knot] + vertex]
+    distance_of = np.linalg.norm(samples - light, axis=1)
+    unit = (foot - light) / np.linalg.norm(foot - light, axis=1)[:, None]
+    length = np.linalg.norm(foot - top, axis=1)
+    step = SAMPLE_RADII * knots.radius_mm
+    # between two samples the line comes nearer by no more than the last term
+    gap = knots.radius_mm + clearance
+    gap += step**2 / (8 * gap)
+    to_top = np.linalg.norm(top - light, axis=1)
+    tree = cKDTree((samples - light) / distance_of[:, None])
+    widest = gap / float(distance_of.min()) + share * knots.radius_mm / to_top
+    near = tree.query_ball_point(unit, 1.01 * widest)
+    ray = np.repeat(np.arange(len(top)), [len(n) for n in near])
+    found = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
+    offset = samples[found] - top[ray]
+    along = np.clip(np.einsum("ij,ij->i", offset, unit[ray]), 0.0, length[ray])
+    distance = np.linalg.norm(offset - along[:, None] * unit[ray], axis=1)
+    apart = np.abs(arc[found] - arc_of_vertex[ray])
+    apart = np.minimum(apart, perimeter[owner[found]] - apart)
+    own = (owner[found] == knot[ray]) & (apart <= JOINT_RADII * knots.radius_mm)
+    clear = np.ones(len(top), dtype=bool)
+    width = share * knots.radius_mm * (1 + along / to_top[ray])
+    clear[ray[(distance < gap + width) & ~own]] = False
+    return clear
+
+
+def _arc(points: Array) -> Array:
+    """(n,) arc length at each vertex, from vertex 0."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _samples(knots: Knots) -> tuple[Array, Ints, Array, Array]:
+    """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
+    points, owner, arcs, lengths = [], [], [], []
+    for i, k in enumerate(knots.knots):
+        closed = np.concatenate([k.points, k.points[:1]])
+        arc = _arc(closed)
+        count = max(8, int(np.ceil(arc[-1] / (SAMPLE_RADII * knots.radius_mm))))
+        at = np.arange(count) * arc[-1] / count
+        points.append(np.column_stack([np.interp(at, arc, closed[:, a]) for a in range(3)]))
+        owner.append(np.full(count, i))
+        arcs.append(at)
+        lengths.append(arc[-1])
+    return np.concatenate(points), np.concatenate(owner), np.concatenate(arcs), np.array(lengths)

@@ -1,0 +1,137 @@
+"""Where a mount may run unseen: the frame's pixels that picture and knots darken anyway."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from knotfab.knots import Knots
+from knotfab.mount.struts import Candidates
+from knotfab.scene.camera import Camera
+
+__all__ = ["Shade"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LONGER_PX = 1024  # of the frame; the shadow is verified on as many
+SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
+SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
+ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
+
+
+class Shade:
+    """The dark pixels of the frame, at `LONGER_PX`, and what more of it a mount darkens.
+
+    Below the frame nothing is picture and all counts as dark; beside and above it all is light.
+
+    Attributes:
+        camera: of the frame's fine pixels. before: (H + 2, W + 2), dark by picture or knots, with
+            one row or column around the frame. dark: the same with the members that were added.
+    """
+
+    def __init__(self, knots: Knots, camera: Camera, target: Mask) -> None:
+        scale = LONGER_PX / max(camera.width, camera.height)
+        width, height = (max(1, round(scale * n)) for n in (camera.width, camera.height))
+        self.camera = camera.resized(width, height)
+        rows = ((np.arange(height) + 0.5) * target.shape[0] / height).astype(np.int64)
+        columns = ((np.arange(width) + 0.5) * target.shape[1] / width).astype(np.int64)
+        self.before = np.zeros((height + 2, width + 2), dtype=bool)
+        self.before[1:-1, 1:-1] = target[np.ix_(rows, columns)]
+        self.before[-1] = True
+        self.magnified = self._magnified()
+        for knot in knots.knots:
+            closed = np.concatenate([knot.points, knot.points[:1]])
+            self.before |= self._strips(
+                closed[:-1], closed[1:], np.full(len(knot.points), knots.radius_mm)
+            )
+        self.dark = self.before.copy()
+        self._depth = np.asarray(distance_transform_edt(self.before))
+
+    @property
+    def pixels(self) -> int:
+        """Of the frame."""
+        return self.camera.width * self.camera.height
+
+    def add(self, some: Candidates) -> None:
+        """Darken what members cover."""
+        self.dark |= self._strips(some.start, some.end, some.radius)
+
+    def darkened(self, some: Candidates) -> float:
+        """Share of the frame that members alone darken outside picture and knots."""
+        more = self._strips(some.start, some.end, some.radius) & ~self.before
+        return float(more[1:-1, 1:-1].sum()) / self.pixels
+
+    def hidden(self, some: Candidates, samples: int = 12) -> Mask:
+        """(n,) whether a member's whole shadow lies where picture or knots darken anyway."""
+        found = np.ones(len(some), dtype=bool)
+        # the middle first: few candidates are left for the rest
+        for t in np.argsort(np.abs(np.linspace(0, 1, samples) - 0.5)) / (samples - 1):
+            left = np.flatnonzero(found)
+            start = some.start[left]
+            uv, half = self._seen(start + t * (some.end[left] - start), some.radius[left])
+            found[left] = self._depth[self._cell(uv)] >= half + SLACK_PX
+        return found
+
+    def cost(
+        self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
+    ) -> Array:
+        """(n,) pixels of the frame, about, that members would darken beyond those dark by now.
+
+        Each shadow is looked at in `samples` places along it and `across` half its width.
+        """
+        a, half_a = self._seen(some.start, some.radius)
+        b, half_b = self._seen(some.end, some.radius)
+        along = b - a
+        length = np.linalg.norm(along, axis=1)
+        normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(length, 1e-9)[:, None]
+        light = np.zeros(len(some))
+        for t in (np.arange(samples) + 0.5) / samples:
+            # evenly in the picture, not in space: both ends are nearly equally far from the light
+            middle, half = a + t * along, half_a + t * (half_b - half_a)
+            for s in across:
+                there = middle + (s * half)[:, None] * normal
+                light += ~self.dark[self._cell(there)] * half
+        cost: Array = light * 2 * length / (samples * len(across))
+        return cost
+
+    def _seen(self, points: Array, radius: Array | float) -> tuple[Array, Array]:
+        """Pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
+        p = self.camera.projection
+        h = points @ p[:, :3].T + p[:, 3]
+        return h[:, :2] / h[:, 2:], radius * self.magnified / h[:, 2]
+
+    def _magnified(self) -> float:
+        """Pixels that a millimetre across the view covers on the receiver, at most."""
+        c = self.camera
+        across, down = np.linalg.norm(c.du), np.linalg.norm(c.dv)
+        out = c.receiver[:3]
+        view = c.corner + 0.5 * (c.width * c.du + c.height * c.dv) - c.eye
+        slant = abs(float(out @ view)) / float(np.linalg.norm(view))
+        return float(1.0 / (min(across, down) * slant))
+
+    def _cell(self, uv: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        height, width = self.before.shape
+        whole = np.rint(uv).astype(np.int64) + 1
+        return np.clip(whole[..., 1], 0, height - 1), np.clip(whole[..., 0], 0, width - 1)
+
+    def _strips(self, start: Array, end: Array, radius: Array) -> Mask:
+        """The pixels that capsules (n, 3) to (n, 3) cover; the margins stay light."""
+        from PIL import Image, ImageDraw
+
+        length = np.linalg.norm(end - start, axis=1)
+        pieces = np.maximum(np.ceil(length / (SAMPLE_RADII * radius)), 1).astype(np.int64)
+        which = np.repeat(np.arange(len(pieces)), pieces + 1)
+        number = np.arange(len(which)) - np.repeat(np.cumsum(pieces + 1) - pieces - 1, pieces + 1)
+        t = number / pieces[which]
+        place = start[which] + t[:, None] * (end - start)[which]
+        uv, half = self._seen(place, radius[which])
+        image = Image.new("1", (self.camera.width, self.camera.height))
+        draw = ImageDraw.Draw(image)
+        # an ellipse's box holds the pixels at both its ends
+        for (u, v), r in zip(uv.tolist(), np.maximum(half - 0.5, 0.0).tolist(), strict=True):
+            draw.ellipse((u - r, v - r, u + r, v + r), fill=1)
+        covered = np.zeros_like(self.before)
+        covered[1:-1, 1:-1] = np.asarray(image)
+        return covered

@@ -1,0 +1,370 @@
+"""A stand for a desk: a base below the picture, posts up into its shadow, struts that no shadow shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knots
+from knotfab.mount.brace import brace, sag_of_members
+from knotfab.mount.choose import Stiffness
+from knotfab.mount.plinth import (
+    CHAMFER_MM,
+    CORNER_MM,
+    EDGE_MM,
+    WALL_GAP_MM,
+    Base,
+    Slope,
+    Weights,
+    base_for,
+    slope_below,
+)
+from knotfab.mount.shade import Shade
+from knotfab.mount.struts import (
+    GROUND,
+    ROOT_SHARE,
+    Candidates,
+    Obstacles,
+    Sites,
+    joined,
+    nothing,
+    sites_of,
+    struts,
+)
+from knotfab.scene.camera import Camera
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["StandMount", "StandSettings", "plan_stand", "stand_bodies"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
+VISIBLE_SHARES = (0.6, 0.8)  # and that the others have: thin ones show less, thick ones hold more
+MOST_COSINE = 0.75  # between a post and its tube
+ROOT_HEIGHT_MM = 3.0
+DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the roots stay out of it
+OVERLAP_MM = 0.5
+LONGEST_RADII = 20.0  # of a hidden strut
+LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
+POSTS = 800  # candidates that show least
+BRIDGES = 150  # visible struts between two knots, likewise
+COARSE = 24  # samples of a member whose cost is first guessed
+LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
+
+
+@dataclass(frozen=True)
+class StandSettings:
+    """What is asked of a stand.
+
+    `base_thickness_mm` of the base at its back, `tip_deg` how far the part may be tipped and comes
+    back, `min_radius_mm` of a member that the printer can make.
+    """
+
+    base_thickness_mm: float
+    tip_deg: float
+    min_radius_mm: float
+
+
+@dataclass(frozen=True)
+class StandMount:
+    """A stand, in the scene.
+
+    `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds` (n,)
+    says which knot each was added for. `margin_mm` is how far inside its foot the centre of mass
+    lies, `tip_deg` how far the part may be tipped; `sag_mm` (at `sag_at`) is by the model that chose
+    the members, `sag_again_mm` by a finer one. `predicted_intrusion` is the share of the frame that
+    the stand darkens outside picture and knots.
+    """
+
+    members: Candidates
+    holds: Ints
+    base: Base
+    margin_mm: float
+    tip_deg: float
+    sag_mm: float
+    sag_at: Array
+    sag_again_mm: float
+    predicted_intrusion: float
+
+    @property
+    def posts(self) -> Candidates:
+        return self.members.of(self.members.second == GROUND)
+
+    @property
+    def struts(self) -> Candidates:
+        return self.members.of(self.members.second != GROUND)
+
+
+def plan_stand(
+    knots: Knots,
+    camera: Camera,
+    target_mask: Mask,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    settings: StandSettings,
+) -> StandMount:
+    """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
+
+    First every knot is joined to the base, through as few lit pixels as possible (Prim's spanning
+    tree, each member free where those before have darkened the picture); then members are added
+    until nothing sags (`brace`); then the base is made as large as the piece needs to stay upright.
+
+    Args:
+        target_mask: (H, W) the picture's silhouette, over the whole frame.
+
+    Raises:
+        SceneError: a knot cannot be reached, or the wall is too near for the base.
+    """
+    tube = knots.radius_mm
+    thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
+    sites = sites_of(knots)
+    shade = Shade(knots, camera, target_mask)
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    slope = slope_below(camera).lowered(DROP_MM)
+    lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
+    slope = slope.lowered(max(0.0, clearance_mm + 1.0 - lowest))
+    hidden = _hidden(sites, shade, tube, HIDDEN_SHARE * tube)
+
+    def shown(*radii: float) -> list[Candidates]:
+        parts = []
+        for radius in radii:
+            parts.append(_posts(sites, slope, camera, shade, radius))
+            parts.append(_bridges(sites, shade, tube, radius))
+        return parts
+
+    pool = joined([hidden, *shown(thin)])
+    chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shade)
+    # what runs in the shadow of those shows no more now
+    pool = joined([hidden, *shown(thin, thick)])
+    visible = np.arange(len(pool)) >= len(hidden)
+    braced = brace(knots, sites, obstacles, shade, pool, visible, chosen, stiffness)
+    members = braced.members
+    post = members.second == GROUND
+    base = base_for(
+        slope,
+        members.end[post],
+        ROOT_SHARE * float(members.radius[post].max()),
+        _weights(knots, members),
+        camera,
+        settings.base_thickness_mm,
+        settings.tip_deg,
+    )
+    return StandMount(
+        members,
+        np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
+        base,
+        base.margin_mm,
+        base.tip_deg,
+        braced.sag_mm,
+        braced.sag_at,
+        sag_of_members(knots, sites, members, stiffness),
+        shade.darkened(members),
+    )
+
+
+def _posts(sites: Sites, slope: Slope, camera: Camera, shade: Shade, radius: float) -> Candidates:
+    """Posts from every site to the base, upright or leaning a little; those that show least."""
+    right, up, out = slope.axes
+    deep = sites.point @ out
+    parts = []
+    for across in LEAN:
+        for along in LEAN:
+            axis = -up + across * right + along * out
+            # the top is up = height + rise * out
+            fall = float(axis @ (up - slope.rise * out))
+            foot = sites.point + (slope.above(sites.point) / -fall)[:, None] * axis
+            fits = np.abs(sites.tangent @ (axis / np.linalg.norm(axis))) <= MOST_COSINE
+            wall = foot @ camera.receiver[:3] + camera.receiver[3]
+            fits &= wall >= ROOT_SHARE * radius + EDGE_MM + CHAMFER_MM + WALL_GAP_MM
+            # feet outside the piece would make the base deeper
+            fits &= (foot @ out >= deep.min()) & (foot @ out <= deep.max())
+            n = np.flatnonzero(fits)
+            parts.append(
+                Candidates(
+                    n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
+                )
+            )
+    return _least(joined(parts), shade, POSTS)
+
+
+def _least(every: Candidates, shade: Shade, count: int) -> Candidates:
+    """Those that show least."""
+    cost = shade.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
+    return every.of(np.argsort(cost, kind="stable")[:count])
+
+
+def _hidden(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidates:
+    """Struts between strands that are near each other, in the shadow from end to end."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube, output_type="ndarray")
+    every = struts(sites, pairs.astype(np.int64), tube, radius)
+    return every.of(shade.hidden(every))
+
+
+def _bridges(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidates:
+    """Struts between two knots, however visible; those that show least."""
+    parts = [nothing()]
+    for a in range(len(sites.perimeter)):
+        for b in range(a):
+            one, other = np.flatnonzero(sites.knot == a), np.flatnonzero(sites.knot == b)
+            pairs = np.column_stack([np.repeat(one, len(other)), np.tile(other, len(one))])
+            parts.append(_least(struts(sites, pairs, tube, radius), shade, BRIDGES))
+    return joined(parts)
+
+
+def _spanning(
+    knots: int,
+    sites: Sites,
+    candidates: Candidates,
+    obstacles: Obstacles,
+    shade: Shade,
+) -> tuple[Candidates, Ints]:
+    """The members that join every knot to the ground, and which knot each was taken for.
+
+    Raises:
+        SceneError: a knot cannot be reached.
+    """
+    held = np.zeros(knots + 1, dtype=bool)
+    held[GROUND] = True
+    ends = np.stack(
+        [
+            np.where(site == GROUND, GROUND, sites.knot[site])
+            for site in (candidates.first, candidates.second)
+        ]
+    )
+    chosen: list[int] = []
+    holds: list[int] = []
+    while not held.all():
+        links = np.flatnonzero(held[ends[0]] != held[ends[1]])
+        some = candidates.of(links)
+        cost = shade.cost(some) + LENGTH_WEIGHT * some.length_mm
+        order = links[np.argsort(cost, kind="stable")]
+        for begin in range(0, len(order), 64):
+            part = order[begin : begin + 64]
+            free = obstacles.clear(candidates.of(part))
+            if free.any():
+                number = int(part[free.argmax()])
+                break
+        else:
+            lost = int(np.flatnonzero(~held[:-1])[0])
+            raise SceneError(
+                "the stand",
+                f"neither a post nor a strut reaches knot {lost} past the other strands",
+                "Use --mount none or wall, a thinner tube, or fewer knots",
+            )
+        one = candidates.of([number])
+        obstacles.add(one)
+        shade.add(one)
+        chosen.append(number)
+        holds.append(int(next(k for k in ends[:, number] if not held[k])))
+        held[holds[-1]] = True
+    return candidates.of(np.array(chosen, dtype=np.int64)), np.array(holds, dtype=np.int64)
+
+
+def _weights(knots: Knots, members: Candidates) -> Weights:
+    volume, center = [], []
+    for knot in knots.knots:
+        after = np.roll(knot.points, -1, axis=0)
+        length = np.linalg.norm(after - knot.points, axis=1)
+        volume.append(np.pi * knots.radius_mm**2 * length.sum())
+        center.append(length @ (knot.points + after) / (2 * length.sum()))
+    volume += list(np.pi * members.radius**2 * members.length_mm)
+    center += list((members.start + members.end) / 2)
+    return Weights(np.array(volume), np.array(center))
+
+
+def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
+    """Tubes, posts, struts and base as one watertight body, scene coordinates.
+
+    Raises:
+        SceneError: the union is not what the members predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    solids = [_manifold(tube) for tube in tubes]
+    solids += _member_solids(mount)
+    solids.append(_base_solid(mount.base))
+    solid = Manifold.batch_boolean(solids, OpType.Add)
+    parts, genus = len(solid.decompose()), len(mount.members)
+    if parts != 1 or solid.genus() != genus:
+        raise SceneError(
+            "the stand",
+            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+    merged = solid.to_mesh64()
+    return [
+        (
+            np.array(merged.vert_properties[:, :3], dtype=np.float64),
+            np.array(merged.tri_verts, dtype=np.int32),
+        )
+    ]
+
+
+def _member_solids(mount: StandMount) -> list[Manifold]:
+    from knotfab_fixtures.peg import peg
+
+    slope, members = mount.base.slope, mount.members
+    normal = slope.axes[1] - slope.rise * slope.axes[2]
+    normal /= np.linalg.norm(normal)
+    found = []
+    for i in range(len(members)):
+        top, foot = members.start[i], members.end[i]
+        length, radius = float(np.linalg.norm(top - foot)), float(members.radius[i])
+        axis = (top - foot) / length
+        if members.second[i] == GROUND:
+            cosine = float(axis @ normal)
+            root = ROOT_SHARE * radius
+            sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
+            mesh = peg(
+                length,
+                radius,
+                radius,
+                root_radius_mm=root,
+                root_height_mm=ROOT_HEIGHT_MM,
+                sink_mm=sink + OVERLAP_MM,
+            )
+        else:
+            mesh = peg(length, radius, radius)
+        across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        across /= np.linalg.norm(across)
+        turn = np.column_stack([across, np.cross(axis, across), axis])
+        solid = _manifold(mesh).transform(np.column_stack([turn, foot]))
+        if members.second[i] == GROUND:
+            # what the slant needs must not come out of the underside
+            solid = solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0)
+        found.append(solid)
+    return found
+
+
+def _base_solid(base: Base) -> Manifold:
+    from knotfab_fixtures.stand import plinth
+
+    width, depth, front, back = base.size_mm
+    mesh = plinth(width, depth, front, back, corner_radius_mm=CORNER_MM, chamfer_mm=CHAMFER_MM)
+    right, up, out = base.slope.axes
+    middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
+    turn = np.column_stack([right, -out, up])
+    return _manifold(mesh).transform(np.column_stack([turn, middle + base.bottom * up]))
+
+
+def _manifold(mesh: Mesh) -> Manifold:
+    from manifold3d import Manifold, Mesh64
+
+    vertices, faces = mesh
+    return Manifold(
+        Mesh64(
+            np.ascontiguousarray(vertices, dtype=np.float64),
+            np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+    )

@@ -1,0 +1,251 @@
+"""Straight members between strands, or from a strand to the ground: where they may run clear of all else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.knots import Knots
+
+__all__ = [
+    "GROUND",
+    "ROOT_SHARE",
+    "Candidates",
+    "Obstacles",
+    "Sites",
+    "joined",
+    "nothing",
+    "segment_gap",
+    "sites_of",
+    "struts",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+GROUND = -1  # the second site of a post
+SITE_RADII = 1.5  # between sites along a tube
+SAMPLE_RADII = 0.35  # between samples of the centre lines
+LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
+JOINT_RADII = 3.5  # of arc on each side of a member's end that belong to its joint
+SHORTEST_RADII = 2.5  # of a strut between two centre lines
+ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Places on the centre lines where a member may end: vertices of the knots, (n,), knot by knot.
+
+    `point` (n, 3) mm, `tangent` (n, 3) unit, `arc` (n,) mm from the knot's first vertex; `perimeter`
+    (k,) of each knot; `following` (n,) the next site along the same knot.
+    """
+
+    knot: Ints
+    point: Array
+    tangent: Array
+    arc: Array
+    perimeter: Array
+    following: Ints
+
+
+def sites_of(knots: Knots, step_radii: float = SITE_RADII) -> Sites:
+    """Vertices about `step_radii` tube radii apart, at least 8 on each knot."""
+    knot, point, tangent, arcs, following, perimeter = [], [], [], [], [], []
+    first = 0
+    for k, curve in enumerate(knots.knots):
+        p = curve.points
+        steps = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
+        arc, whole = np.concatenate([[0.0], np.cumsum(steps)[:-1]]), float(steps.sum())
+        count = max(8, int(whole / (step_radii * knots.radius_mm)))
+        at = np.unique(np.searchsorted(arc, np.arange(count) * whole / count).clip(0, len(p) - 1))
+        ahead = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
+        n = len(at)
+        knot.append(np.full(n, k))
+        point.append(p[at])
+        tangent.append((ahead / np.linalg.norm(ahead, axis=1)[:, None])[at])
+        arcs.append(arc[at])
+        following.append(first + (np.arange(n) + 1) % n)
+        perimeter.append(whole)
+        first += n
+    return Sites(
+        np.concatenate(knot),
+        np.concatenate(point),
+        np.concatenate(tangent),
+        np.concatenate(arcs),
+        np.array(perimeter),
+        np.concatenate(following),
+    )
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Round members that are or might be.
+
+    `first`, `second` (n,) are the sites of their ends (`GROUND` for a post's foot), `start`, `end`
+    (n, 3) where those are, `radius` (n,) mm.
+    """
+
+    first: Ints
+    second: Ints
+    start: Array
+    end: Array
+    radius: Array
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def of(self, some: Ints | Mask | list[int]) -> Candidates:
+        return Candidates(
+            self.first[some],
+            self.second[some],
+            self.start[some],
+            self.end[some],
+            self.radius[some],
+        )
+
+    def thickened(self, times: float, most_mm: float) -> Candidates:
+        """All of them, their radius so many times larger, but at most `most_mm`."""
+        return replace(
+            self, radius=np.maximum(self.radius, np.minimum(times * self.radius, most_mm))
+        )
+
+    def with_radius(self, number: int, radius_mm: float) -> Candidates:
+        """The same with another radius of one."""
+        radius = self.radius.copy()
+        radius[number] = radius_mm
+        return replace(self, radius=radius)
+
+    @property
+    def length_mm(self) -> Array:
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+
+def nothing() -> Candidates:
+    """No members at all."""
+    none = np.empty(0, dtype=np.int64)
+    return Candidates(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+
+
+def joined(parts: list[Candidates]) -> Candidates:
+    """All of them, in order."""
+    return Candidates(
+        np.concatenate([p.first for p in parts]),
+        np.concatenate([p.second for p in parts]),
+        np.concatenate([p.start for p in parts]),
+        np.concatenate([p.end for p in parts]),
+        np.concatenate([p.radius for p in parts]),
+    )
+
+
+def struts(sites: Sites, pairs: Ints, tube_mm: float, radius_mm: float) -> Candidates:
+    """The straight members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
+    a, b = pairs[:, 0], pairs[:, 1]
+    gap = np.abs(sites.arc[a] - sites.arc[b])
+    gap = np.minimum(gap, sites.perimeter[sites.knot[a]] - gap)
+    far = (sites.knot[a] != sites.knot[b]) | (gap > 2 * JOINT_RADII * tube_mm)
+    a, b = a[far], b[far]
+    along = sites.point[b] - sites.point[a]
+    length = np.linalg.norm(along, axis=1)
+    square = length >= SHORTEST_RADII * tube_mm
+    for end in (a, b):
+        cosine = np.abs(np.einsum("ij,ij->i", along, sites.tangent[end])) / np.maximum(length, 1e-9)
+        square &= cosine <= np.sqrt(1 - LEAST_SINE**2)
+    a, b = a[square], b[square]
+    return Candidates(a, b, sites.point[a], sites.point[b], np.full(len(a), radius_mm))
+
+
+class Obstacles:
+    """What members must keep clear of: all tubes but at their own joints, and members that are there."""
+
+    def __init__(self, knots: Knots, sites: Sites, clearance_mm: float) -> None:
+        from scipy.spatial import cKDTree
+
+        self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
+        step = SAMPLE_RADII * knots.radius_mm
+        points, owner, arcs = [], [], []
+        for k, curve in enumerate(knots.knots):
+            closed = np.concatenate([curve.points, curve.points[:1]])
+            steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+            arc = np.concatenate([[0.0], np.cumsum(steps)])
+            at = np.arange(0.0, arc[-1], step)
+            points.append(np.column_stack([np.interp(at, arc, closed[:, i]) for i in range(3)]))
+            owner.append(np.full(len(at), k))
+            arcs.append(at)
+        self.points, self.owner, self.arc = (np.concatenate(x) for x in (points, owner, arcs))
+        self.tree = cKDTree(self.points)
+        # between two samples a strand comes nearer by no more than this
+        self.slack = step**2 / (8 * (knots.radius_mm + clearance_mm))
+        self.members = nothing()
+
+    def add(self, some: Candidates) -> None:
+        """More members that are there."""
+        self.members = joined([self.members, some])
+
+    def clear(self, some: Candidates, but: int | None = None) -> Mask:
+        """(n,) whether members touch nothing; at the ground posts are wider by `ROOT_SHARE`.
+
+        Args:
+            but: the number of a member that is not in the way.
+        """
+        free = np.ones(len(some), dtype=bool)
+        gap = self.tube + self.clearance + self.slack
+        post = some.second == GROUND
+        root = np.where(post, ROOT_SHARE, 1.0) * some.radius
+        along = some.end - some.start
+        length = np.linalg.norm(along, axis=1)
+        unit = along / length[:, None]
+        near = self.tree.query_ball_point((some.start + some.end) / 2, length / 2 + gap + root)
+        i = np.repeat(np.arange(len(some)), [len(n) for n in near])
+        j = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
+        to = self.points[j] - some.start[i]
+        t = np.clip(np.einsum("ij,ij->i", to, unit[i]), 0.0, length[i])
+        touched = np.linalg.norm(to - t[:, None] * unit[i], axis=1) < gap + some.radius[i]
+        for site in (some.first[i], some.second[i]):
+            perimeter = self.sites.perimeter[self.owner[j]]
+            apart = np.abs(self.arc[j] - self.sites.arc[site])
+            apart = np.minimum(apart, perimeter - apart)
+            own = (site != GROUND) & (self.sites.knot[site] == self.owner[j])
+            touched &= ~(own & (apart <= JOINT_RADII * self.tube))
+        foot = np.linalg.norm(self.points[j] - some.end[i], axis=1)
+        touched |= post[i] & (foot < gap + root[i])
+        free[i[touched]] = False
+        there = self.members
+        if but is not None:
+            there = there.of(np.delete(np.arange(len(there)), but))
+        if len(there):
+            n, m = len(some), len(there)
+            i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
+            gaps = segment_gap(some.start[i], some.end[i], there.start[j], there.end[j])
+            ok = gaps >= some.radius[i] + there.radius[j] + self.clearance
+            feet = np.linalg.norm(some.end[i] - there.end[j], axis=1)
+            both = post[i] & (there.second[j] == GROUND)
+            ok &= ~both | (feet >= root[i] + ROOT_SHARE * there.radius[j] + self.clearance)
+            free &= ok.reshape(n, m).all(axis=1)
+        return free
+
+
+def segment_gap(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """(n,) distance between the segments a-b and c-d, (n, 3) each, none of them without length.
+
+    The squared distance is convex in both parameters: its least value lies at the stationary point
+    of the two lines, or where one parameter is held at an end and the other is the best for it.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(1), (v * v).sum(1), (u * v).sum(1)
+    uw, vw = (u * w).sum(1), (v * w).sum(1)
+    under = uu * vv - uv * uv
+    s = np.where(under > 1e-12 * uu * vv, (uv * vw - vv * uw) / np.maximum(under, 1e-300), 0.0)
+    best = np.full(len(a), np.inf)
+    for start in (np.clip(s, 0, 1), np.zeros(len(a)), np.ones(len(a))):
+        t = np.clip((uv * start + vw) / vv, 0, 1)
+        back = np.clip((uv * t - uw) / uu, 0, 1)
+        gap = w + back[:, None] * u - t[:, None] * v
+        best = np.minimum(best, np.linalg.norm(gap, axis=1))
+    for t in (np.zeros(len(a)), np.ones(len(a))):
+        back = np.clip((uv * t - uw) / uu, 0, 1)
+        gap = w + back[:, None] * u - t[:, None] * v
+        best = np.minimum(best, np.linalg.norm(gap, axis=1))
+    return best

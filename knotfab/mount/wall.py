@@ -1,0 +1,257 @@
+"""A wall mount: pegs along light rays, hidden in the tube's own shadow, on a plate or in drilled holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knots
+from knotfab.mount.choose import Stiffness, choose_pegs, sag_of
+from knotfab.mount.rays import Rays, free_rays
+from knotfab.scene.camera import Camera
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["Peg", "WallMount", "WallSettings", "plan_wall", "wall_bodies"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
+# thin ones pass between more strands
+ROOT_SHARE = 0.1  # by which the filleted root is wider
+MOST_SHARE = 0.98
+ROOT_HEIGHT_MM = 3.0
+MARK_MM = 1.5  # depth of the notches in the plate's edges
+LEAST_MARK_MM = 0.5  # none where no deeper ones have room
+OVERLAP_MM = 0.3  # by which a peg goes into its plate or dowel, beyond what its slant needs
+
+
+@dataclass(frozen=True)
+class WallSettings:
+    """What is asked of a wall mount (mm)."""
+
+    foot: Literal["plate", "dowel"]
+    plate_thickness_mm: float
+    plate_margin_mm: float
+    hole_diameter_mm: float
+    dowel_depth_mm: float
+
+    @property
+    def hole_inset_mm(self) -> float:
+        """From the plate's left and right edge to the middle of a screw hole."""
+        return self.plate_margin_mm / 2 + self.hole_diameter_mm / 4
+
+    @property
+    def mark_mm(self) -> float:
+        """Depth of the notches in the plate's edges, which stay in its margin; 0 where there is no room."""
+        beside = (self.hole_inset_mm - self.hole_diameter_mm / 2) / 2
+        deep = min(MARK_MM, self.plate_margin_mm / 5, beside)
+        return deep if deep >= LEAST_MARK_MM else 0.0
+
+
+@dataclass(frozen=True)
+class Peg:
+    """One peg: its knot, its ends (scene, mm) and its radii at the tube, the wall and the root."""
+
+    knot: int
+    top: Array
+    foot: Array
+    top_radius_mm: float
+    foot_radius_mm: float
+    root_radius_mm: float
+
+    @property
+    def length_mm(self) -> float:
+        return float(np.linalg.norm(self.top - self.foot))
+
+
+@dataclass(frozen=True)
+class WallMount:
+    """The pegs, and what the piece sags on them: by the model that chose them, and by one solved anew."""
+
+    pegs: tuple[Peg, ...]
+    sag_mm: float
+    sag_at: Array
+    sag_again_mm: float
+    settings: WallSettings
+
+
+def plan_wall(
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    settings: WallSettings,
+) -> WallMount:
+    """Choose pegs for knots in scene coordinates (design, section 8).
+
+    Raises:
+        SceneError: a knot has no free ray to the wall.
+    """
+    best: WallMount | None = None
+    why = ""
+    for share in PEG_SHARES:
+        try:
+            found = _with_share(share, knots, camera, clearance_mm, stiffness, settings)
+        except ValueError as error:
+            why = str(error)
+            continue
+        if best is None or found.sag_mm < best.sag_mm:
+            best = found
+        if best.sag_mm <= stiffness.max_sag_mm:
+            break
+    if best is None:
+        raise SceneError("the wall mount", why, "Use --mount none, a thinner tube, or fewer knots")
+    return best
+
+
+def _with_share(
+    share: float,
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    settings: WallSettings,
+) -> WallMount:
+    """Pegs that fill `share` of the tube's shadow; raises ValueError where a knot has no free ray."""
+    rays = free_rays(knots, camera.eye, camera.receiver, share, clearance_mm)
+    spread = _spread(rays, camera.eye)
+    top, foot = share * knots.radius_mm, share * knots.radius_mm * spread
+    chosen = choose_pegs(knots, rays, top, foot, stiffness)
+    root = min(share + ROOT_SHARE, MOST_SHARE)
+    pegs = tuple(
+        Peg(
+            int(rays.knot[i]),
+            rays.top[i],
+            rays.foot[i],
+            top,
+            float(foot[i]),
+            root * knots.radius_mm * float(spread[i]),
+        )
+        for i in chosen.rays
+    )
+    again = sag_of(knots, rays, chosen.rays, top, foot, stiffness)
+    return WallMount(pegs, chosen.sag_mm, chosen.sag_at, again, settings)
+
+
+def _spread(rays: Rays, light: Array) -> Array:
+    """(n,) how many times larger the tube's shadow is than the tube, at each ray."""
+    far, near = (np.linalg.norm(p - light, axis=1) for p in (rays.foot, rays.top))
+    return np.asarray(far / near)
+
+
+def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mesh]:
+    """The tubes with their pegs and plate or dowels as watertight bodies, scene coordinates.
+
+    On a plate everything is one body; on dowels each knot is one with its own.
+
+    Raises:
+        SceneError: the union is not what the pegs predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    groups: list[list[Manifold]] = [[_manifold(tube)] for tube in tubes]
+    # across and up the wall, and out of it
+    out = camera.receiver[:3]
+    across = camera.du / np.linalg.norm(camera.du)
+    wall = np.column_stack([across, np.cross(out, across), out])
+    for peg in mount.pegs:
+        groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
+    if mount.settings.foot == "plate":
+        groups = [[solid for group in groups for solid in group] + [_plate(camera, wall, mount)]]
+    bodies = []
+    for number, group in enumerate(groups):
+        solid = Manifold.batch_boolean(group, OpType.Add)
+        _require_predicted(solid, number, len(tubes), mount)
+        merged = solid.to_mesh64()
+        bodies.append(
+            (
+                np.array(merged.vert_properties[:, :3], dtype=np.float64),
+                np.array(merged.tri_verts, dtype=np.int32),
+            )
+        )
+    return bodies
+
+
+def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
+    """One body; a handle for each knot and for each peg that closes a loop, and the plate's two holes."""
+    plate = mount.settings.foot == "plate"
+    genus = len(mount.pegs) + 2 if plate else 1
+    parts = len(solid.decompose())
+    if parts != 1 or solid.genus() != genus:
+        what = "the part" if plate else f"knot {number} of {knots}"
+        raise SceneError(
+            "the wall mount",
+            f"{what} came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+
+
+def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]:
+    """A peg from tube to wall, and what holds it there."""
+    from knotfab_fixtures.peg import dowel
+    from knotfab_fixtures.peg import peg as peg_mesh
+
+    axis = (peg.top - peg.foot) / peg.length_mm
+    cosine = float(axis @ wall[:, 2])
+    slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
+    mesh = peg_mesh(
+        peg.length_mm,
+        peg.top_radius_mm,
+        peg.foot_radius_mm,
+        root_radius_mm=peg.root_radius_mm,
+        root_height_mm=ROOT_HEIGHT_MM,
+        sink_mm=peg.root_radius_mm * slant + OVERLAP_MM,
+    )
+    across = np.cross(wall[:, 1], axis)
+    across /= np.linalg.norm(across)
+    turn = np.column_stack([across, np.cross(axis, across), axis])
+    solid = _manifold(mesh).transform(np.column_stack([turn, peg.foot]))
+    if settings.foot == "plate":
+        # what the slant needs must not come out of the plate's back
+        inside = float(wall[:, 2] @ peg.foot) - 0.75 * settings.plate_thickness_mm
+        return [solid.trim_by_plane(wall[:, 2], inside)]
+    deep = settings.dowel_depth_mm
+    flat = solid.trim_by_plane(wall[:, 2], float(wall[:, 2] @ peg.foot) - 0.5 * deep)
+    pin = _manifold(dowel(peg.foot_radius_mm, deep))
+    return [flat, pin.transform(np.column_stack([wall, peg.foot]))]
+
+
+def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
+    """The plate, its face on the receiver plane, a margin wider than the frame on every side."""
+    from knotfab_fixtures.plate import wall_plate
+
+    s = mount.settings
+    width = camera.width * float(np.linalg.norm(camera.du))
+    height = camera.height * float(np.linalg.norm(camera.dv))
+    middle = camera.corner + 0.5 * (camera.width - 1) * camera.du
+    middle = middle + 0.5 * (camera.height - 1) * camera.dv
+    mesh = wall_plate(
+        width + 2 * s.plate_margin_mm,
+        height + 2 * s.plate_margin_mm,
+        s.plate_thickness_mm,
+        s.hole_diameter_mm,
+        hole_inset_mm=s.hole_inset_mm,
+        mark_mm=s.mark_mm,
+        corner_radius_mm=min(6.0, s.plate_margin_mm),
+    )
+    back = middle - s.plate_thickness_mm * wall[:, 2]
+    return _manifold(mesh).transform(np.column_stack([wall, back]))
+
+
+def _manifold(mesh: Mesh) -> Manifold:
+    from manifold3d import Manifold, Mesh64
+
+    vertices, faces = mesh
+    return Manifold(
+        Mesh64(
+            np.ascontiguousarray(vertices, dtype=np.float64),
+            np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+    )

@@ -1,0 +1,189 @@
+"""What a person does to hang or stand the piece, and what it costs to be off: the words of a drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import radians, sin
+
+import numpy as np
+
+from knotfab.drawing.dimensions import length
+from knotfab.mount.mount import Mounted
+from knotfab.mount.placement import Placement
+from knotfab.scene.model import View
+
+__all__ = ["costs_of", "lamp_facts", "steps_of"]
+
+LAMP_MM = 10.0  # of misplacement, for which the loss is told
+HEAR_MM = 0.05  # an offset of less is none
+ASIDE_MM = 1.0  # nor one of so little to the side of a stand
+
+# How the report's keys read, and what goes with them.
+LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}
+TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
+
+
+def opposite(place: Placement) -> str:
+    """The point of the wall that is square opposite the lamp, in words."""
+    parts = []
+    for value, (more, less) in (
+        (place.up_mm, ("above", "below")),
+        (place.right_mm, ("to the right of", "to the left of")),
+    ):
+        if abs(value) >= HEAR_MM:
+            parts.append(f"{length(abs(value))} mm {more if value > 0 else less}")
+    middle = "the middle of the frame"
+    return f"{' and '.join(parts)} {middle}" if parts else middle
+
+
+def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
+    """The steps, one sentence or two each."""
+    lamp = "lamp" if view.kind == "shadow" else "eye"
+    off = f"{length(place.off_wall_mm)} mm off"
+    if place.base is not None:
+        steps = _desk_steps(place, lamp)
+    elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
+        across = float(place.holes[1, 0] - place.holes[0, 0])
+        s = mounted.wall.settings
+        marked = "The notches in its edges mark their middles. " if s.mark_mm else ""
+        steps = [
+            f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame "
+            "is half-way between them.",
+            f"Screw the plate on with its arrow up (screws of at most {length(s.hole_diameter_mm)} mm). "
+            f"{marked}Strings between opposite ones cross in the middle of the frame."
+            if marked
+            else f"Screw the plate on, the way up that is drawn (screws of at most "
+            f"{length(s.hole_diameter_mm)} mm).",
+            f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
+            f"{opposite(place)}.",
+        ]
+    elif mounted.wall is not None:
+        s = mounted.wall.settings
+        steps = [
+            f"Print the drill template at 100 %, join its pages and tape it to the wall, arrow up. "
+            f"Drill the {len(place.holes)} numbered holes square to the wall, "
+            f"{length(s.dowel_depth_mm + 1)} mm deep.",
+            "Push the pegs in until they meet the wall. Keep the corners of the frame in pencil "
+            "until the lamp stands.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+        ]
+    else:
+        steps = [
+            "Mark the corners of the frame on the wall.",
+            f"Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+        ]
+    distances = [mark.lamp_mm for mark in place.marks]
+    if max(distances) - min(distances) < HEAR_MM:
+        each = f"{length(distances[0])} mm from every {_common(place)}"
+    else:
+        each = "; ".join(
+            f"{length(mark.lamp_mm)} mm from the {_names(place, mark.lamp_mm)}"
+            for i, mark in enumerate(place.marks)
+            if not any(abs(mark.lamp_mm - d) < HEAR_MM for d in distances[:i])
+        )
+    what = "the middle of each edge" if "edge" in place.marks[0].name else "the corners"
+    return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
+
+
+def _common(place: Placement) -> str:
+    return " ".join(place.marks[0].name.split()[-4:])
+
+
+def _names(place: Placement, lamp_mm: float) -> str:
+    """The marks that are so far from the lamp."""
+    alike = [m.name for m in place.marks if abs(m.lamp_mm - lamp_mm) < HEAR_MM]
+    thing = max((f" {w} " for w in ("edge", "corner")), key=lambda w: w in alike[0])
+    last = alike[-1] if len(alike) == 1 else alike[-1].replace(thing, f"{thing.rstrip()}s ")
+    firsts = [name.split(thing)[0] for name in alike[:-1]]
+    return " and ".join([*firsts, last])
+
+
+def _reach(mounted: Mounted, place: Placement) -> str:
+    """Between which places a piece that hangs free must be."""
+    points = np.concatenate([vertices for vertices, _ in mounted.bodies]) - place.middle
+    (x0, y0, z0), (x1, y1, z1) = (f(points @ place.wall.T, axis=0) for f in (np.min, np.max))
+    up = f"from {_signed(y0, 'below')} to {_signed(y1, 'above')}"
+    across = f"from {_signed(x0, 'left of')} to {_signed(x1, 'right of')}"
+    return f"{up}, and {across}, the frame's middle, {length(z0)} to {length(z1)} mm off the wall"
+
+
+def _signed(value: float, way: str) -> str:
+    other = {"below": "above", "above": "below", "left of": "right of", "right of": "left of"}
+    usual = value < 0 if way in ("below", "left of") else value > 0
+    return f"{length(abs(value))} mm {way if usual else other[way]}"
+
+
+def _desk_steps(place: Placement, lamp: str) -> list[str]:
+    base = place.base
+    assert base is not None
+    gap = level_wall(place, base.bottom)
+    across = float(place.level[0] @ place.lamp) - (base.left + base.right) / 2
+    aside = ""
+    if abs(across) >= ASIDE_MM:
+        aside = f", {length(abs(across))} mm to the {'right' if across > 0 else 'left'}"
+    high = float(place.level[1] @ place.lamp) - base.bottom
+    before = float(place.level[2] @ place.lamp) - base.front
+    return [
+        f"Stand the piece with the back of its base {length(base.back - gap)} mm before the wall, "
+        "along it.",
+        f"Put the middle of the {lamp} {length(high)} mm above the desk and {length(before)} mm in "
+        f"front of the base's front edge, straight before that edge's middle{aside}.",
+    ]
+
+
+def level_wall(place: Placement, height: float) -> float:
+    """How far towards the lamp (mm, level) the wall is at a height of the scene."""
+    out, up = place.wall[2] @ place.level.T, height - float(place.level[1] @ place.middle)
+    return float(place.level[2] @ place.middle) - up * float(out[1]) / float(out[2])
+
+
+def lamp_facts(view: View) -> list[str]:
+    """What the lamp must be, and what its size does."""
+    if view.kind != "shadow":
+        return ["Look with one eye, from the point that is drawn."]
+    facts = ["One lamp alone, all others off, bare: no shade, no reflector."]
+    if view.light_diameter_mm > 0:
+        blur = view.light_diameter_mm * view.wall_distance_mm / view.light_distance_mm
+        facts.append(
+            f"Its light comes from a spot of {length(view.light_diameter_mm)} mm; outlines blur by "
+            f"{length(blur)} mm. A larger one blurs more, in proportion."
+        )
+    else:
+        facts.append("As small as can be had: the scene takes it for a point.")
+    return facts
+
+
+def costs_of(
+    misplacement: Mapping[str, Mapping[str, float]] | None, view: View, *, on_wall: bool
+) -> list[str]:
+    """What is lost when lamp or piece are not quite there, a line each.
+
+    A piece that is fixed to its wall turns with it, which is the lamp moving about both.
+
+    Args:
+        misplacement: of the report's view: `lamp_iou_per_mm` and `turn_iou_per_deg`; None: nobody
+            measured it. on_wall: the piece is fixed to the wall.
+    """
+    if misplacement is None:
+        return ["Not measured: nothing was rendered."]
+    lamp, turn = misplacement["lamp_iou_per_mm"], misplacement["turn_iou_per_deg"]
+    shift = LAMP_MM * view.wall_distance_mm / view.light_distance_mm
+    lines = []
+    for key, way in LAMP_WAYS.items():
+        moves = f" (the shadow moves {length(shift)} mm)" if key != "towards" else ""
+        lines.append(f"Lamp {length(LAMP_MM)} mm {way}: {_loss(LAMP_MM * lamp[key])}{moves}")
+    if on_wall:
+        reach = (view.light_distance_mm + view.wall_distance_mm) * sin(radians(1.0))
+        return [
+            *lines,
+            f"Wall and piece turned by 1° left or right: {_loss(reach * lamp['right'])}",
+            f"Wall and piece leaning by 1° forward or back: {_loss(reach * lamp['up'])}",
+        ]
+    return lines + [
+        f"Piece turned by 1° {way}: {_loss(turn[key])}" for key, way in TURN_WAYS.items()
+    ]
+
+
+def _loss(loss: float) -> str:
+    return f"about {min(loss, 1.0):.2f} IoU" if loss >= 0.005 else "less than 0.01 IoU"

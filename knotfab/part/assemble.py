@@ -1,0 +1,162 @@
+"""From a finished search to the part that is written: tubes, mount, print pose, files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.design import Design
+from knotfab.errors import SceneError
+from knotfab.mount.mount import Mounted, mount_piece
+from knotfab.output import OutputFolder
+from knotfab.part.clean import as_written
+from knotfab.part.plates import Plates, plates_of
+from knotfab.part.pose import PrintPose, choose_pose
+from knotfab.part.split import can_be_split, printables
+from knotfab.part.stl import write_stl
+from knotfab.part.supports import Rules
+from knotfab.part.threemf import write_3mf
+from knotfab.progress import Progress
+from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.load import dump_scene
+from knotfab.scene.model import Plate, Pose, Scene
+from knotfab.sweep.tube import sweep, tube_manifold
+from knotfab.target.read import Target
+
+__all__ = ["Part", "part_of", "pose_of", "rules_of", "write_part"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+Row = tuple[float, float, float, float]
+
+BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
+BESIDE_SHARE = 0.05  # of the printer: a small one is used to its edge
+_ANY_SIZE = (1e6, 1e6, 1e6)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The piece: `bodies` in print pose, and what they were made of.
+
+    `plates`: what is printed, where the printer does not hold the whole.
+    """
+
+    bodies: list[Mesh]
+    pose: PrintPose
+    mounted: Mounted
+    plates: Plates | None = None
+
+
+def part_of(made: Design, printing: bool, target: Target, progress: Progress | None = None) -> Part:
+    """One watertight tube per knot, its mount if it is to be printed, in print pose.
+
+    Raises:
+        SceneError: the piece does not fit the printer, or its mount does not fit the piece.
+    """
+    progress = progress or Progress("quiet")
+    radius = made.knots.radius_mm
+    with progress.stage("part"):
+        tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
+        for (vertices, faces), knot in zip(tubes, made.knots.knots, strict=True):
+            tube_manifold(vertices, faces, np.pi * radius**2 * knot.length_mm)
+    view = made.scene.views[0]
+    scene = made.scene
+    if not printing:
+        scene = scene.model_copy(update={"mount": scene.mount.model_copy(update={"kind": "none"})})
+    camera = camera_of(view, target.width, target.height)
+    with progress.stage("mount"):
+        mounted = mount_piece(scene, made.knots, tubes, camera, target.mask)
+    with progress.stage("part"):
+        pose, plates = _posed(made, mounted, printing, camera, target)
+        bodies = list(pose.tubes)
+        if mounted.scene.mount.kind != "none":
+            bodies = [as_written(body) for body in bodies]
+    return Part(bodies, pose, mounted, plates)
+
+
+def _posed(
+    made: Design, mounted: Mounted, printing: bool, camera: Camera, target: Target
+) -> tuple[PrintPose, Plates | None]:
+    """The print pose of the whole, and the plates if only they can be printed."""
+    view, printer = made.scene.views[0], made.scene.printer
+    assert view.frame_width_mm is not None and view.frame_height_mm is not None
+    frame = view.frame_width_mm, view.frame_height_mm
+    # a stand that must lie down is more than its knots, which are all that an estimate knows
+    rules = rules_of(made.scene) if mounted.stand is None else None
+    room = printer.build_volume_mm if printing else _ANY_SIZE
+    try:
+        whole = choose_pose(
+            made.knots, mounted.bodies, room, frame, mounted.upright, rules, mounted.fixed_mm
+        )
+        return whole, None
+    except SceneError as error:
+        if not can_be_split(mounted):
+            raise
+        too_large = error
+    pose = choose_pose(made.knots, mounted.bodies, _ANY_SIZE, frame, mounted.upright)
+    try:
+        plates = plates_of(
+            printables(mounted, made.knots, camera, target.mask),
+            pose,
+            printer.build_volume_mm,
+            printer.nozzle_mm,
+            made.scene.piece.clearance_mm,
+            rules_of(made.scene),
+            mounted.upright,
+        )
+    except SceneError as error:
+        why = f"{too_large.why}; nor in several pieces: {error.why}"
+        raise SceneError(too_large.what, why, f"{error.remedy}. {too_large.remedy}") from error
+    return pose, plates
+
+
+def rules_of(scene: Scene) -> Rules:
+    """What the printer file says of overhangs, and the room that its supports take beside a piece."""
+    printer = scene.printer
+    limit = printer.max_support_cm3
+    beside = printer.supports and scene.material.process == "filament"
+    return Rules(
+        printer.max_overhang_deg,
+        printer.layer_height_mm,
+        printer.supports,
+        None if limit == "auto" else limit,
+        printer.max_bridge_mm,
+        min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
+    )
+
+
+def pose_of(matrix: Array, plates: Plates | None = None) -> Pose:
+    """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
+    laid = [] if plates is None else plates.plates
+    each = tuple(Plate(matrices=tuple(_rows(motion) for motion in p.to_part)) for p in laid)
+    return Pose(matrix=_rows(matrix), plates=each)
+
+
+def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
+    a, b, c, d = ((float(w), float(x), float(y), float(z)) for w, x, y, z in matrix)
+    return a, b, c, d
+
+
+def write_part(folder: OutputFolder, part: Part, scene: Scene, target: Target) -> None:
+    """Write part.stl, part.3mf, the plates, knots.json, the picture and scene.toml."""
+    write_stl(folder.file("part.stl"), part.bodies)
+    write_3mf(
+        folder.file("part.3mf"),
+        part.bodies,
+        part.mounted.names,
+        title=f"knotfab {target.name}",
+        colors=[scene.material.color] * len(part.bodies),
+    )
+    for number, plate in enumerate([] if part.plates is None else part.plates.plates, start=1):
+        write_3mf(
+            folder.file(f"plate-{number}.3mf"),
+            plate.bodies,
+            plate.names,
+            title=f"knotfab {target.name}, plate {number}",
+            colors=[scene.material.color] * len(plate.bodies),
+        )
+    part.pose.knots.write(folder.file("knots.json"))
+    folder.write(scene.views[0].picture, target.png_bytes)
+    folder.write("scene.toml", dump_scene(scene))

@@ -1,0 +1,160 @@
+"""Cut a body where its tube is cut, and give the pieces pins and holes that hold them together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab.errors import SceneError
+from knotfab.part.cut import CLEARANCE_MM, Cut
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["KERF_MM", "Piece", "cut_body"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+KERF_MM = 0.01  # of matter that is lost at a cut
+DEEPER_MM = 0.3  # than its pin is long a hole is
+ROOT_RADII = 0.5  # of the tube: how far a pin goes back into its own piece
+CHAMFER_SHARE = 0.3  # of the pin's radius, at its tip
+SIDES = 32
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of a cut body: its mesh, and the stretch (n, 3) of centre line that it holds."""
+
+    mesh: Mesh
+    points: Array
+
+
+def cut_body(
+    body: Mesh, points: Array, radius: float, gap_mm: float, cuts: Sequence[Cut]
+) -> list[Piece]:
+    """Cut a tube (and what hangs on it) at two or more places; the pieces in order of the cuts.
+
+    A slice of `KERF_MM` is taken out at each cut. Of the pieces beside it, one gets a pin with a
+    chamfered tip, the other a hole that is wider by `CLEARANCE_MM` all round and a little deeper.
+
+    Args:
+        body: closed mesh, whose tube has the centre line `points` (n, 3).
+        gap_mm: to the nearest other strand, which the slice must not touch.
+        cuts: in order of their vertices.
+
+    Raises:
+        SceneError: the cuts do not part the body into that many pieces.
+    """
+    from manifold3d import Manifold, OpType
+
+    solid = _manifold(body)
+    slices = [
+        _placed(
+            Manifold.cylinder(KERF_MM, radius + 0.45 * gap_mm, -1, SIDES, True),
+            cut.point,
+            cut.along,
+        )
+        for cut in cuts
+    ]
+    parts = Manifold.batch_boolean([solid, *slices], OpType.Subtract).decompose()
+    found = _in_order(parts, points, radius, cuts)
+    lost = solid.volume() - sum(part.volume() for part in parts)
+    section = np.pi * radius**2 * KERF_MM * len(cuts)
+    if found is None or any(p.genus() != 0 for p in found) or not 0.8 < lost / section < 1.2:
+        raise SceneError(
+            "the cut of a knot",
+            f"{len(cuts)} cuts came out as {len(parts)} pieces, "
+            f"and take {lost:.4g} mm³ away instead of {section:.4g}",
+            "Use a larger printer or a smaller frame, or report this scene",
+        )
+    for number, cut in enumerate(cuts):
+        before, after = (number - 1) % len(cuts), number
+        pinned, holed = (before, after) if cut.side > 0 else (after, before)
+        outward = cut.along * cut.side
+        pin, hole = _connector(cut, radius)
+        found[pinned] = found[pinned] + _placed(pin, cut.point, outward)
+        found[holed] = found[holed] - _placed(hole, cut.point, outward)
+    pieces = []
+    for number, (part, cut) in enumerate(zip(found, cuts, strict=True)):
+        last = cuts[(number + 1) % len(cuts)].vertex
+        count = (last - cut.vertex) % len(points)
+        own = points[(cut.vertex + np.arange(count + 1)) % len(points)]
+        if part.genus() != 0 or len(part.decompose()) != 1:
+            raise SceneError(
+                "the cut of a knot",
+                f"piece {number + 1} is not one ball with its pin and hole",
+                "Use a larger printer or a smaller frame, or report this scene",
+            )
+        pieces.append(Piece(_mesh(part), own))
+    return pieces
+
+
+def _connector(cut: Cut, radius: float) -> tuple[Manifold, Manifold]:
+    """The pin and the hole along z, the cut at z = 0."""
+    from manifold3d import CrossSection
+
+    pin, long = cut.pin_radius, cut.pin_length
+    chamfer = CHAMFER_SHARE * pin
+    root = ROOT_RADII * radius
+    profile = [(0, -root), (pin, -root), (pin, long - chamfer), (pin - chamfer, long), (0, long)]
+    wide = pin + CLEARANCE_MM
+    # a polygon's flats lie inside its circle: the hole's must not come nearer than the clearance
+    wide /= np.cos(np.pi / SIDES)
+    deep = long + DEEPER_MM
+    hole = [(0.0, -root), (wide, -root), (wide, deep), (0.0, deep)]
+    return (
+        CrossSection([np.array(profile, dtype=np.float64)]).revolve(SIDES),
+        CrossSection([np.array(hole, dtype=np.float64)]).revolve(SIDES),
+    )
+
+
+def _in_order(
+    parts: list[Manifold], points: Array, radius: float, cuts: Sequence[Cut]
+) -> list[Manifold] | None:
+    """The parts by the cut that each begins at; None where they are not one for each cut."""
+    if len(parts) != len(cuts):
+        return None
+    tree = cKDTree(points)
+    starts = np.array([cut.vertex for cut in cuts])
+    order: dict[int, Manifold] = {}
+    for part in parts:
+        vertices = np.asarray(part.to_mesh64().vert_properties[:, :3])
+        away, nearest = tree.query(vertices[:: max(1, len(vertices) // 500)])
+        nearest = nearest[away <= 1.1 * radius]
+        stretch = (np.searchsorted(starts, nearest, side="right") - 1) % len(cuts)
+        order[int(np.bincount(stretch, minlength=len(cuts)).argmax())] = part
+    return [order[k] for k in range(len(cuts))] if len(order) == len(cuts) else None
+
+
+def _placed(solid: Manifold, point: Array, axis: Array) -> Manifold:
+    """A solid about the z axis, moved to `point` with its z along `axis`."""
+    other = np.eye(3)[int(np.abs(axis).argmin())]
+    x = np.cross(other, axis)
+    x /= np.linalg.norm(x)
+    return solid.transform(np.column_stack([x, np.cross(axis, x), axis, point]))
+
+
+def _manifold(body: Mesh) -> Manifold:
+    from manifold3d import Manifold, Mesh64
+
+    return Manifold(
+        Mesh64(
+            np.ascontiguousarray(body[0], dtype=np.float64),
+            np.ascontiguousarray(body[1], dtype=np.uint64),
+        )
+    )
+
+
+def _mesh(solid: Manifold) -> Mesh:
+    mesh = solid.to_mesh64()
+    return (
+        np.array(mesh.vert_properties[:, :3], dtype=np.float64),
+        np.array(mesh.tri_verts, dtype=np.int32),
+    )

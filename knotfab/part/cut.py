@@ -1,0 +1,209 @@
+"""Where a tube too large for the printer is cut: straight places that do not show, as few as fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.part.orient import sphere_turns
+
+__all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PIN_RADII = 2.0  # that a pin sticks out of the cut, in tube radii
+PIN_SHARE = 0.5  # of the tube's radius: a pin's, where the bend leaves room for it
+LEAST_SHARE = 0.25
+CLEARANCE_MM = 0.12  # of the pin in its hole, all round
+WALL_NOZZLES = 1.1  # round the hole
+PIN_NOZZLES = 0.6  # of a pin's radius, at least
+STARTS = 24  # places at which the first cut is tried
+EARLY = (1.0, 0.85, 0.7)  # how far back from the last place that fits the best is sought
+TURNS = 40  # ways up in which a piece may fit
+
+
+@dataclass(frozen=True)
+class Line:
+    """The centre line of a knot, with all that must be known to cut it.
+
+    `points` (n, 3) mm, closed; `hidden` (n,) from 0 (on the picture's outline) to 1 (well inside);
+    `barred` (n,) where nothing may be cut, as a peg is near. `beside` (k, 3) are points of what
+    hangs on it (pegs), and `beside_of` (k,) their vertices.
+    """
+
+    points: Array
+    radius: float
+    hidden: Array
+    barred: NDArray[np.bool_]
+    beside: Array
+    beside_of: Ints
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A cut through vertex `vertex`, at `point` (3,), across `along` (3,), a unit vector.
+
+    The pin sticks out along `along` times `side` (1: it belongs to the piece before the cut).
+    """
+
+    vertex: int
+    point: Array
+    along: Array
+    side: int
+    pin_radius: float
+    pin_length: float
+
+
+def find_cuts(
+    line: Line, build_volume_mm: tuple[float, float, float], nozzle_mm: float, name: str
+) -> list[Cut]:
+    """Cuts, in order of their vertices, into pieces of which each fits the build volume.
+
+    From each of some first places the curve is followed as far as it still fits, in any of
+    `TURNS` ways up, and cut at the best place before; the fewest pieces win, then the best places.
+    A place is good where a thick pin finds room (the curve is straight) and far from the
+    picture's outline.
+
+    Raises:
+        SceneError: the tube is too thin for a pin, too bent, or a piece would need to be too short.
+    """
+    places = _places(line, nozzle_mm)
+    if len(places) < 2:
+        least = max(PIN_NOZZLES * nozzle_mm, LEAST_SHARE * line.radius)
+        wall = CLEARANCE_MM + WALL_NOZZLES * nozzle_mm
+        raise SceneError(
+            "the printer's build volume",
+            f"{name} does not fit, and it has {len(places)} places where it could be cut: a pin of "
+            f"{2 * least:.2f} mm with {wall:.2f} mm of clearance and wall round it does not go into "
+            f"a tube of {2 * line.radius:.2f} mm where that is bent",
+            "Use a larger printer, a smaller frame, a finer nozzle or a thicker tube",
+        )
+    at = np.array(sorted(places), dtype=np.int64)
+    worth = np.array([places[int(i)][2] for i in at])
+    span = _Spans(line, build_volume_mm)
+    best: tuple[int, float, list[int]] | None = None
+    for first in at[:: max(1, len(at) // STARTS)]:
+        for early in EARLY:
+            found = _greedy(span, at, worth, int(first), early)
+            if found is None:
+                continue
+            quality = -float(worth[np.searchsorted(at, np.sort(found))].min())
+            if best is None or (len(found), quality) < best[:2]:
+                best = len(found), quality, found
+    if best is None:
+        room = " x ".join(f"{side:.0f}" for side in build_volume_mm)
+        raise SceneError(
+            "the printer's build volume",
+            f"{name} does not fit {room} mm, and between the {len(at)} places where it could be "
+            "cut there are pieces that do not fit either",
+            "Use a larger printer or a smaller frame",
+        )
+    return [_cut(line, vertex, places[vertex]) for vertex in sorted(best[2])]
+
+
+def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
+    """The vertices that may be cut: side of the pin, its radius, and how good the place is."""
+    p, r = line.points, line.radius
+    edge = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
+    reach = PIN_RADII * r + 0.5 * r
+    steps = int(np.ceil(reach / max(float(np.median(edge)), 1e-9))) + 1
+    along = _tangents(p)
+    away: dict[int, Array] = {}
+    for side in (1, -1):
+        worst = np.zeros(len(p))
+        walked = np.zeros(len(p))
+        here = p
+        for step in range(1, min(steps * 2, len(p) // 3)):
+            there = np.roll(p, -side * step, axis=0)
+            # edges are not quite even: each vertex walks as far as the hole goes
+            inside = walked <= reach
+            gap = there - p
+            off = gap - np.einsum("ij,ij->i", gap, along)[:, None] * along
+            worst = np.where(inside, np.maximum(worst, np.linalg.norm(off, axis=1)), worst)
+            walked += np.linalg.norm(there - here, axis=1)
+            here = there
+            if not inside.any():
+                break
+        away[side] = worst
+    found = {}
+    least = max(PIN_NOZZLES * nozzle, LEAST_SHARE * r)
+    for i in np.flatnonzero(~line.barred):
+        side = 1 if away[1][i] <= away[-1][i] else -1
+        room = r - CLEARANCE_MM - WALL_NOZZLES * nozzle - float(away[side][i])
+        pin = min(PIN_SHARE * r, room)
+        # the piece with the pin must be straight too, or the pin's root comes out of it
+        if pin >= least and away[-side][i] <= 0.5 * r:
+            found[int(i)] = (side, pin, pin / (PIN_SHARE * r) + float(line.hidden[i]))
+    return found
+
+
+def _tangents(points: Array) -> Array:
+    """(n, 3) normals of the planes that bisect the angles."""
+    ahead = np.roll(points, -1, axis=0) - points
+    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    along = ahead + np.roll(ahead, 1, axis=0)
+    return np.asarray(along / np.linalg.norm(along, axis=1)[:, None])
+
+
+def _cut(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
+    along = _tangents(line.points)[vertex]
+    return Cut(vertex, line.points[vertex], along, place[0], place[1], PIN_RADII * line.radius)
+
+
+class _Spans:
+    """How far a curve can be followed from a vertex until it fits the printer no more."""
+
+    def __init__(self, line: Line, room: tuple[float, float, float]) -> None:
+        turns = sphere_turns(TURNS)
+        self.low = np.einsum("nj,tkj->ntk", line.points, turns) - line.radius
+        self.high = self.low + 2 * line.radius
+        side = np.einsum("nj,tkj->ntk", line.beside, turns)
+        np.minimum.at(self.low, line.beside_of, side)
+        np.maximum.at(self.high, line.beside_of, side)
+        # square to the bed either way round; a little less than all, as facets stand out
+        a, b, c = (0.995 * side for side in room)
+        self.rooms = np.array([[a, b, c], [b, a, c]])
+        edge = np.linalg.norm(np.roll(line.points, -1, axis=0) - line.points, axis=1)
+        self.pin = int(np.ceil(PIN_RADII * line.radius / max(float(np.median(edge)), 1e-9)))
+        self.count = len(line.points)
+        self.known: dict[int, int] = {}
+
+    def fits(self, first: int) -> int:
+        """The number of vertices from `first` on of the longest piece that fits, its pins included."""
+        if first in self.known:
+            return self.known[first]
+        n = self.count
+        index = (first - self.pin + np.arange(n)) % n
+        size = np.maximum.accumulate(self.high[index], axis=0)
+        size = size - np.minimum.accumulate(self.low[index], axis=0)
+        good = (size[:, :, None, :] <= self.rooms).all(axis=-1)
+        good = good.reshape(n, -1).any(axis=-1)
+        longest = n if good.all() else int(good.argmin())
+        self.known[first] = max(0, longest - 2 * self.pin - 1)
+        return self.known[first]
+
+
+def _greedy(span: _Spans, at: Ints, worth: Array, first: int, early: float) -> list[int] | None:
+    """Vertices of cuts from `first` all round; None where a piece would not reach the next place."""
+    n, cuts, here, gone = span.count, [first], first, 0
+    while True:
+        reach = span.fits(here)
+        if gone + reach >= n:
+            return cuts if len(cuts) > 1 else None
+        ahead = (at - here) % n
+        near = np.flatnonzero((ahead > early * reach - 1) & (ahead <= reach) & (ahead > 0))
+        if not len(near):
+            near = np.flatnonzero((ahead > 0) & (ahead <= reach))
+            if not len(near):
+                return None
+            near = near[[int(ahead[near].argmax())]]
+        pick = int(near[int(worth[near].argmax())])
+        gone += int(ahead[pick])
+        if gone >= n:
+            return None
+        here = int(at[pick])
+        cuts.append(here)

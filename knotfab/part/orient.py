@@ -1,0 +1,169 @@
+"""Which way up a piece may lie: the turns that are tried, and the choice among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from knotfab.part.supports import Estimate, Rules, Strands, estimate
+
+__all__ = [
+    "AXES",
+    "Ranked",
+    "candidates",
+    "estimated_cm3",
+    "minutes",
+    "ranked",
+    "sphere_turns",
+    "within_limits",
+]
+
+Array = NDArray[np.float64]
+
+# Scene to bed, in order of preference: back down (the light above), a side down, and the reverses.
+AXES = (
+    np.eye(3),
+    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    np.diag([1.0, -1.0, -1.0]),
+    np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
+)
+SPHERE = 64  # directions all round
+HULL_FACES = 16  # on which the piece could lie
+SAME_DEG = 2.0  # directions nearer to each other are one
+
+# What a pose costs, as minutes of printing on a usual filament printer: a cubic centimetre of solid
+# columns is a grating of 15 % at 8 mm³/s, and each layer costs its lift, wipe and travel; a piece that
+# could fall, or that hardly touches the bed, costs the prints that fail.
+MINUTES_PER_CM3 = 0.3
+SHORT = 1.12  # times the estimate is the most that the surface's own columns came to
+MINUTES_PER_LAYER = 4.0 / 60.0
+USUAL_LAYER_MM = 0.2  # fine layers cost more time in every pose alike
+TIPSY_DEG = 10.0  # stands as well as any that tips later
+MINUTES_TIPSY = 30.0
+CONTACT_MM2 = 10.0
+MINUTES_CONTACT = 5.0
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A turn (3, 3) from scene to bed, what it was estimated at, and what it costs."""
+
+    turn: Array
+    estimate: Estimate
+    minutes: float
+
+
+def minutes(found: Estimate) -> float:
+    """The cost of a pose in minutes (see the constants of this module)."""
+    return (
+        MINUTES_PER_CM3 * found.support_cm3
+        + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
+        + MINUTES_TIPSY * max(0.0, 1.0 - found.tip_deg / TIPSY_DEG)
+        + MINUTES_CONTACT / (1.0 + found.contact_mm2 / CONTACT_MM2)
+    )
+
+
+def candidates(strands: Strands) -> list[Array]:
+    """The turns (3, 3) that are tried: axes, principal axes, faces of the hull, and all round.
+
+    All but the scene's axes are tied to the piece: it does not matter how it was turned before.
+    """
+    own = _principal(strands)
+    up = [*own, *(-own), *_hull_faces(strands.middle), *(_sphere(SPHERE) @ own)]
+    turns = list(AXES)
+    taken = np.array([t[2] for t in AXES])
+    for direction in up:
+        if (taken @ direction).max() < np.cos(np.radians(SAME_DEG)):
+            turns.append(_turn_to(direction, own[0]))
+            taken = np.vstack([taken, direction])
+    return turns
+
+
+def ranked(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranked]:
+    """The turns with their estimates, the best first.
+
+    Those that keep the printer's limits come first, by their cost; the others by their supports.
+    Ties keep the order of `turns`.
+    """
+    found = []
+    for turn in turns:
+        one = estimate(strands, turn, rules)
+        found.append(Ranked(turn, one, minutes(one)))
+    return sorted(found, key=lambda pose: _order(pose, rules))
+
+
+def estimated_cm3(found: Estimate) -> float:
+    """The supports of a pose, with a margin for what estimates fall short by."""
+    return SHORT * found.support_cm3
+
+
+def within_limits(found: Estimate, rules: Rules) -> bool:
+    """Whether the printer's limits for overhangs are kept, as far as can be estimated."""
+    if rules.supports:
+        return rules.max_support_cm3 is None or estimated_cm3(found) <= rules.max_support_cm3
+    return found.starts == 0 and found.bridge_mm <= rules.max_bridge_mm
+
+
+def sphere_turns(count: int) -> Array:
+    """(count + 3, 3, 3) turns of the scene's axes, and of directions all round, onto the vertical."""
+    right = np.array([1.0, 0.0, 0.0])
+    return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
+
+
+def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
+    within = within_limits(pose.estimate, rules)
+    return not within, round(pose.minutes if within else pose.estimate.support_cm3, 6)
+
+
+def _principal(strands: Strands) -> Array:
+    """(3, 3) rows: the directions of most, middle and least extent, right-handed.
+
+    Each of the first two points to the side of the longer tail, so that they turn with the piece.
+    """
+    weight = strands.length / strands.length.sum()
+    away = strands.middle - weight @ strands.middle
+    axes = np.linalg.eigh((away * weight[:, None]).T @ away)[1].T[::-1]
+    tail = np.einsum("i,ki->k", weight, (axes @ away.T) ** 3)
+    axes = axes * np.where(tail < 0, -1.0, 1.0)[:, None]
+    axes[2] = np.cross(axes[0], axes[1])
+    return np.asarray(axes)
+
+
+def _hull_faces(points: Array) -> Array:
+    """(k, 3) the upward directions of a piece that lies on the largest faces of its hull."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # flat: it lies on its own plane, which is a principal one
+        return np.empty((0, 3))
+    corner = points[hull.simplices]
+    area = np.linalg.norm(
+        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
+    )
+    largest = np.argsort(-area, kind="stable")[:HULL_FACES]
+    return np.asarray(-hull.equations[largest, :3])
+
+
+def _sphere(count: int) -> Array:
+    """(count, 3) directions spread evenly: a spiral of golden angles."""
+    k = np.arange(count)
+    z = 1.0 - (2 * k + 1) / count
+    around = k * pi * (3.0 - sqrt(5.0))
+    flat = np.sqrt(1.0 - z**2)
+    return np.column_stack([flat * np.cos(around), flat * np.sin(around), z])
+
+
+def _turn_to(up: Array, right: Array) -> Array:
+    """The turn that brings `up` upwards, and `right`, as far as it can be, to the right."""
+    across = right - (right @ up) * up
+    if np.linalg.norm(across) < 1e-6:
+        other = np.eye(3)[int(np.abs(up).argmin())]
+        across = other - (other @ up) * up
+    across = across / np.linalg.norm(across)
+    return np.stack([across, np.cross(up, across), up])

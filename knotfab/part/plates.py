@@ -1,0 +1,198 @@
+"""A piece too large for the printer in several: whole knots, or cut ones, laid out on plates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knot, Knots
+from knotfab.part.clean import as_written
+from knotfab.part.connector import cut_body
+from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
+from knotfab.part.pose import PrintPose, choose_pose
+from knotfab.part.supports import Rules
+
+__all__ = ["Plate", "Plates", "Printable", "plates_of"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+APART_MM = 5.0  # between pieces on one plate
+
+
+@dataclass(frozen=True)
+class Printable:
+    """One body of the whole piece (scene coordinates), with what is needed to cut it."""
+
+    name: str
+    mesh: Mesh
+    line: Line
+
+
+@dataclass(frozen=True)
+class Plate:
+    """What is printed at once: bodies in print coordinates of this plate, and their names.
+
+    `to_part` holds a rigid (4, 4) motion for each body, from the plate to its place in part.stl.
+    """
+
+    bodies: list[Mesh]
+    names: list[str]
+    to_part: list[Array]
+
+
+@dataclass(frozen=True)
+class Plates:
+    """All plates; `cuts` counts those of each body, `pins` their diameters and lengths, mm."""
+
+    plates: list[Plate]
+    cuts: list[int]
+    pins: list[tuple[float, float]]
+    poses: list[dict[str, Any]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's `print.plates`."""
+        files = [
+            {"file": f"plate-{number}.3mf", "bodies": plate.names, "size_mm": _size(plate)}
+            for number, plate in enumerate(self.plates, start=1)
+        ]
+        joints = {
+            "cuts_of_knots": self.cuts,
+            "pin_diameter_mm": [min(d for d, _ in self.pins), max(d for d, _ in self.pins)],
+            "pin_length_mm": self.pins[0][1],
+            "pin_clearance_mm": CLEARANCE_MM,
+        } if self.pins else {"cuts_of_knots": self.cuts}  # fmt: skip
+        return {"files": files, **joints, "poses": self.poses}
+
+
+@dataclass(frozen=True)
+class _Posed:
+    name: str
+    body: Mesh
+    to_scene: Array
+    size: Array
+
+
+def plates_of(
+    printables: Sequence[Printable],
+    part_pose: PrintPose,
+    build_volume_mm: tuple[float, float, float],
+    nozzle_mm: float,
+    gap_mm: float,
+    rules: Rules,
+    upright: Array | None = None,
+) -> Plates:
+    """Lay every body on a plate in a print pose of its own; bodies that no plate holds are cut.
+
+    Pieces are cut so that their supports fit beside them (`rules.margin_mm`).
+
+    Args:
+        part_pose: of the assembled piece, as it is written to part.stl.
+        gap_mm: the least between strands; see `cut_body`.
+        upright: the turn that a mount asks for; a body that it does not let fit may lie otherwise.
+
+    Raises:
+        SceneError: a body does not fit and cannot be cut; names it and the numbers.
+    """
+    posed: list[_Posed] = []
+    counts, pins, poses = [], [], []
+    width, depth, height = build_volume_mm
+    clear = width - 2 * rules.margin_mm, depth - 2 * rules.margin_mm, height
+
+    def pose(name: str, mesh: Mesh, points: Array, radius: float, closed: bool) -> _Posed:
+        knots = Knots((Knot(points, closed=closed),), radius)
+        if upright is not None:
+            try:
+                found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
+            except SceneError:
+                found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
+        else:
+            found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
+        if found.account is not None:
+            poses.append({"body": name, **found.account.to_dict()})
+        body = as_written(found.tubes[0])
+        return _Posed(name, body, found.matrix, body[0].max(axis=0))
+
+    for one in printables:
+        line = one.line
+        try:
+            posed.append(pose(one.name, one.mesh, line.points, line.radius, True))
+            counts.append(0)
+            continue
+        except SceneError:
+            pieces, cuts = _cut_to_fit(one, clear, nozzle_mm, gap_mm, pose)
+        posed += pieces
+        counts.append(len(cuts))
+        pins += cuts
+    to_part: Array = np.linalg.inv(part_pose.matrix).astype(np.float64)
+    return Plates(_packed(posed, clear, to_part), counts, pins, poses)
+
+
+def _cut_to_fit(
+    one: Printable,
+    room: tuple[float, float, float],
+    nozzle: float,
+    gap: float,
+    pose: Callable[[str, Mesh, Array, float, bool], _Posed],
+) -> tuple[list[_Posed], list[tuple[float, float]]]:
+    """The posed pieces of a body, and their pins; a little smaller where one misses the printer."""
+    last: SceneError | None = None
+    for share in (1.0, 0.96, 0.92, 0.85):
+        aim = (room[0] * share, room[1] * share, room[2] * share)
+        cuts = find_cuts(one.line, aim, nozzle, one.name)
+        pieces = cut_body(one.mesh, one.line.points, one.line.radius, gap, cuts)
+        try:
+            posed = [
+                pose(f"{one.name} piece {n}", p.mesh, p.points, one.line.radius, False)
+                for n, p in enumerate(pieces, start=1)
+            ]
+        except SceneError as error:
+            last = error
+            continue
+        return posed, [(2 * c.pin_radius, c.pin_length) for c in cuts]
+    assert last is not None
+    raise last
+
+
+def _packed(
+    posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Array
+) -> list[Plate]:
+    """Rows of bodies, the deepest first, on as few plates as that takes."""
+    order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
+    plates: list[Plate] = []
+    spots: list[list[float]] = []  # of each plate: x and y of the next body, and the row's depth
+    for k in order:
+        one = posed[k]
+        width, depth = float(one.size[0]), float(one.size[1])
+        for number, spot in enumerate(spots):
+            if spot[0] + width > room[0]:  # a new row
+                row = [0.0, spot[1] + spot[2] + APART_MM, 0.0]
+            else:
+                row = spot
+            if row[0] + width <= room[0] and row[1] + depth <= room[1]:
+                spots[number] = row
+                break
+        else:
+            number = len(plates)
+            plates.append(Plate([], [], []))
+            spots.append([0.0, 0.0, 0.0])
+        x, y, deep = spots[number]
+        # whole 32nds of a millimetre: corners keep the digits that a file holds
+        corner = np.array([np.ceil(32 * x) / 32, np.ceil(32 * y) / 32, 0.0])
+        spots[number] = [corner[0] + width + APART_MM, y, max(deep, corner[1] + depth - y)]
+        back = np.eye(4)
+        back[:3, 3] = -corner
+        plates[number].bodies.append((one.body[0] + corner, one.body[1]))
+        plates[number].names.append(one.name)
+        plates[number].to_part.append(to_part @ one.to_scene @ back)
+    return plates
+
+
+def _size(plate: Plate) -> list[float]:
+    most = np.max([v.max(axis=0) for v, _ in plate.bodies], axis=0)
+    return [round(float(x), 3) for x in most]

@@ -1,0 +1,135 @@
+"""Printers and materials as TOML files: those that come along, and a person's own, checked key by key."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from knotfab.errors import InputError
+from knotfab.scene.explain import explain, toml_reason
+from knotfab.scene.model import Material, Printer, Scene
+
+__all__ = ["USUAL", "Kind", "data_folder", "is_file_name", "known_names", "load_file", "load_named"]
+
+Kind = Literal["printer", "material"]
+MODELS: dict[Kind, type[Printer] | type[Material]] = {"printer": Printer, "material": Material}
+
+# How a part is printed: what holds for most printers and materials, so that one's own need not say.
+USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
+USUAL |= {"process", "color"}
+USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
+USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa"}
+
+
+def data_folder() -> Path:
+    """A person's own data: $KNOTFAB_DATA, else knotfab in the folder for settings (XDG)."""
+    own = os.environ.get("KNOTFAB_DATA")
+    if own:
+        return Path(own).expanduser()
+    settings = os.environ.get("XDG_CONFIG_HOME")
+    # the XDG specification ignores relative paths
+    base = Path(settings) if settings and Path(settings).is_absolute() else Path("~/.config")
+    return base.expanduser() / "knotfab"
+
+
+def is_file_name(text: str) -> bool:
+    """Whether a printer or material is meant as a file, not by its name."""
+    return text.endswith(".toml") or "/" in text or os.sep in text
+
+
+@cache
+def _supplied(kind: Kind) -> dict[str, dict[str, Any]]:
+    """Content of each data file that comes along, by its name; the title is left out."""
+    files = resources.files("knotfab.scene").joinpath("data", f"{kind}s").iterdir()
+    found: dict[str, dict[str, Any]] = {}
+    for file in sorted(files, key=lambda f: f.name):
+        if file.name.endswith(".toml"):
+            table = tomllib.loads(file.read_text(encoding="utf-8"))
+            table.pop("title", None)
+            found[file.name.removesuffix(".toml")] = table
+    return found
+
+
+def _own_files(kind: Kind) -> dict[str, Path]:
+    """A person's own files by name; none where the folder is not there."""
+    folder = data_folder() / f"{kind}s"
+    try:
+        return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    except OSError:
+        return {}
+
+
+def known_names(kind: Kind) -> list[str]:
+    """The names of all printers or materials that have a file."""
+    return sorted({*_supplied(kind), *_own_files(kind)})
+
+
+def load_named(kind: Kind, name: str) -> Printer | Material | None:
+    """The printer or material of this name, one's own before one that comes along; None: no file.
+
+    Raises:
+        InputError: one's own file is no such thing.
+    """
+    own = _own_files(kind).get(name)
+    if own is not None:
+        return load_file(kind, own)
+    table = _supplied(kind).get(name)
+    return None if table is None else MODELS[kind](name=name, **table)
+
+
+def load_file(kind: Kind, path: Path) -> Printer | Material:
+    """The printer or material that a file describes, every key set; it is named after its file.
+
+    Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
+    Those of `USUAL` may be left out for the model's defaults.
+
+    Raises:
+        InputError: the file cannot be read, is not TOML, or a key is missing, unknown or impossible.
+    """
+    what = str(path)
+    text = ""
+    try:
+        text = path.expanduser().read_text(encoding="utf-8")
+        raw = tomllib.loads(text)
+    except FileNotFoundError as error:
+        remedy = f"Check the path, or name one of: {', '.join(known_names(kind))}."
+        raise InputError(what, "there is no such file", remedy) from error
+    except tomllib.TOMLDecodeError as error:
+        reason = toml_reason(error, text)
+        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(what, "it is not a UTF-8 text", "Save it as UTF-8.") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+    raw.pop("title", None)
+    table = raw[kind] if set(raw) == {kind} and isinstance(raw[kind], dict) else raw
+    if "name" in table:
+        raise InputError(
+            what, f"it gives a name, but a {kind} is named after its file", "Leave name out."
+        )
+    try:
+        checked = getattr(Scene.model_validate({kind: table}), kind)
+    except ValidationError as error:
+        found = explain(error, {kind: table}, what)
+        why = found.why.replace(f"[{kind}] has", f"a {kind} has").replace(f"[{kind}] ", "")
+        raise InputError(what, why, found.remedy) from error
+    model = MODELS[kind]
+    lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
+    if lacking:
+        example = _supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]
+        lines = ", ".join(f"{key} = {_toml(example[key])}" for key in lacking)
+        raise InputError(
+            what, f"it lacks {', '.join(lacking)}", f"Add what it lacks, such as {lines}."
+        )
+    return model(**{**checked.model_dump(), "name": path.stem})
+
+
+def _toml(value: Any) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value)

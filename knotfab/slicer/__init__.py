@@ -1,0 +1,1 @@
+"""The written 3MF through PrusaSlicer, and what its answer proves."""

@@ -1,0 +1,98 @@
+"""One command with limits on its time and its output: nothing of it is left when it returns."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["OUT_OF_TIME", "Ended", "run_limited"]
+
+POLL_S = 0.05
+MOST_SAID = 4_000_000  # bytes on standard output or error
+MOST_WRITTEN = 1_000_000_000  # bytes in the working folder
+GRACE_S = 5.0
+OUT_OF_TIME = "no answer in time"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: its exit code (negative: a signal), or why it was stopped."""
+
+    code: int
+    out: str
+    err: str
+    stopped: str = ""
+
+
+def run_limited(
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    timeout_s: float,
+    stop: threading.Event | None = None,
+) -> Ended:
+    """Run `command` in `folder`, in a process group of its own that is killed when it must stop.
+
+    It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
+    set. What it says goes to files of the folder, so that it never waits for a reader.
+
+    Raises:
+        OSError: the command cannot be started.
+    """
+    out, err = folder / "said.out", folder / "said.err"
+    with out.open("wb") as to_out, err.open("wb") as to_err:
+        child = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            stdout=to_out,
+            stderr=to_err,
+            start_new_session=True,
+        )
+        stopped = ""
+        try:
+            deadline = time.monotonic() + timeout_s
+            while child.poll() is None and not stopped:
+                if stop is not None and stop.is_set():
+                    stopped = "the build ended"
+                elif time.monotonic() > deadline:
+                    stopped = OUT_OF_TIME
+                elif max(out.stat().st_size, err.stat().st_size) > MOST_SAID:
+                    stopped = f"it said more than {MOST_SAID // 10**6} MB"
+                elif _size(folder) > MOST_WRITTEN:
+                    stopped = f"it wrote more than {MOST_WRITTEN // 10**9} GB"
+                else:
+                    with suppress(subprocess.TimeoutExpired):
+                        child.wait(POLL_S)
+        finally:
+            _kill_group(child)
+    return Ended(child.returncode, _text(out), _text(err), stopped)
+
+
+def _kill_group(child: subprocess.Popen[bytes]) -> None:
+    """End the command and all that it started: the group outlives its first process."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    with suppress(subprocess.TimeoutExpired):
+        child.wait(GRACE_S)
+
+
+def _size(folder: Path) -> int:
+    total = 0
+    for path in folder.iterdir():
+        with suppress(OSError):  # gone in between
+            total += path.stat().st_size
+    return total
+
+
+def _text(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(MOST_SAID).decode("utf-8", "replace")

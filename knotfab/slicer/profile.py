@@ -1,0 +1,121 @@
+"""A PrusaSlicer profile from the scene's printer and material, and whether one can be made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+from knotfab.scene.model import Scene
+
+__all__ = ["line_width", "profile", "profile_text", "why_not_sliced"]
+
+FILAMENT_MM = 1.75
+LEAST_NOZZLE_MM = 0.1  # narrower is the spot of a laser or a pixel of a screen, not a nozzle
+LINE_NOZZLES = 1.125  # width of a printed line in nozzle diameters, as is usual
+INFILL_PERCENT = 15
+
+
+@dataclass(frozen=True)
+class _Filament:
+    nozzle_c: int
+    bed_c: int
+
+
+# What the makers of such filament print on its box. A material of another name prints like PLA:
+# temperatures change neither the time nor the amount that are read off.
+FILAMENTS = {
+    "pla": _Filament(215, 60),
+    "petg": _Filament(240, 85),
+    "tpu": _Filament(230, 50),
+}
+
+
+def why_not_sliced(scene: Scene) -> str | None:
+    """Why a slicer for filament has nothing to say of this piece; None where it has."""
+    if scene.material.process == "wire":
+        return "wire: bent, not sliced"
+    if scene.material.process == "resin" or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
+        return "resin: only its own slicer can say"
+    return None
+
+
+def line_width(scene: Scene) -> float:
+    """Width of every printed line, mm."""
+    return round(LINE_NOZZLES * scene.printer.nozzle_mm, 4)
+
+
+def profile(scene: Scene) -> dict[str, str]:
+    """PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
+
+    Bed, height, nozzle, layers and supports are the printer's; density and temperatures the
+    material's; the rest is a cautious machine, so that the time is rather too long than too short.
+    Names are those of PrusaSlicer 2.5, which later versions read too.
+    """
+    printer, material = scene.printer, scene.material
+    across, deep, high = printer.build_volume_mm
+    layer, width = printer.layer_height_mm, line_width(scene)
+    heat = FILAMENTS.get(material.name, FILAMENTS["pla"])
+    # A slope's angle from the level below which it is supported, where ours is from the vertical;
+    # 0 would leave the choice to the slicer.
+    threshold = min(90, max(1, ceil(90 - printer.max_overhang_deg)))
+    settings: dict[str, object] = {
+        "printer_technology": "FFF",
+        "gcode_flavor": "marlin2",
+        "bed_shape": f"0x0,{across:g}x0,{across:g}x{deep:g},0x{deep:g}",
+        "max_print_height": f"{high:g}",
+        "nozzle_diameter": f"{printer.nozzle_mm:g}",
+        "filament_diameter": FILAMENT_MM,
+        "filament_density": f"{material.density_g_cm3:g}",
+        "filament_type": material.name.upper() if material.name in FILAMENTS else "PLA",
+        "temperature": heat.nozzle_c,
+        "first_layer_temperature": heat.nozzle_c,
+        "bed_temperature": heat.bed_c,
+        "first_layer_bed_temperature": heat.bed_c,
+        "layer_height": f"{layer:g}",
+        "first_layer_height": f"{layer:g}",
+        "extrusion_width": f"{width:g}",
+        "first_layer_extrusion_width": f"{width:g}",
+        "perimeters": 2,
+        "fill_density": f"{INFILL_PERCENT}%",
+        "skirts": 0,
+        "brim_type": "no_brim",
+        "support_material": int(printer.supports),
+        "support_material_threshold": threshold,
+        "support_material_style": "grid",  # twice as fast to compute as the snug one
+        "support_material_with_sheath": 0,
+        "support_material_interface_layers": 2,
+        "support_material_spacing": 2.5,
+        # Without the variable widths of Arachne it slices in half the time, to the same amount of
+        # filament: a tube is several lines thick everywhere.
+        "perimeter_generator": "classic",
+        # Finer than a nozzle can follow costs time and megabytes.
+        "resolution": 0.02,
+        "gcode_resolution": 0.05,
+        "perimeter_speed": 60,
+        "external_perimeter_speed": 40,
+        "small_perimeter_speed": 30,
+        "infill_speed": 80,
+        "solid_infill_speed": 60,
+        "top_solid_infill_speed": 40,
+        "support_material_speed": 60,
+        "gap_fill_speed": 30,
+        "bridge_speed": 30,
+        "first_layer_speed": 20,
+        "travel_speed": 150,
+        "machine_limits_usage": "time_estimate_only",
+        "silent_mode": 0,
+        # Lengths of filament line by line, each from its start, so that they can be added up.
+        "use_relative_e_distances": 1,
+        "before_layer_gcode": "G92 E0",
+        "start_gcode": "G28",
+        "end_gcode": "M84",
+        # A 3MF may bring scripts to be run on the G-code: none are.
+        "post_process": "",
+        "thumbnails": "",
+    }
+    return {key: str(value) for key, value in settings.items()}
+
+
+def profile_text(settings: dict[str, str]) -> str:
+    """`settings` as an .ini file."""
+    return "".join(f"{key} = {value}\n" for key, value in settings.items())

@@ -1,0 +1,209 @@
+"""A bending plan judged: its rows are bent again, and set beside the knots, the picture and the tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.knots import Knots
+from knotfab.scene.model import Material, Scene
+from knotfab.wire.bends import BendList
+from knotfab.wire.replay import (
+    Deviation,
+    Sensitivity,
+    deviation,
+    least_distance,
+    replayed,
+    sensitivity,
+)
+
+__all__ = ["Judge", "Shade", "Verdict", "WireKnot", "wire_checks"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
+_SHORT_MM = 0.01  # of a straight, for rounding
+
+
+@dataclass(frozen=True)
+class WireKnot:
+    """One knot's plan as its file gives it (mm, degrees)."""
+
+    file: str
+    length_mm: float
+    bends: int
+    deviation: Deviation
+    closing_mm: float
+    shortest_straight_mm: float
+    largest_bend_deg: float
+    joint_straight_mm: float
+    joint_hidden: bool
+    sensitivity: Sensitivity
+
+    def to_dict(self) -> dict[str, Any]:
+        """Keys for the report."""
+        return {
+            "file": self.file,
+            "length_mm": self.length_mm,
+            "bends": self.bends,
+            "deviation_mm": self.deviation.largest,
+            "deviation_mean_mm": self.deviation.mean,
+            "deviation_across_mm": self.deviation.across,
+            "closing_error_mm": self.closing_mm,
+            "shortest_straight_mm": self.shortest_straight_mm,
+            "largest_bend_deg": self.largest_bend_deg,
+            "joint_straight_mm": self.joint_straight_mm,
+            "joint_hidden": self.joint_hidden,
+            "end_moves_mm_per_deg": self.sensitivity.worst,
+            "end_moves_mm_for_1_deg_everywhere": self.sensitivity.typical,
+        }
+
+
+class Shade:
+    """The picture and the piece's own shadow, by the validators' exact tube."""
+
+    def __init__(self, scene: Scene, picture: Path, knots: Knots) -> None:
+        from scipy.ndimage import distance_transform_edt
+
+        from knotfab_validators.silhouette import padded_mask, read_silhouette, working_frame
+        from knotfab_validators.view import view_geometry
+
+        view = scene.views[0]
+        mask = read_silhouette(picture, invert=view.invert)
+        height, width = mask.shape
+        frame = working_frame(width, height)
+        self.geometry = view_geometry(view, width, height).resampled(frame)  # type: ignore[arg-type]
+        self.target = padded_mask(mask, frame)
+        self.radius = knots.radius_mm
+        shadow = self._shadow([k.points for k in knots.knots])
+        self.inside_mm = distance_transform_edt(shadow) * self.geometry.pixel_mm
+
+    def _shadow(self, curves: list[Array]) -> Mask:
+        from knotfab_validators.tube_field import tube_field
+
+        return tube_field(curves, self.radius, self.geometry).mask
+
+    def iou(self, curves: list[Array]) -> float:
+        """Of the wires' shadow and the picture, at the validators' resolution."""
+        from knotfab_validators.compare import overlap
+
+        return overlap(self._shadow(curves), self.target).iou
+
+    def hides(self, points: Array) -> Array:
+        """How far inside the piece's shadow points (k, 3) are seen, in mm at the points."""
+        pixels, w = self.geometry.project(points)
+        i = np.clip(np.rint(pixels[:, 1]).astype(int), 0, self.inside_mm.shape[0] - 1)
+        j = np.clip(np.rint(pixels[:, 0]).astype(int), 0, self.inside_mm.shape[1] - 1)
+        return np.asarray(self.inside_mm[i, j] * w)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of bending all rows; `checks` are in the report's form."""
+
+    knots: tuple[WireKnot, ...]
+    iou: float
+    least_distance_mm: float
+    checks: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Measures rows by bending them again, beside the knots that they stand for."""
+
+    curves: list[Array]
+    light: Array
+    material: Material
+    tolerance: float
+    depth_factor: float
+    shade: Shade
+    floor: float
+
+    def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
+        """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
+        lines = [replayed(p)[0] for p in plans]
+        knots = tuple(
+            _measured(names[k], plan, lines[k], self.curves[k], self.light, hidden[k])
+            for k, plan in enumerate(plans)
+        )
+        closed = [line[:-1] for line in lines]
+        iou = self.shade.iou(closed)
+        least = least_distance(closed, self.material.wire_diameter_mm)
+        checks = wire_checks(
+            knots, self.material, self.tolerance, self.depth_factor, iou, self.floor, least
+        )
+        return Verdict(knots, iou, least, checks)
+
+
+def _measured(
+    name: str, plan: BendList, line: Array, curve: Array, light: Array, hidden: bool
+) -> WireKnot:
+    """What one file gives, beside the knot that it stands for."""
+    bent = [r for r in plan.bends if r.bend_deg > 0]
+    joint = plan.bends[0].feed_mm + plan.bends[-1].feed_mm
+    return WireKnot(
+        file=name,
+        length_mm=plan.length_mm,
+        bends=len(bent),
+        deviation=deviation(curve, line[:-1], light),
+        closing_mm=float(np.linalg.norm(line[-1] - line[0])),
+        shortest_straight_mm=min([r.feed_mm for r in bent[1:]] + [joint]),
+        largest_bend_deg=max((r.bend_deg for r in bent), default=0.0),
+        joint_straight_mm=joint,
+        joint_hidden=hidden,
+        sensitivity=sensitivity(plan),
+    )
+
+
+def wire_checks(
+    found: tuple[WireKnot, ...],
+    material: Material,
+    tolerance: float,
+    depth_factor: float,
+    iou: float,
+    floor: float,
+    least: float,
+) -> tuple[dict[str, Any], ...]:
+    """The checks of a replayed plan, in the report's form."""
+    from knotfab_validators.check import at_least, at_most
+
+    across = max(found, key=lambda k: k.deviation.across)
+    along = max(found, key=lambda k: k.deviation.largest)
+    straight = min(found, key=lambda k: k.shortest_straight_mm)
+    sharp = max(found, key=lambda k: k.largest_bend_deg)
+    checks = [
+        at_least(
+            "wire_shadow", iou, floor, "", "IoU of the picture and the shadow of the wire as the "
+            "bending plan's files give it",
+        ),
+        at_most(
+            "wire_deviation", across.deviation.across, tolerance, "mm",
+            f"largest distance of the bent wire from the knot, across the light's rays ({across.file})",
+        ),
+        at_most(
+            "wire_depth", along.deviation.largest, depth_factor * tolerance, "mm",
+            f"largest distance of the bent wire from the knot in any direction ({along.file})",
+        ),
+        at_least(
+            "wire_contact", least, material.wire_diameter_mm, "mm",
+            "least distance between the centre lines of two strands", tolerance=_TOUCH_MM,
+        ),
+        at_least(
+            "wire_straight", straight.shortest_straight_mm, material.min_straight_mm, "mm",
+            f"shortest straight between two bends ({straight.file})", tolerance=_SHORT_MM,
+        ),
+        at_most(
+            "wire_bend", sharp.largest_bend_deg, material.max_bend_deg, "deg",
+            f"largest bend ({sharp.file})",
+        ),
+        at_most(
+            "wire_closing", max(k.closing_mm for k in found), tolerance, "mm",
+            "distance of the two ends that meet in the joint",
+        ),
+    ]  # fmt: skip
+    return tuple(c.to_dict() for c in checks)

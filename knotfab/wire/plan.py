@@ -1,0 +1,272 @@
+"""The bending plan of a piece: written, read back, bent again on paper, and its shadow measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab import __version__
+from knotfab.drawing.pages import PAPERS
+from knotfab.errors import InputError
+from knotfab.knots import Knots
+from knotfab.scene.model import Material, Scene
+from knotfab.wire.arcs import Wire
+from knotfab.wire.bends import BendList, bend_list
+from knotfab.wire.csv_file import read_bends, write_bends
+from knotfab.wire.fit import FitLimits, fit_wires
+from knotfab.wire.judge import Judge, Shade, WireKnot
+from knotfab.wire.replay import replayed
+from knotfab.wire.template_pdf import drawings_of, write_templates
+
+__all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
+
+Array = NDArray[np.float64]
+
+TOLERANCE_RADII = 0.5
+DEPTH_FACTOR = 2.0
+IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
+_FIT_SHARES = (0.95, 0.65)  # of the tolerance: the second where the first spoils the shadow
+_SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
+
+
+@dataclass(frozen=True)
+class WirePlan:
+    """What was written and what bending it gives; `checks` are in the report's form."""
+
+    files: tuple[str, ...]
+    knots: tuple[WireKnot, ...]
+    length_mm: float
+    mass_g: float
+    iou: float
+    least_distance_mm: float
+    tolerance_mm: float
+    pages: dict[str, int]
+    checks: tuple[dict[str, Any], ...]
+
+    @property
+    def status(self) -> str:
+        return "pass" if all(c["status"] == "pass" for c in self.checks) else "fail"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's `bending_plan`."""
+        return {
+            "status": self.status,
+            "files": list(self.files),
+            "length_mm": self.length_mm,
+            "mass_g": self.mass_g,
+            "bends": sum(k.bends for k in self.knots),
+            "iou": self.iou,
+            "least_distance_mm": self.least_distance_mm,
+            "tolerance_mm": self.tolerance_mm,
+            "pages": self.pages,
+            "knots": [k.to_dict() for k in self.knots],
+        }
+
+
+def bend_radius_mm(material: Material) -> float:
+    """Radius (mm) of the centre line about the bender's pin."""
+    return material.tool_radius_mm + 0.5 * material.wire_diameter_mm
+
+
+def write_bending_plan(
+    folder: Path,
+    knots: Knots,
+    scene: Scene,
+    picture: Path,
+    *,
+    iou_floor: float | None = None,
+    tolerance_mm: float | None = None,
+    depth_factor: float = DEPTH_FACTOR,
+) -> WirePlan:
+    """Write bends.csv and the templates of a piece of wire, and measure what the files give.
+
+    One knot's plan is `bends.csv`; several are `bends-1.csv`, `bends-2.csv`, … in the order of the
+    knots. The templates are `bending-templates-a4.pdf` and `bending-templates-letter.pdf`.
+
+    Args:
+        folder: where the files go. knots: in scene coordinates. scene: with its first view's frame
+            and its material resolved. picture: the file that the view's shadow is compared with.
+        iou_floor: required of the replayed wire's shadow; the scene's, less `IOU_LOSS`, by default.
+        tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
+        depth_factor: how much more is allowed along the rays.
+
+    Raises:
+        InputError: the material is no wire, or its diameter is not the tube's.
+    """
+    material = scene.material
+    if material.process != "wire" or material.wire_diameter_mm <= 0:
+        raise InputError(
+            f"material {material.name!r}",
+            "it is no wire, so there is nothing to bend",
+            "Name a wire, such as steel-wire-2mm, in [material].",
+        )
+    if abs(2 * knots.radius_mm - material.wire_diameter_mm) > 1e-6:
+        raise InputError(
+            f"material {material.name!r}",
+            f"it is {material.wire_diameter_mm:g} mm thick, but the tube is "
+            f"{2 * knots.radius_mm:g} mm",
+            f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
+        )
+    tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
+    floor = iou_floor
+    if floor is None:
+        wanted = scene.accuracy.iou_floor
+        floor = 0.0 if isinstance(wanted, str) else max(0.0, wanted - IOU_LOSS)
+    light, right, up = _axes(scene)
+    curves = [k.points for k in knots.knots]
+    shade = Shade(scene, picture, knots)
+    names = (
+        ["bends.csv"] if len(curves) == 1 else [f"bends-{k + 1}.csv" for k in range(len(curves))]
+    )
+    judge = Judge(curves, light, material, tolerance, depth_factor, shade, floor)
+    best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
+    for share in _FIT_SHARES:
+        limits = FitLimits(
+            bend_radius_mm(material),
+            material.min_straight_mm,
+            material.max_bend_deg,
+            material.wire_diameter_mm,
+            share * tolerance,
+            depth_factor,
+        )
+        wires = fit_wires(curves, light, limits)
+        joints = [_joint(wire, shade) for wire in wires]
+        rows = [
+            bend_list(wire, cut, material.springback_percent)
+            for wire, (cut, _) in zip(wires, joints, strict=True)
+        ]
+        hidden = [h for _, h in joints]
+        tried = judge.of(rows, names, hidden)
+        rank = (sum(c["status"] != "pass" for c in tried.checks), -tried.iou)
+        if best is None or rank < best[0]:
+            best = (rank, rows, hidden)
+        if rank[0] == 0:
+            break
+    assert best is not None
+    total = sum(r.length_mm for r in best[1])
+    for name, row in zip(names, best[1], strict=True):
+        header = _header(name, row, material, tolerance, total, depth_factor)
+        write_bends(folder / name, row, header)
+    # from here on only what the files say
+    plans = [read_bends(folder / name) for name in names]
+    verdict = judge.of(plans, names, best[2])
+    lines = [replayed(p) for p in plans]
+    drawings = [
+        d
+        for k, (line, begins) in enumerate(lines)
+        for d in drawings_of(
+            "wire" if len(lines) == 1 else f"wire {k + 1}",
+            line,
+            begins,
+            right,
+            up,
+            material.wire_diameter_mm,
+        )
+    ]
+    facts = _facts(verdict.knots, material, tolerance)
+    pages = {}
+    for key, paper in PAPERS.items():
+        path = folder / f"bending-templates-{key}.pdf"
+        pages[path.name] = write_templates(
+            path, paper, drawings, facts, "print at 100 %, not fitted to the page"
+        )
+    length = sum(k.length_mm for k in verdict.knots)
+    return WirePlan(
+        files=(*names, *pages),
+        knots=verdict.knots,
+        length_mm=length,
+        mass_g=_mass(length, material),
+        iou=verdict.iou,
+        least_distance_mm=verdict.least_distance_mm,
+        tolerance_mm=tolerance,
+        pages=pages,
+        checks=verdict.checks,
+    )
+
+
+def _axes(scene: Scene) -> tuple[Array, Array, Array]:
+    """The light, and the axes to the right and up of someone there, in scene coordinates."""
+    view = scene.views[0]
+    azimuth = np.deg2rad(view.azimuth_deg)
+    light = view.light_distance_mm * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    return light, right, np.array([0.0, 1.0, 0.0])
+
+
+def _mass(length_mm: float, material: Material) -> float:
+    area = np.pi * (0.5 * material.wire_diameter_mm) ** 2
+    return float(length_mm * area * 1e-3 * material.density_g_cm3)
+
+
+def _joint(wire: Wire, shade: Shade) -> tuple[int, bool]:
+    """The straight whose middle is cut, and whether a sleeve there stays within the shadow.
+
+    The sleeve is half a radius thicker than the wire. The longest straight that hides it, or the
+    longest of all where none is long enough.
+    """
+    following = np.roll(wire.entry, -1, axis=0)
+    middle = 0.5 * (wire.exit + following)
+    along = following - wire.exit
+    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    hidden = np.ones(len(middle), dtype=bool)
+    for share in (-0.5, 0.0, 0.5):
+        hidden &= shade.hides(middle + share * _SLEEVE_MM * along) >= 1.5 * shade.radius
+    good = hidden & (wire.straight >= _SLEEVE_MM)
+    if not good.any():
+        longest = int(wire.straight.argmax())
+        return longest, bool(good[longest])
+    return int(np.where(good, wire.straight, -np.inf).argmax()), True
+
+
+def _header(
+    name: str,
+    rows: BendList,
+    material: Material,
+    tolerance: float,
+    total: float,
+    depth_factor: float,
+) -> dict[str, str]:
+    return {
+        "made by": f"knotfab {__version__}",
+        "wire": f"{material.name}, {material.wire_diameter_mm:g} mm thick",
+        "length": f"{rows.length_mm:.1f} mm for {name}, {total:.1f} mm for all",
+        "bends": str(rows.count),
+        "tool": f"pin of {material.tool_radius_mm:g} mm radius; radius_mm is the centre line's",
+        "tolerance": f"{tolerance:g} mm across the light's rays, {tolerance * depth_factor:g} mm along",
+        "springback": f"{material.springback_percent:g} % of the angle bent to",
+        "how": "feed the straight, turn the wire about itself (clockwise as seen along the feed), "
+        "bend to tool_angle_deg; distance_mm is where the bend begins, along the straight wire",
+    }
+
+
+def _facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) -> list[str]:
+    """What the templates' first page says."""
+    length = sum(k.length_mm for k in found)
+    lines = [
+        f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "
+        f"{sum(k.bends for k in found)} bends, {_mass(length, material):.0f} g",
+        f"Bend about a pin of {material.tool_radius_mm:g} mm radius; the wire springs back by "
+        f"{material.springback_percent:g} %.",
+        "",
+    ]
+    for k in found:
+        lines += [
+            f"{k.file}: {k.length_mm:.1f} mm, {k.bends} bends up to {k.largest_bend_deg:.0f} degrees, "
+            f"shortest straight {k.shortest_straight_mm:.1f} mm.",
+            f"    One degree of error in one bend moves the other end by up to "
+            f"{k.sensitivity.worst:.1f} mm: lay the wire on the templates after every few bends.",
+        ]
+    lines += [
+        "",
+        "Front view: as the wire lies before you with the light behind your head, without perspective.",
+        "A number is a bend of the list; in brackets its height in mm above the lowest point of the wire.",
+        "Side view: the same wire from its right; the light is at the left of the page.",
+        "The blue square is the joint: both ends meet there in the middle of a straight.",
+        "Pages of one view overlap by 10 mm: lay the crosses on each other.",
+        f"The wire may be {tolerance:g} mm beside the line.",
+    ]
+    return lines

@@ -1,0 +1,187 @@
+"""Bend the wire again from its rows alone, and measure what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab.wire.bends import BendList
+
+__all__ = [
+    "Deviation",
+    "Sensitivity",
+    "deviation",
+    "least_distance",
+    "replayed",
+    "sensitivity",
+]
+
+Array = NDArray[np.float64]
+
+_WINDOW = 30  # samples
+
+
+def replayed(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
+    """The centre line that the rows give, from the start to the other end.
+
+    Carries a frame along: `t` the direction of the wire and `n` the side it bends to. A rotation
+    by a takes n to n cos a + (t x n) sin a; a bend by b moves along an arc of the row's radius to
+    t cos b + n sin b.
+
+    Returns:
+        (k, 3) points in mm, and the place (m, 3) where each bend begins (rows with a bend). The
+        first and last point are the wire's two ends, which a closed plan brings together.
+    """
+    at = rows.start.copy()
+    points, begins = [at], []
+    for row, (t, n) in zip(rows.bends, _frames(rows), strict=True):
+        pieces = max(1, int(np.ceil(row.feed_mm / step_mm)))
+        points += [at + t * (row.feed_mm * (k + 1) / pieces) for k in range(pieces)]
+        at = points[-1]
+        if row.bend_deg <= 0:
+            continue
+        begins.append(at)
+        bend, steps = np.deg2rad(row.bend_deg), max(1, int(np.ceil(row.bend_deg / step_deg)))
+        for b in bend * (np.arange(steps) + 1) / steps:
+            points.append(at + row.radius_mm * (np.sin(b) * t + (1 - np.cos(b)) * n))
+        at = points[-1]
+    return np.array(points), np.array(begins).reshape(-1, 3)
+
+
+def _frames(rows: BendList) -> list[tuple[Array, Array]]:
+    """For each row the direction of its straight, and the side that it then bends to."""
+    t, n = rows.direction, rows.normal
+    found = []
+    for row in rows.bends:
+        # kept at right angles and of length one: otherwise rounding doubles with every few bends
+        t = t / np.linalg.norm(t)
+        n = n - (n @ t) * t
+        n = n / np.linalg.norm(n)
+        angle, bend = np.deg2rad(row.rotation_deg), np.deg2rad(row.bend_deg)
+        n = np.cos(angle) * n + np.sin(angle) * np.cross(t, n)
+        found.append((t, n))
+        t, n = np.cos(bend) * t + np.sin(bend) * n, np.cos(bend) * n - np.sin(bend) * t
+    return found
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far two closed curves are from each other (mm).
+
+    `largest` and `mean` are plain distances, `across` is the largest distance across the light's
+    rays: the only kind that the shadow sees.
+    """
+
+    largest: float
+    mean: float
+    across: float
+    at: tuple[float, float, float]  # on the first curve
+
+
+def deviation(curve: Array, other: Array, light: Array | None, step: float = 0.1) -> Deviation:
+    """Distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
+
+    Points answer to about the same share of the way around, so that another strand that passes
+    close by does not excuse one that strayed.
+
+    Args:
+        other: begins anywhere and runs in the same sense. light: (3,), None: across is largest.
+    """
+    first, second = _even(curve, step), _even(other, step)
+    # start both at the same place: the point of the first that is nearest to where the other begins
+    shift = int(((first - second[0]) ** 2).sum(axis=1).argmin())
+    first = np.roll(first, -shift, axis=0)
+    there = _nearest(first, second)
+    back = _nearest(second, first)
+    gaps = np.concatenate([second[there] - first, second - first[back]])
+    places = np.concatenate([first, first[back]])
+    size = np.linalg.norm(gaps, axis=1)
+    across = size
+    if light is not None:
+        ray = light - places
+        ray /= np.linalg.norm(ray, axis=1)[:, None]
+        across = np.linalg.norm(gaps - (gaps * ray).sum(axis=1)[:, None] * ray, axis=1)
+    x, y, z = places[int(size.argmax())]
+    return Deviation(
+        float(size.max()),
+        float(size[: len(first)].mean()),
+        float(across.max()),
+        (float(x), float(y), float(z)),
+    )
+
+
+def _even(points: Array, step: float) -> Array:
+    closed = np.concatenate([points, points[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.arange(0.0, along[-1], step)
+    return np.column_stack([np.interp(at, along, closed[:, k]) for k in range(3)])
+
+
+def _nearest(points: Array, others: Array) -> NDArray[np.int64]:
+    """For each point the nearest of `others` at about the same share of the way around.
+
+    The share becomes a circle in two more dimensions, wide enough that a strand elsewhere is farther
+    than the right one, and flat enough that stretching moves nothing.
+    """
+    size = float(np.ptp(np.concatenate([points, others]), axis=0).max())
+
+    def lifted(p: Array) -> Array:
+        angle = 2 * np.pi * np.arange(len(p)) / len(p)
+        return np.column_stack([p, size * np.cos(angle), size * np.sin(angle)])
+
+    _, found = cKDTree(lifted(others)).query(lifted(points))
+    # the circle draws the answer along the strand a little: the nearest within a few mm of it
+    window = (found[:, None] + np.arange(-_WINDOW, _WINDOW + 1)) % len(others)
+    gap = points[:, None, :] - others[window]
+    best = (gap * gap).sum(axis=2).argmin(axis=1)
+    return np.asarray(window[np.arange(len(points)), best], dtype=np.int64)
+
+
+def least_distance(curves: list[Array], diameter: float, step: float = 0.25) -> float:
+    """Least distance (mm) of centre lines where they are different strands.
+
+    Two places of one curve count as different strands when the way between them along the wire is
+    longer than a half circle about one diameter: shorter ones are one bend. Distances above three
+    diameters are not looked for: the answer is then three diameters.
+    """
+    even = [_even(c, step) for c in curves]
+    owner = np.concatenate([np.full(len(e), k) for k, e in enumerate(even)])
+    along = np.concatenate([step * np.arange(len(e)) for e in even])
+    length = np.array([step * len(e) for e in even])
+    points = np.concatenate(even)
+    least = 3.0 * diameter
+    pairs = cKDTree(points).query_pairs(1.2 * diameter, output_type="ndarray")
+    for reach in (1.2 * diameter, least):
+        if reach == least:
+            pairs = cKDTree(points).query_pairs(least, output_type="ndarray")
+        a, b = pairs.T if len(pairs) else (np.zeros(0, int), np.zeros(0, int))
+        apart = np.abs(along[a] - along[b])
+        apart = np.minimum(apart, length[owner[a]] - apart)
+        keep = (owner[a] != owner[b]) | (apart > 0.5 * np.pi * diameter + reach)
+        if keep.any():
+            return float(np.linalg.norm(points[a[keep]] - points[b[keep]], axis=1).min())
+    return least
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How far the rest of the wire moves for one degree of error in a bend (mm).
+
+    `worst` of any single bend; `typical`: of one degree at every bend, the errors independent.
+    """
+
+    worst: float
+    typical: float
+
+
+def sensitivity(rows: BendList) -> Sensitivity:
+    """Movement of the wire's far end for errors of one degree in bend angles."""
+    points, begins = replayed(rows)
+    pairs = zip(rows.bends, _frames(rows), strict=True)
+    axes = np.array([np.cross(t, n) for row, (t, n) in pairs if row.bend_deg > 0])
+    arms = np.linalg.norm(np.cross(axes.reshape(-1, 3), points[-1] - begins), axis=1)
+    moved = arms * np.deg2rad(1.0)
+    return Sensitivity(float(moved.max(initial=0.0)), float(np.sqrt((moved**2).sum())))

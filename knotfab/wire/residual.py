@@ -1,0 +1,177 @@
+"""What a fit of straights and bends makes small: distances, straights too short, wires that touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from knotfab.wire.arcs import Sites, Wire, nearest_sites, spaced_sites, wire_jacobian, wire_of
+
+__all__ = ["FitLimits", "Strand", "distances", "residual", "weighted"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
+_STRAIGHT_MARGIN_MM = 0.05
+_STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
+_STIFF_CONTACT = 6.0
+
+
+@dataclass(frozen=True)
+class FitLimits:
+    """What the material and the picture allow (mm, degrees).
+
+    `tolerance_mm` holds across the ray from the light; along it, where the shadow does not see a
+    change, `depth_factor` times as much.
+    """
+
+    bend_radius_mm: float
+    min_straight_mm: float
+    max_bend_deg: float
+    wire_diameter_mm: float
+    tolerance_mm: float
+    depth_factor: float = 2.0
+
+
+@dataclass
+class Strand:
+    """One knot in the making: the curve's points, the wire, and which point is at which corner."""
+
+    points: Array
+    scaled: Array
+    corners: Array
+    index: Index  # (m,) rising; the point of the curve that each corner stands for
+    tolerance: Array  # (n,) mm, at each point
+
+    def near(self) -> Index:
+        """(n,) the corner whose straight each point lies about."""
+        n = len(self.points)
+        number = np.searchsorted(self.index, np.arange(n), side="right") - 1
+        return np.asarray(number % len(self.index))
+
+
+def weighted(offsets: Array, points: Array, light: Array | None, depth_factor: float) -> Array:
+    """Offsets (k, 3) with their part along the light's ray through each point divided."""
+    if light is None:
+        return offsets
+    ray = light - points
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    along = (offsets * ray).sum(axis=1)[:, None] * ray
+    return np.asarray(offsets - (1.0 - 1.0 / depth_factor) * along)
+
+
+def distances(
+    strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
+) -> tuple[Sites, Array]:
+    """Where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
+    sites, _ = nearest_sites(wire, strand.points, strand.near())
+    gap = weighted(wire.at(sites) - strand.points, strand.points, light, limits.depth_factor)
+    return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
+
+
+def residual(
+    strands: list[Strand],
+    corners: list[Array],
+    weights: list[Array],
+    light: Array | None,
+    limits: FitLimits,
+    with_jacobian: bool,
+) -> tuple[Array, sparse.csr_matrix | None]:
+    """Weighted distances, straights too short and contacts, and how they follow the corners."""
+    offsets = np.cumsum([0] + [3 * len(c) for c in corners])
+    wires = [wire_of(c, limits.bend_radius_mm) for c in corners]
+    residuals: list[Array] = []
+    rows: list[sparse.spmatrix] = []
+    for number, (strand, wire) in enumerate(zip(strands, wires, strict=True)):
+        sites, _ = nearest_sites(wire, strand.points, strand.near())
+        along = wire.tangent(sites)
+        scale = np.sqrt(weights[number]) / strand.tolerance
+        # sliding along the wire is free
+        metric = _metric(strand.points, along, light, limits.depth_factor) * scale[:, None, None]
+        gap = wire.at(sites) - strand.points
+        residuals.append(np.einsum("kij,kj->ki", metric, gap).ravel())
+        short = limits.min_straight_mm + _STRAIGHT_MARGIN_MM - wire.straight
+        late = short > 0
+        residuals.append(np.where(late, _STIFF_STRAIGHT * short, 0.0))
+        if with_jacobian:
+            jacobian, straights = wire_jacobian(wire, sites)
+            rows.append(_place(_block_diagonal(metric) @ jacobian, offsets, number))
+            push = sparse.diags(np.where(late, -_STIFF_STRAIGHT, 0.0)) @ straights
+            rows.append(_place(push, offsets, number))
+    contact, contact_rows = _contacts(wires, offsets, limits, with_jacobian)
+    residuals.append(contact)
+    if not with_jacobian:
+        return np.concatenate(residuals), None
+    if contact_rows is not None:
+        rows.append(contact_rows)
+    return np.concatenate(residuals), sparse.vstack(rows).tocsr()
+
+
+def _metric(points: Array, along: Array, light: Array | None, factor: float) -> Array:
+    """(k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    if light is None:
+        return np.asarray(across)
+    ray = light - points
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    return np.asarray((np.eye(3) - (1 - 1 / factor) * ray[:, :, None] * ray[:, None, :]) @ across)
+
+
+def _block_diagonal(blocks: Array) -> sparse.csr_matrix:
+    n = len(blocks)
+    return sparse.csr_matrix(
+        sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
+    )
+
+
+def _place(block: sparse.spmatrix, offsets: Index, number: int) -> sparse.csr_matrix:
+    """A strand's block in the columns of all strands."""
+    left = sparse.csr_matrix((block.shape[0], int(offsets[number])))
+    right = sparse.csr_matrix((block.shape[0], int(offsets[-1] - offsets[number + 1])))
+    return sparse.hstack([left, block, right]).tocsr()
+
+
+def _contacts(
+    wires: list[Wire], offsets: Index, limits: FitLimits, with_jacobian: bool
+) -> tuple[Array, sparse.csr_matrix | None]:
+    """Residuals that push apart strands nearer than the wire's diameter."""
+    least = limits.wire_diameter_mm + _GAP_MM
+    sampled = [spaced_sites(w, 0.5 * limits.wire_diameter_mm) for w in wires]
+    points = [w.at(s) for w, (s, _) in zip(wires, sampled, strict=True)]
+    owner = np.concatenate([np.full(len(p), k) for k, p in enumerate(points)])
+    along = np.concatenate([a for _, a in sampled])
+    length = np.array([w.length_mm for w in wires])
+    everything = np.concatenate(points)
+    pairs = cKDTree(everything).query_pairs(least, output_type="ndarray")
+    if not len(pairs):
+        return np.zeros(0), None
+    a, b = pairs.T
+    apart = np.abs(along[a] - along[b])
+    apart = np.minimum(apart, length[owner[a]] - apart)
+    keep = (owner[a] != owner[b]) | (apart > 0.5 * np.pi * limits.wire_diameter_mm + least)
+    a, b = a[keep], b[keep]
+    if not len(a):
+        return np.zeros(0), None
+    offset = everything[a] - everything[b]
+    distance = np.linalg.norm(offset, axis=1)
+    stiff = _STIFF_CONTACT / limits.tolerance_mm
+    push = stiff * (least - distance)
+    if not with_jacobian:
+        return push, None
+    jacobian = sparse.vstack(
+        [
+            _place(wire_jacobian(w, s)[0], offsets, k)
+            for k, (w, (s, _)) in enumerate(zip(wires, sampled, strict=True))
+        ]
+    ).tocsr()
+    unit = (offset / np.maximum(distance, 1e-9)[:, None]).ravel()
+    row, axis = np.repeat(np.arange(len(a)), 3), np.arange(3)
+    shape = (len(a), jacobian.shape[0])
+    first = sparse.csr_matrix((unit, (row, (3 * a[:, None] + axis).ravel())), shape=shape)
+    second = sparse.csr_matrix((unit, (row, (3 * b[:, None] + axis).ravel())), shape=shape)
+    return push, -stiff * (first - second) @ jacobian

@@ -1,0 +1,71 @@
+"""The profile follows the printer and the material; what is no filament is not sliced."""
+
+from __future__ import annotations
+
+import pytest
+from slicer_parts import scene_of
+
+from knotfab.scene.catalogue import materials, printers
+from knotfab.slicer.profile import line_width, profile, profile_text, why_not_sliced
+
+
+def test_it_follows_the_printer_and_the_material() -> None:
+    text = "[printer]\nname = 'ender-3'\nlayer_height_mm = 0.28\nnozzle_mm = 0.6\n"
+    found = profile(scene_of(text + "[material]\nname = 'petg'"))
+    assert found["bed_shape"] == "0x0,220x0,220x220,0x220" and found["max_print_height"] == "250"
+    assert found["layer_height"] == found["first_layer_height"] == "0.28"
+    assert found["nozzle_diameter"] == "0.6" and found["extrusion_width"] == "0.675"
+    assert (found["filament_density"], found["temperature"]) == ("1.27", "240")
+    assert found["filament_type"] == "PETG"
+    # relative lengths are what read_gcode adds up, and no script of a 3MF is run
+    assert found["use_relative_e_distances"] == "1" and found["post_process"] == ""
+
+
+@pytest.mark.parametrize(
+    ("angle", "threshold"), [(45.0, "45"), (44.9, "46"), (60.0, "30"), (0.0, "90"), (90.0, "1")]
+)
+def test_supports_start_at_the_printers_overhang(angle: float, threshold: str) -> None:
+    """From the vertical there, from the level here, and never 0, which means "choose yourself"."""
+    found = profile(scene_of(f"[printer]\nmax_overhang_deg = {angle}"))
+    assert (found["support_material"], found["support_material_threshold"]) == ("1", threshold)
+
+
+def test_a_printer_without_supports() -> None:
+    assert profile(scene_of("[printer]\nsupports = false"))["support_material"] == "0"
+
+
+def test_a_material_of_ones_own_prints_like_pla_but_for_its_density() -> None:
+    text = (
+        "[material]\nname = 'mine'\n"
+        + "\n".join(
+            f"{key} = {value!r}"
+            for key, value in materials()["pla"].model_dump().items()
+            if key not in ("name", "density_g_cm3")
+        )
+        + "\ndensity_g_cm3 = 1.5"
+    )
+    found = profile(scene_of(text))
+    assert (found["filament_density"], found["temperature"]) == ("1.5", "215")
+
+
+def test_only_filament_is_sliced() -> None:
+    assert why_not_sliced(scene_of()) is None
+    resin = "resin: only its own slicer can say"
+    assert why_not_sliced(scene_of("[material]\nname = 'resin'")) == resin
+    assert why_not_sliced(scene_of("[printer]\nname = 'form-3'")) == resin
+    assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.1")) is None
+    assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.099")) == resin
+    wire = why_not_sliced(scene_of("[material]\nname = 'pla'\nprocess = 'wire'"))
+    assert wire is not None and wire.startswith("wire")
+    # a material says it before the printer does
+    wire = why_not_sliced(scene_of("[printer]\nname='form-3'\n[material]\nprocess = 'wire'"))
+    assert wire is not None and wire.startswith("wire")
+
+
+def test_every_printer_of_the_catalogue_has_a_profile_or_a_reason() -> None:
+    for name in printers():
+        scene = scene_of(f"[printer]\nname = {name!r}")
+        lines = profile_text(profile(scene)).splitlines()
+        assert all(line.count(" = ") == 1 for line in lines) and len(lines) > 40
+        assert (why_not_sliced(scene) is None) == (name != "form-3")
+        assert line_width(scene) > scene.printer.nozzle_mm

@@ -1,0 +1,64 @@
+"""How much of the picture is lost when the lamp or the piece is not quite where the scene says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compare import overlap, turned_about
+from .render import SilhouetteRenderer
+from .view import ViewGeometry
+
+__all__ = ["misplacement"]
+
+Array = NDArray[np.float64]
+
+LAMP_MM = 5.0
+TURN_DEG = 1.0
+
+
+def misplacement(
+    renderer: SilhouetteRenderer,
+    middle: Array,
+    geometry: ViewGeometry,
+    target: NDArray[np.bool_],
+    *,
+    lamp_mm: float = LAMP_MM,
+    turn_deg: float = TURN_DEG,
+) -> dict[str, dict[str, float]]:
+    """Loss of IoU per mm that the lamp is off, and per degree that the piece is turned.
+
+    Each is the larger loss of the two senses, over a move of `lamp_mm` or a turn of `turn_deg`; the
+    picture stays where it is on the wall, so that a shadow which merely moves counts as lost too.
+
+    Args:
+        renderer: of the part, in the coordinates of `geometry`. middle: (3,) mm, what the piece
+            turns about. target: (H, W), the picture's silhouette on the grid of `geometry`.
+
+    Returns:
+        {"lamp_iou_per_mm": {"right", "up", "towards"}, "turn_iou_per_deg": {"right", "up", "axis"}};
+        the turns are named by their axes.
+    """
+    best = overlap(renderer.render(geometry), target).iou
+    axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
+
+    def loss(moved: ViewGeometry, step: float) -> float:
+        return max(0.0, best - overlap(renderer.render(moved), target).iou) / step
+
+    lamp = {
+        name: max(
+            loss(replace(geometry, light=geometry.light + sign * lamp_mm * axis), lamp_mm)
+            for sign in (1, -1)
+        )
+        for name, axis in axes.items()
+    }
+    turn = {
+        "axis" if name == "towards" else name: max(
+            loss(turned_about(geometry, middle, axis, np.radians(sign * turn_deg)), turn_deg)
+            for sign in (1, -1)
+        )
+        for name, axis in axes.items()
+    }
+    return {"lamp_iou_per_mm": lamp, "turn_iou_per_deg": turn}

@@ -1,0 +1,329 @@
+"""Whether a printer can make a part: walls, gaps, overhangs, bridges, islands, and how it stands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bridges import Stretches, unsupported
+from .check import Check, at_least, at_most, places, skipped
+from .columns import Columns, columns
+from .islands import islands
+from .local_thickness import NEAR_MM, LocalThickness, Probe
+from .overhang import overhang_areas, support_volume
+from .read_mesh import Mesh
+from .read_scene import Printer
+from .standing import Body, bodies, footprint, margin
+
+__all__ = ["NAMES", "printability_checks"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Result = TypeVar("Result")
+
+NAMES = (
+    "feature",
+    "gap",
+    "overhang",
+    "support_volume",
+    "bridge",
+    "floating",
+    "islands",
+    "standing",
+)
+MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine
+FEATURE_TOLERANCE_MM = 1e-4  # what single precision leaves of a wall, far from the origin
+GAP_TOLERANCE = 0.08  # of the nozzle; see `printability_checks`
+BED_MM = 1e-3  # how far off the bed a height may be read
+UNNAMED = "no printer was named: measured only"
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """A printer's figures, with the usual ones where there is no printer."""
+
+    named: bool
+    nozzle: float | None
+    layer: float
+    supports: bool
+    overhang_deg: float
+    bridge: float | None
+    support_cm3: float | None
+
+    @property
+    def unsupported(self) -> bool:
+        """Whether the part must print without supports."""
+        return self.named and not self.supports
+
+
+def printability_checks(
+    mesh: Mesh,
+    printer: Printer | None,
+    *,
+    seconds: dict[str, float],
+    stands: bool = False,
+    lacking: str | None = None,
+) -> list[Check]:
+    """All checks of `NAMES`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
+
+    - `feature`, `gap`: the thinnest wall and gap against the nozzle, required. Gaps may be 8 %
+      narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
+      corners (a = 2 pi / m; 0.015 mm at r = 2 mm and m = 24), so that two strands whose centre
+      lines keep their distance come up to twice as much closer in the file.
+    - `overhang`: area steeper than the printer's `max_overhang_deg`, cm²; `support_volume`: solid
+      columns under it, cm³; `bridge`: longest stretch over air, where a ledge that is held on one
+      side counts twice; `islands`: how many places begin in mid-air; `floating`: how many bodies do
+      not reach the bed.
+      With supports only the `support_volume` has a limit. Without, it has none, and there must
+      be neither island nor floating body, no bridge longer than `max_bridge_mm`, and no overhang
+      but such bridges.
+    - `standing`: how far the middle of a body's mass lies inside the hull of its first layer, the
+      least of all bodies that reach the bed; must not be negative where the part `stands`.
+
+    Args:
+        mesh: closed, consistently wound, finite and free of crossings, else nothing here means
+            anything. printer: None: measured against nothing.
+        seconds: the time each group took is added to it.
+        stands: the part is to stand as it is printed.
+        lacking: why the mesh cannot be measured; all checks are skipped with it.
+    """
+    if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
+        lacking = f"the part is larger than {MOST_MM / 1000:g} m"
+    if lacking is not None:
+        return [skipped(name, lacking) for name in NAMES]
+    use = _setting(printer)
+    clock = _Clock(seconds)
+    probe = clock("feature", lambda: Probe(mesh))
+    wall = clock("feature", probe.wall)
+    near = NEAR_MM if use.nozzle is None else max(NEAR_MM, 1.5 * use.nozzle)
+    gap = clock("gap", lambda: probe.gap(near))
+    grid = clock("overhang", lambda: columns(mesh))
+    air = clock("bridges", lambda: unsupported(grid, use.layer))
+    checks = [_feature(wall, use), _gap(gap, use)]
+    checks += clock("overhang", lambda: _overhang(mesh, grid, air, use))
+    checks.append(_bridge(air, use))
+    checks += clock("standing", lambda: _on_the_bed(mesh, air, use, stands))
+    return checks
+
+
+def _setting(printer: Printer | None) -> _Setting:
+    if printer is None:
+        usual = Printer("", None)
+        return _Setting(
+            False, None, usual.layer_height_mm, True, usual.max_overhang_deg, None, None
+        )
+    return _Setting(
+        named=True,
+        nozzle=printer.nozzle_mm,
+        layer=printer.layer_height_mm,
+        supports=printer.supports,
+        overhang_deg=printer.max_overhang_deg,
+        bridge=printer.max_bridge_mm,
+        support_cm3=printer.max_support_cm3,
+    )
+
+
+def _feature(wall: LocalThickness, use: _Setting) -> Check:
+    what = "thinnest wall, between sides that are parallel within 30°"
+    return _against_nozzle("feature", wall, what, use, FEATURE_TOLERANCE_MM)
+
+
+def _gap(gap: LocalThickness, use: _Setting) -> Check:
+    what = "thinnest gap between surfaces"
+    return _against_nozzle("gap", gap, what, use, GAP_TOLERANCE * (use.nozzle or 0.0))
+
+
+def _against_nozzle(
+    name: str, found: LocalThickness, what: str, use: _Setting, tolerance: float
+) -> Check:
+    required = use.nozzle is not None
+    if use.nozzle is not None:
+        against = f", against the nozzle of {use.nozzle:g} mm"
+    else:
+        against = f"; {UNNAMED}" if not use.named else "; the printer's nozzle is not given"
+    if not np.isfinite(found.value):
+        detail = f"{what}: no two places face each other{against}"
+        return Check(name, "pass", required, "none", use.nozzle, "mm", detail)
+    detail = f"{what}, at {_text(found.at[0])}{against}"
+    thin = max(1, int((found.widths < (use.nozzle or 0.0) - tolerance).sum()))
+    return at_least(
+        name,
+        found.value,
+        use.nozzle,
+        "mm",
+        detail,
+        required=required,
+        tolerance=tolerance,
+        at=found.at[:thin],
+    )
+
+
+def _overhang(mesh: Mesh, grid: Columns, air: Stretches, use: _Setting) -> list[Check]:
+    areas = overhang_areas(mesh, use.overhang_deg, use.layer)
+    angle = f"steeper than {use.overhang_deg:g}° from the vertical, off the bed"
+    counted = areas
+    if use.unsupported:
+        counted = np.where(_bridged(mesh, areas, air, grid.cell, use), 0.0, areas)
+        angle += f", bridges of up to {use.bridge:g} mm left out"
+    worst = np.argsort(-counted, kind="stable")[:20]
+    worst = worst[counted[worst] > 0]
+    centers = mesh.vertices[mesh.faces[worst]].mean(axis=1)
+    place = f", the largest face at {_text(centers[0])}" if len(worst) else ""
+    area = float(counted.sum()) / 100
+    volume, tallest = support_volume(mesh, grid, use.overhang_deg, use.layer)
+    limited = use.named and use.supports
+    limit = use.support_cm3 if limited else None
+    tower = f", tallest at {_text(tallest)}" if volume else ""
+    return [
+        at_most(
+            "overhang",
+            area,
+            0.0 if use.unsupported else None,
+            "cm²",
+            f"area {angle}{place}{_supports(use)}",
+            required=use.unsupported,
+            at=centers,
+        ),
+        at_most(
+            "support_volume",
+            volume / 1000,
+            limit,
+            "cm³",
+            f"of solid columns under all overhangs{tower}{_supports(use)}",
+            required=limit is not None,
+            at=[tallest] if volume else [],
+        ),
+    ]
+
+
+def _bridged(mesh: Mesh, areas: Array, air: Stretches, cell: float, use: _Setting) -> Mask:
+    """(m,) whether a face lies in a bridge that is short enough."""
+    from scipy.spatial import cKDTree
+
+    short = air.bridged & (air.length <= _longest(use))
+    cells = air.cell_place[short[air.cell_of]] if len(short) else air.cell_place
+    inside = np.zeros(len(areas), dtype=np.bool_)
+    some = np.flatnonzero(areas > 0)
+    if not len(cells) or not len(some):
+        return inside
+    scale = np.array([1 / (1.5 * cell), 1 / (1.5 * cell), 1 / use.layer])
+    middle = mesh.vertices[mesh.faces[some]].mean(axis=1)
+    distance, _ = cKDTree(cells * scale).query(middle * scale, p=np.inf)
+    inside[some] = distance <= 1.0
+    return inside
+
+
+def _bridge(air: Stretches, use: _Setting) -> Check:
+    span = np.where(air.bridged, air.length, 2 * air.length)
+    span = np.where(air.island, 0.0, span)
+    order = np.argsort(-span, kind="stable")
+    limit = use.bridge if use.unsupported else None
+    longest = float(span[order[0]]) if len(order) else 0.0
+    kind = ""
+    if longest > 0:
+        first = order[0]
+        kind = ", a bridge" if air.bridged[first] else ", a ledge held on one side, counted twice"
+        kind += f", at {_text(air.place[first])}"
+    over = int((span > _longest(use)).sum()) if limit is not None else 0
+    some = order[: max(1, over)] if longest > 0 else order[:0]
+    return at_most(
+        "bridge",
+        longest,
+        limit,
+        "mm",
+        f"longest stretch that one layer lays over air{kind}{_supports(use)}",
+        required=limit is not None,
+        tolerance=1e-9,
+        at=air.place[some],
+    )
+
+
+def _on_the_bed(mesh: Mesh, air: Stretches, use: _Setting, stands: bool) -> list[Check]:
+    layer = use.layer + BED_MM
+    found = bodies(mesh)
+    aloft = [b for b in found if b.lowest[2] > layer]
+    limit = 0.0 if use.unsupported else None
+    lone = islands(mesh, air, layer)
+    where = f", the first at {_text(aloft[0].lowest)}" if aloft else ""
+    begin = f", the first at {_text(lone[0])}" if len(lone) else ""
+    checks = [
+        at_most(
+            "floating",
+            len(aloft),
+            limit,
+            "bodies",
+            f"that do not reach the bed, of {len(found)}{where}{_supports(use)}",
+            required=use.unsupported,
+            at=[b.lowest for b in aloft],
+        ),
+        at_most(
+            "islands",
+            len(lone),
+            limit,
+            "places",
+            f"that begin in mid-air, held by nothing below{begin}{_supports(use)}",
+            required=use.unsupported,
+            at=lone,
+        ),
+    ]
+    return [*checks, _standing(mesh, [b for b in found if b.lowest[2] <= layer], layer, stands)]
+
+
+def _standing(mesh: Mesh, found: list[Body], layer: float, stands: bool) -> Check:
+    if not found:
+        detail = "nothing reaches the bed"
+        return Check("standing", "fail" if stands else "pass", stands, "none", 0.0, "mm", detail)
+    margins = [margin(b.center, footprint(mesh.vertices, b.faces, layer)) for b in found]
+    worst = int(np.argmin(margins))
+    center = found[worst].center
+    tip = np.degrees(np.arctan2(margins[worst], center[2]))
+    of = f", of {len(found)} bodies the one that tips first" if len(found) > 1 else ""
+    detail = (
+        f"how far the centre of mass lies inside the first layer's hull{of}; the centre is at "
+        f"{_text(center)}, and it tips at {tip:.1f}°"
+    )
+    if not stands:
+        detail += "; it need not stand"
+    return at_least(
+        "standing",
+        margins[worst],
+        0.0 if stands else None,
+        "mm",
+        detail,
+        required=stands,
+        tolerance=1e-6,
+        at=places([center]),
+    )
+
+
+def _longest(use: _Setting) -> float:
+    return np.inf if use.bridge is None else use.bridge + 1e-9
+
+
+def _supports(use: _Setting) -> str:
+    if not use.named:
+        return f"; {UNNAMED}"
+    return "; printed with supports" if use.supports else "; printed without supports"
+
+
+def _text(point: Array) -> str:
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
+
+
+class _Clock:
+    """Runs a group and adds what it took to `seconds[group]`."""
+
+    def __init__(self, seconds: dict[str, float]) -> None:
+        self.seconds = seconds
+
+    def __call__(self, group: str, work: Callable[[], Result]) -> Result:
+        start = time.perf_counter()
+        result = work()
+        spent = time.perf_counter() - start
+        self.seconds[group] = self.seconds.get(group, 0.0) + spent
+        return result
