@@ -24,6 +24,7 @@ EFFORT = "bounds the work; the result is the same, or is said to be less fine"
 GRAIN = "the grain of a sampling: 1 % finer or coarser is as good"
 MARGIN = "a margin that lies orders of magnitude from what it parts"
 EDGE = "differs only where a rounded number meets a tolerance exactly"
+GUARDS = "bounds what a stranger's file may cost or say, orders of magnitude from a part's"
 INFORMS = "of a number that informs and has no limit"
 
 # (module, constant or comparison); * for all modules, or all of a module's
@@ -55,6 +56,8 @@ EXCUSES: dict[tuple[str, str], str] = {
             "MOST_LOOKS",
             "MOST_NEAR",
             "MOST_OF_SUMS",
+            "MOST_OF_UNKNOT",
+            "NEAREST_PAIRS",
             "MOST_PAIRS",
             "MOST_RANK",
             "MOST_RINGS",
@@ -100,6 +103,7 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("knot_reduction", "LEAST_SHIFT"): MARGIN,
     ("knot_reduction", "UNCERTAIN"): MARGIN,
     ("knot_reduction", "NUDGE"): MARGIN,
+    ("knot_type", "MOST_SHOWN"): MARKED,
     ("local_thickness", "cosine >= FACING"): EDGE,
     (
         "local_thickness",
@@ -118,6 +122,9 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("mesh_check", "len(bodies) > 1"): WORDS,
     ("mesh_check", "rounded < flat"): WORDS,
     ("misplacement", "*"): INFORMS,
+    ("mount_matter", "OFF"): MARGIN,
+    ("mount_matter", "REACH"): MARGIN,
+    ("mount_matter", "SPACING"): GRAIN,
     ("near_segments", "ROUNDING"): MARGIN,
     (
         "outline_stretch",
@@ -126,6 +133,9 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("overhang", "-normals[:, 2] > limit + ANGLE_TOLERANCE"): EDGE,
     ("penumbra", "SAMPLES"): GRAIN,
     ("penumbra", "GOLDEN_ANGLE"): "spreads samples over a disc; any irrational angle does",
+    ("plates", "order[0] < len(missing)"): WORDS,
+    ("plates", "both[order] > min(APART_MM, worst / 2)"): MARKED,
+    ("plates", "outside > APART_MM"): EDGE,
     ("printability", "longest > 0"): WORDS,
     ("printability", "len(found) > 1"): WORDS,
     ("printability", "found.widths < (use.nozzle or 0.0) - tolerance"): MARKED,
@@ -134,7 +144,11 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("projection", "DIRECTIONS"): EFFORT,
     ("projection", "KEPT"): EFFORT,
     ("projection", "ALL_PAIRS"): EFFORT,
-    ("read_mesh", "MOST_NAME"): MARGIN,
+    ("read_3mf", "*"): GUARDS,
+    ("read_mesh", "*"): GUARDS,
+    ("read_ply", "*"): GUARDS,
+    ("read_scene", "MOST"): GUARDS,
+    ("read_stl", "MOST_NAME"): MARGIN,
     ("region_mesh", "SAMPLE_MM"): GRAIN,
     ("region_mesh", "SINGLE"): MARGIN,
     ("render", "EGL_PLATFORM_DEVICE"): "a number of the EGL interface",

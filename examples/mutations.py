@@ -155,7 +155,7 @@ def tests_of(module: str) -> list[Path]:
     """The test files of a module, its own first, then those that import it, the corpus last."""
     own = TESTS / f"test_validators_{module}.py"
     names = re.compile(rf"knotfab_validators(\.| import ){module}\b")
-    others = [p for p in sorted(TESTS.glob("test_validators_*.py")) if names.search(p.read_text())]
+    others = [p for p in sorted(TESTS.glob("test_*.py")) if names.search(p.read_text())]
     order = [own, *others, CORPUS]
     return [p for p in dict.fromkeys(order) if p.exists()]
 

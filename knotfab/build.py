@@ -19,6 +19,7 @@ from knotfab.part.assemble import Part, part_of, pose_of, write_part
 from knotfab.part.pose import PrintPose
 from knotfab.part.threemf import read_back_strict
 from knotfab.progress import Progress
+from knotfab.report.drawings import write_drawings
 from knotfab.report.of_build import (
     add_fabrication,
     check_3mf,
@@ -27,7 +28,6 @@ from knotfab.report.of_build import (
     check_part,
     report_of,
 )
-from knotfab.report.drawings import write_drawings
 from knotfab.report.pictures import draw_part
 from knotfab.report.posing import add_posing
 from knotfab.report.report_html import Picture, write_report_html
@@ -127,12 +127,14 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 verdict["checks"] += plan.checks
         if any(c["required"] and c["status"] == "fail" for c in verdict["checks"]):
             verdict["status"], verdict["exit_code"] = "fail", 1
+        drawings: list[str] = []
         if request.printing:
             with progress.stage("drawings"):
-                write_drawings(folder, part, scene, target, verdict)
+                drawings = write_drawings(folder, part, scene, target, verdict)
         with progress.stage("report"):
             report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
             add_fabrication(report, part.mounted, sliced, plan, request.printing)
+            report["print"]["drawings"] = drawings
             add_posing(report, part, flattening)
             write_report_json(folder.file("report.json"), report)
             write_report_html(

@@ -15,30 +15,38 @@ from knotfab.errors import InputError, MachineError
 
 __all__ = ["Verifier", "render_shadow"]
 
+NO_GRAPHICS = "--no-graphics"
+
+
+HALVES = ("shadows", "geometry")  # of the validators' work, in the order of their children
+
 
 class Verifier:
-    """`python -m knotfab_validators` as a child: it loads VTK while its parent still searches.
+    """`python -m knotfab_validators` as children: they load VTK while their parent still searches.
 
-    A graphics library that crashes takes the child down, not the build; the answer is then a
+    Two share the work where there are shadows to verify: geometry and shadows take about as long. A
+    graphics library that crashes takes its child down, not the build; the answer is then a
     MachineError that says what to do.
     """
 
-    def __init__(self, graphics: bool = True) -> None:
-        self._arguments = [] if graphics else ["--no-graphics"]
-        self._child: subprocess.Popen[str] | None = None
+    def __init__(self, graphics: bool = True, shadows: bool = True) -> None:
+        self._arguments = [[] if graphics else [NO_GRAPHICS], [NO_GRAPHICS]][not shadows :]
+        self._children: list[subprocess.Popen[str]] = []
 
     def __enter__(self) -> Verifier:
-        self._child = subprocess.Popen(
-            # -P: modules come from the installation, never from the folder one happens to be in
-            [sys.executable, "-P", "-m", "knotfab_validators", *self._arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            encoding="utf-8",
-            errors="replace",
-            # Ctrl-C is for the parent, which then ends the child
-            start_new_session=True,
-        )
+        for arguments in self._arguments:
+            child = subprocess.Popen(
+                # -P: modules come from the installation, never from the folder one happens to be in
+                [sys.executable, "-P", "-m", "knotfab_validators", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                encoding="utf-8",
+                errors="replace",
+                # Ctrl-C is for the parent, which then ends the child
+                start_new_session=True,
+            )
+            self._children.append(child)
         return self
 
     def __exit__(
@@ -47,10 +55,10 @@ class Verifier:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._child is not None:
-            self._child.kill()
-            self._child.communicate()
-            self._child = None
+        for child in self._children:
+            child.kill()
+            child.communicate()
+        self._children = []
 
     def begin(
         self,
@@ -62,52 +70,85 @@ class Verifier:
         failures: Path | None = None,
     ) -> None:
         """Hand over the written files; `verdict` waits for the answer."""
-        assert self._child is not None and self._child.stdin is not None
-        request = {
-            name: None if path is None else str(path)
-            for name, path in (
-                ("part", part),
-                ("knots", knots),
-                ("scene", scene),
-                ("pictures_dir", pictures_dir),
-                ("failures", failures),
-            )
-        }
-        try:
-            self._child.stdin.write(json.dumps({**request, "skip": sorted(skip)}) + "\n")
-            self._child.stdin.flush()
-        except BrokenPipeError:
-            _, err = self._child.communicate()
-            self._crashed(err)
+        self._files = {"part": part, "knots": knots, "scene": scene, "pictures_dir": pictures_dir}
+        self._failures = failures
+        request: dict[str, Any] = {k: None if p is None else str(p) for k, p in self._files.items()}
+        request |= {"skip": sorted(skip), "failures": None}
+        both = len(self._children) == len(HALVES)
+        for child, half in zip(self._children, HALVES, strict=False):
+            assert child.stdin is not None
+            try:
+                child.stdin.write(json.dumps({**request, "only": half if both else None}) + "\n")
+                child.stdin.flush()
+            except BrokenPipeError:
+                _, err = child.communicate()
+                _crashed(child, err)
 
     def verdict(self) -> dict[str, Any]:
         """{"status", "exit_code", "checks", "views", "picture", "seconds"} of the files.
 
         Raises:
-            MachineError: the child crashed. InputError: it could not read a file.
+            MachineError: a child crashed. InputError: it could not read a file.
         """
-        assert self._child is not None
-        out, err = self._child.communicate()
-        try:
-            # a whole answer counts, even if the graphics library then crashes as it is unloaded
-            answer: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
-        except (IndexError, ValueError):
-            self._crashed(err)
-        if "error" in answer:
-            raise _unreadable(str(answer["error"]))
-        return answer
+        answers = [_answer(child) for child in reversed(self._children)]
+        codes = [answer["exit_code"] for answer in answers]
+        whole: dict[str, Any] = {
+            "status": "pass" if all(a["status"] == "pass" for a in answers) else "fail",
+            "exit_code": next((code for code in (1, 3) if code in codes), 0),
+            "checks": [check for answer in answers for check in answer["checks"]],
+            "views": [view for answer in answers for view in answer["views"]],
+            "seconds": {k: v for answer in answers for k, v in answer["seconds"].items()},
+        }
+        return {**whole, "picture": self._drawn(whole["checks"])}
 
-    def _crashed(self, err: str) -> NoReturn:
-        assert self._child is not None
-        code = self._child.wait()
-        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        last = (err.strip().splitlines() or [""])[-1].strip().rstrip(".")
-        raise MachineError(
-            "verification",
-            f"its process ended with {how}" + (f" ({last})" if last else ""),
-            "If graphics are the cause, install them (apt-get install libegl1 libgl1) or go on without "
-            "rendering (--skip shadow-render); knotfab doctor says what this machine lacks.",
-        )
+    def _drawn(self, checks: list[dict[str, Any]]) -> str | None:
+        """Draw what failed; None where nothing did, or it could not be drawn."""
+        if self._failures is None or not any(
+            c["status"] == "fail" and c["required"] for c in checks
+        ):
+            return None
+        from knotfab_validators.check import Check
+        from knotfab_validators.failure_picture import draw_failures
+        from knotfab_validators.read_knots import read_knots
+        from knotfab_validators.read_mesh import read_mesh
+
+        part, knots = self._files["part"], self._files["knots"]
+        found = [Check(**{**c, "at": tuple(map(tuple, c["at"]))}) for c in checks]
+        try:
+            mesh = None if part is None else read_mesh(part)
+            curves = None if knots is None else read_knots(knots)
+            drawn = draw_failures(self._failures, found, mesh, curves)
+        except OSError as error:
+            raise InputError(
+                str(self._failures),
+                f"it cannot be written ({error.strerror or error})",
+                "Choose another place for --failures",
+            ) from error
+        return str(self._failures) if drawn else None
+
+
+def _answer(child: subprocess.Popen[str]) -> dict[str, Any]:
+    out, err = child.communicate()
+    try:
+        # a whole answer counts, even if the graphics library then crashes as it is unloaded
+        answer: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+    except (IndexError, ValueError):
+        _crashed(child, err)
+    if "error" in answer:
+        raise _unreadable(str(answer["error"]))
+    return answer
+
+
+def _crashed(child: subprocess.Popen[str], err: str) -> NoReturn:
+    code = child.wait()
+    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    last = (err.strip().splitlines() or [""])[-1].strip().rstrip(".")
+    raise MachineError(
+        "verification",
+        f"its process ended with {how}" + (f" ({last})" if last else ""),
+        "If graphics are the cause, install them (apt-get install libegl1 libgl1) or go on without "
+        "rendering (--skip shadow-render); knotfab doctor says what this machine lacks.",
+    )
 
 
 def _unreadable(sentence: str) -> InputError:

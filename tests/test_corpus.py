@@ -23,9 +23,11 @@ from knotfab_validators.clearance import check_clearance
 from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.mesh_check import check_mesh
 from knotfab_validators.part_checks import part_checks
+from knotfab_validators.plates import check_plates
 from knotfab_validators.printability import printability_checks
 from knotfab_validators.read_knots import Curves
 from knotfab_validators.read_mesh import Mesh
+from knotfab_validators.read_plates import Laid
 from knotfab_validators.read_scene import Printer, Region, parse_scene
 from knotfab_validators.region import check_build_volume, check_region
 from knotfab_validators.shadow_checks import shadow_checks
@@ -62,8 +64,12 @@ def _named(name: str, checks: list[Check]) -> Check:
 
 
 def _printed(name: str, body: Body, printer: Printer = NO_SUPPORTS, stands: bool = False) -> Check:
-    mesh = Mesh(body.vertices, body.faces)
+    mesh = _mesh(body)
     return _named(name, printability_checks(mesh, printer, seconds={}, stands=stands))
+
+
+def _mesh(body: Body) -> Mesh:
+    return Mesh(body.vertices, body.faces)
 
 
 def _shrunk_box(beyond: float) -> Check:
@@ -97,7 +103,7 @@ def _volume(factor: float) -> Check:
 def _boxes_apart(required: float) -> Check:
     """Two boxes half a millimetre apart, coordinates up to 20 mm."""
     body = join(box((0, 0, 0), (10, 10, 10)), box((10.5, 0, 0), (20, 10, 10)))
-    return check_clearance(Mesh(body.vertices, body.faces), None, required)
+    return check_clearance(_mesh(body), None, required)
 
 
 def _coarse_strands(beyond: float) -> Check:
@@ -109,6 +115,21 @@ def _coarse_strands(beyond: float) -> Check:
     rounding = 1e-6 * float(np.abs(mesh.vertices).max())
     gap = _number(check_clearance(mesh, curves, 0.5))
     return check_clearance(mesh, curves, gap + rounding + beyond)
+
+
+def _pieces(name: str, *bodies: Body) -> Check:
+    """A box of 20 mm, made up of some bodies on one plate, which lie as they are."""
+    whole, laid = box((0, 0, 0), (20, 20, 20)), join(*bodies)
+    body = np.repeat(np.arange(len(bodies)), [len(b.vertices) for b in bodies])
+    plate = Laid("plate-1.3mf", _mesh(laid), body, np.stack([np.eye(4)] * len(bodies)))
+    return _named(name, check_plates(_mesh(whole), [plate], None))
+
+
+def _hollowed(share: float) -> Check:
+    """The box with a hollow of that share of its volume."""
+    inner = box((5, 5, 5), (15, 15, 5 + 80 * share))
+    hollow = Body(inner.vertices, inner.faces[:, ::-1])
+    return _pieces("plates_volume", box((0, 0, 0), (20, 20, 20)), hollow)
 
 
 def _leaning(slope: float) -> Body:
@@ -143,6 +164,8 @@ TOLERATED: dict[str, Callable[[float], Check]] = {
     "tube": lambda f: _tube_of(3.0 * (1 + 0.04 * f)),
     "clearance": lambda f: _boxes_apart(0.5 + 20e-6 * f),
     "clearance of facets": lambda f: _coarse_strands(2 * 0.01 * 3.0 * f),
+    "plates": lambda f: _pieces("plates", box((0, 0, 0), (20, 20, 20 + 0.05 * f))),
+    "plates_volume": lambda f: _hollowed(max(0.02 * f, 1e-3)),
     "mesh_volume, too much": lambda f: _volume(1 + 0.005 * f),
     "mesh_volume, too little": lambda f: _volume(1 - 0.005 * f),
     "feature": lambda f: _printed("feature", slab(0.4 - 1e-4 * f)),
@@ -231,7 +254,7 @@ def test_a_wall_plate_has_two_holes_for_screws(holes: int, status: str) -> None:
     cells[1::2, 1, 0] = False
     body = blocks(cells, [4.0 * i for i in range(2 * holes + 2)], (0, 4, 8, 12), (0, 4))
     scene = parse_scene({"mount": {"kind": "wall", "foot": "plate", "pegs": [3]}})
-    checks = part_checks(Mesh(body.vertices, body.faces), LAID, scene, {})
+    checks = part_checks(_mesh(body), LAID, scene, {})
     assert _named("mesh_genus", checks).status == status
 
 

@@ -38,7 +38,7 @@ from knotfab_validators.standing import bodies, footprint, margin
 from knotfab_validators.view import view_geometry
 
 RADIUS = 2.0
-PLA = Stiffness(2300.0, 1.24, 0.2)
+PLA = Stiffness(2300.0, 1.24, 0.04)
 ASKED = StandSettings(4.0, 10.0, 0.8)
 VIEW = View(frame_width_mm=180.0, frame_height_mm=180.0)
 
@@ -87,9 +87,10 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
     assert len(mount.holds) == len(mount.members) == len(mount.posts) + len(mount.struts)
     assert 0 < mount.sag_mm <= PLA.max_sag_mm and 0 < mount.sag_again_mm <= PLA.max_sag_mm
     assert mount.sag_again_mm == pytest.approx(mount.sag_mm, rel=0.1)
-    # one post alone does not do
+    assert len(mount.posts) >= 3
+    # what joins the knots to the ground does not do
     sites = sites_of(own)
-    first = mount.members.of(np.flatnonzero(np.arange(len(mount.members)) < len(own.knots)))
+    first = mount.members.of(np.arange(len(mount.members)) < len(own.knots))
     assert sag_of_members(own, sites, first, PLA) > PLA.max_sag_mm
 
 
@@ -251,7 +252,7 @@ def test_shade_measures_what_shows() -> None:
     exact = (2 * 2.0 * 1.2 / pixel) * (100 * 1.2 / pixel)
     assert shade.cost(post)[0] == pytest.approx(exact, rel=0.02)
     round_ends = np.pi * (2.0 * 1.2 / pixel) ** 2
-    assert shade.darkened(post) * 1024**2 == pytest.approx(exact + round_ends, rel=0.01)
+    assert shade.darkened(post) * 1024**2 == pytest.approx(exact + round_ends, rel=0.015)
     assert shade.cost(one([10, -80, 0], [10, -120, 0], 2.0))[0] == 0.0
     assert not shade.hidden(post)[0]
     shade.add(post)

@@ -94,3 +94,44 @@ def test_a_printer_too_small_for_the_tube() -> None:
         posed([oval((180, 180, 108))], (120.0, 120.0, 3.0))
     with pytest.raises(SceneError, match=r"at most 6\d\.\d %"):
         posed([oval((180, 180, 108))], (120.0, 120.0, 120.0))
+
+
+def block(*size: float) -> tuple[Array, np.ndarray]:
+    """Corners alone: all that a pose looks at."""
+    return np.array([[x, y, z] for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])],
+                    dtype=float), np.empty((0, 3), dtype=np.int32)  # fmt: skip
+
+
+def test_the_frame_that_would_fit_allows_for_a_mount() -> None:
+    """A plate keeps its margin, and its distance from the wall, when the frame shrinks."""
+    fixed = (16.0, 16.0, 103.0)
+    knots = Knots((Knot(oval((100, 100, 50))),), 2.0)
+
+    def tried(frame: float, room: tuple[float, float, float]) -> PrintPose:
+        part = block(frame + 16.0, frame + 16.0, 0.3 * frame + 103.0)
+        return choose_pose(knots, [part], room, (frame, frame), np.eye(3), fixed_mm=fixed)
+
+    for room in ((210.0, 210.0, 220.0), (300.0, 300.0, 150.0)):
+        with pytest.raises(SceneError) as caught:
+            tried(300.0, room)
+        found = re.search(r"largest frame that would fit is ([\d.]+) x", str(caught.value))
+        assert found is not None
+        tried(float(found[1]), room)
+        with pytest.raises(SceneError):
+            tried(1.01 * float(found[1]), room)
+
+
+def test_a_wall_too_far_for_the_printer_is_what_must_change() -> None:
+    knots = Knots((Knot(oval((100, 100, 50))),), 2.0)
+    fixed = (16.0, 16.0, 203.0)
+
+    def tried(room: tuple[float, float, float]) -> PrintPose:
+        part = block(196.0, 196.0, 250.0)
+        return choose_pose(knots, [part], room, (180.0, 180.0), np.eye(3), fixed_mm=fixed)
+
+    with pytest.raises(SceneError, match=r"wall_distance_mm smaller by more than 3\.0"):
+        tried((210.0, 210.0, 200.0))
+    with pytest.raises(SceneError, match=r"does not even hold the mount"):
+        tried((10.0, 210.0, 200.0))
+    with pytest.raises(SceneError, match=r"largest frame that would fit"):
+        tried((210.0, 210.0, 210.0))

@@ -197,7 +197,7 @@ def test_optional_print_numbers() -> None:
     data = sample()
     data["print_"] |= {"time_s": 5400.0, "filament_m": 20.42}
     text = Page(render_html(assemble(**data))).text
-    assert "print time, h" in text and "1.5" in text and "20.4" in text
+    assert "print time" in text and "1 h 30 min" in text and "20.4" in text
 
 
 @pytest.mark.parametrize(
@@ -236,3 +236,100 @@ def test_no_pictures_where_nothing_renders(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
     assert draw_part(*ring(), tmp_path / "part.png") is False
     assert not list(tmp_path.iterdir())
+
+
+def sections(page: Page) -> list[str]:
+    return [
+        s
+        for s in ("The wall mount", "The stand", "The bending plan", "The slicer")
+        if s in page.text
+    ]
+
+
+def fabricated(**more: Any) -> Page:
+    """The page of a report with what fabrication adds to it."""
+    data = sample()
+    data["print_"] |= more.pop("print_", {})
+    report = {**assemble(**data), **more}
+    return Page(render_html(report))
+
+
+WALL = {
+    "kind": "wall", "foot": "dowel", "pegs": 7, "pegs_of_knots": [7], "peg_length_mm": [55.9, 127.4],
+    "peg_diameter_mm": 2.2296, "sag_mm": 0.17, "max_sag_mm": 0.2,
+}  # fmt: skip
+STAND = {
+    "kind": "stand", "posts": 2, "struts": 11, "members_of_knots": [13],
+    "member_diameter_mm": [2.0, 3.0], "base_mm": [88.0, 64.5, 9.0], "base_back_mm": 6.0,
+    "margin_mm": 12.0, "tip_deg": 9.5, "predicted_intrusion": 0.002, "sag_mm": 0.1, "max_sag_mm": 0.2,
+}  # fmt: skip
+SLICED = {
+    "program": "PrusaSlicer", "version": "2.5.0", "time_s": 91031.0, "filament_m": 114.9,
+    "filament_g": 342.9, "support_m": 28.725, "layers": 745, "objects": 1,
+    "warnings": [{"text": "low <bed> adhesion", "explanation": "the brim settles it", "settled": True}],
+    "checks": [{"name": "bed", "status": "pass", "measured": -7.0, "limit": 0.0, "unit": "mm",
+                "detail": "keeps 7 mm"}],
+    "proven": [{"what": "printing time", "by": "PrusaSlicer's estimate"}],
+    "command": "prusa-slicer --export-gcode part.3mf", "profile": {}, "seconds": 9.0,
+}  # fmt: skip
+
+
+def test_each_section_of_fabrication_is_there_only_where_it_applies() -> None:
+    assert sections(fabricated()) == []
+    assert sections(fabricated(print_={"mount": {"kind": "none"}, "drawings": []})) == []
+    assert sections(fabricated(print_={"mount": WALL})) == ["The wall mount"]
+    assert sections(fabricated(print_={"mount": STAND})) == ["The stand"]
+    assert sections(fabricated(slicer=SLICED)) == ["The slicer"]
+
+
+def test_the_mounts_figures_and_drawings() -> None:
+    drawings = ["setup.pdf", "setup.svg", "drill-template-a4.pdf"]
+    text = fabricated(print_={"mount": WALL, "drawings": drawings}).text
+    for part in ("in drilled holes", "55.9 to 127", "0.17", "limit 0.2", ", ".join(drawings)):
+        assert part in text
+    assert "full size" in text
+    plain = fabricated(print_={"mount": STAND, "drawings": drawings[:2]}).text
+    assert "88 × 64.5 × 9" in plain and "9.5" in plain and "full size" not in plain
+
+
+def test_the_slicers_figures_warnings_and_proofs() -> None:
+    text = fabricated(slicer=SLICED).text
+    for part in ("25 h 18 min", "25 %", "745", "low <bed> adhesion", "the brim settles it"):
+        assert part in text
+    assert "printing time" in text and "keeps 7 mm" in text
+    quiet = fabricated(slicer={**SLICED, "warnings": []}).text
+    assert "had no warning" in quiet
+    none = {**SLICED, "program": None, "reason": "it is not installed", "remedy": "Install it."}
+    without = fabricated(slicer=none | {"checks": [], "warnings": []}).text
+    assert "Not sliced: it is not installed." in without and "print time" not in without
+
+
+def test_the_bending_plan_lists_each_wire() -> None:
+    wire = {
+        "file": "bends.csv", "length_mm": 3912.0, "bends": 300, "deviation_mm": 0.6,
+        "deviation_mean_mm": 0.1, "deviation_across_mm": 0.4, "closing_error_mm": 1e-9,
+        "shortest_straight_mm": 2.1, "largest_bend_deg": 95.2, "joint_straight_mm": 12.1,
+        "joint_hidden": False, "end_moves_mm_per_deg": 3.1, "end_moves_mm_for_1_deg_everywhere": 9.0,
+    }  # fmt: skip
+    plan = {
+        "status": "pass", "files": ["bends.csv"], "length_mm": 3912.0, "mass_g": 96.0, "bends": 300,
+        "iou": 0.98121, "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
+    }  # fmt: skip
+    text = fabricated(bending_plan=plan).text
+    for part in ("3.91", "0.9812", "bends.csv", "95.2", "it shows"):
+        assert part in text
+
+
+def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
+    off = {
+        "lamp_iou_per_mm": {"right": 0.0142, "up": 0.2, "towards": 0.0006},
+        "turn_iou_per_deg": {"right": 0.512, "up": 0.4, "axis": 0.042},
+    }
+    data = sample()
+    data["views"][0]["misplacement"] = off
+    text = Page(render_html(assemble(**data))).text
+    assert "lamp 10 mm to the side" in text and "0.142" in text and "1.000" in text
+    assert "piece turned by 1° like a wheel" in text and "0.042" in text
+    # a piece on a wall cannot be turned against it
+    data["print_"]["mount"] = WALL
+    assert "piece turned" not in Page(render_html(assemble(**data))).text

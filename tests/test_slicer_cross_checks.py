@@ -71,9 +71,9 @@ def test_the_bed_at_its_limit() -> None:
 
 
 def test_the_place_at_its_limit() -> None:
-    """One line to the sides, one layer in height."""
+    """One line to the sides, one layer and a half in height."""
     gcode = printed(LOW)
-    for axis, limit in enumerate((0.5, 0.5, 0.25)):
+    for axis, limit in enumerate((0.5, 0.5, 0.375)):
         for sign in (-1, 1):
             step = np.zeros(3)
             step[axis] = sign * limit

@@ -210,6 +210,10 @@ def _of_bodies() -> Iterator[Broken]:
     yield _fault("a ring with a bar across", handle, genus, _on_bar)
     yield _fault("a ring cut open with capped ends", capped, genus, lambda p: places_of(p.knots[0]))
 
+    yield Broken(
+        "a knots.json that says the ring is open", lambda: replace(_ring(), closed=False), genus
+    )
+
 
 def _of_crossings() -> Iterator[Broken]:
     crossing = "mesh_self_intersection"

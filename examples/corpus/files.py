@@ -49,6 +49,7 @@ class Part:
     knots: tuple[Array, ...] = ()
     types: tuple[str, ...] = ()
     radius: float | None = None
+    closed: bool = True
     scene: Mapping[str, Any] | None = None
     pictures: Mapping[str, Mask] = field(default_factory=dict)
     format: str = "stl"
@@ -94,7 +95,7 @@ def _part_name(form: str) -> str:
 
 def _knots_json(part: Part) -> bytes:
     pairs = zip(part.types, part.knots, strict=True)
-    knots = [{"closed": True, "type": t, "points": k.tolist()} for t, k in pairs]
+    knots = [{"closed": part.closed, "type": t, "points": k.tolist()} for t, k in pairs]
     data: dict[str, Any] = {"schema": 1, "unit": "mm", "knots": knots}
     if part.radius is not None:
         data["radius_mm"] = part.radius

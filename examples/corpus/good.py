@@ -23,6 +23,7 @@ from .curves import (
     torus_knot,
     wavy,
 )
+from .damage import RING, capped
 from .files import Part, encoded
 from .parts import Body, ball, blocks, box, drum, join, tube
 from .print_parts import arch, gallows, island, plain, slab, slot, table
@@ -106,6 +107,7 @@ def _sizes() -> Iterator[Good]:
     for n in (40, 300):
         yield Good(f"{n} rings", partial(tied, partial(circle, n=n), 3.0, sides=16))
     yield Good("unevenly sampled", lambda: knotted(_uneven()))
+    yield Good("open tube", _open)
     yield Good("without a radius", lambda: replace(knotted(circle()), radius=None))
     yield Good("without knots", lambda: replace(knotted(circle()), knots=()))
     yield Good("knots alone", lambda: replace(knotted(torus_knot(2, 3), types=["3_1"]), body=None))
@@ -238,6 +240,14 @@ def _printable() -> Iterator[Good]:
 
 def _ring() -> Part:
     return knotted(circle())
+
+
+def _open() -> Part:
+    """A ring with a gap, whose ends are flat."""
+    part = _ring()
+    assert part.body is not None
+    line = np.roll(part.knots[0], -RING - 1, axis=0)
+    return replace(part, body=capped(part.body), knots=(line,), closed=False)
 
 
 def _trefoil() -> Part:

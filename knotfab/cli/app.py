@@ -175,7 +175,8 @@ def validate(
     from knotfab.verify import Verifier
 
     files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
-    with Verifier(graphics=files.part is not None and "shadow-render" not in skipped) as verifier:
+    shadows = files.part is not None and files.scene is not None
+    with Verifier("shadow-render" not in skipped, shadows) as verifier:
         verifier.begin(files.part, files.knots, files.scene, skipped, None, files.failures)
         verdict = verifier.verdict()
     if json:

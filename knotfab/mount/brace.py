@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 NORM = 12.0  # of the displacements: nearly their largest, but smooth
 TRIED = 5  # hidden members that are tried before one is added
-TRIED_VISIBLE = 10
+TRIED_VISIBLE = 6
 LOOKED_AT = 400  # candidates of highest promise among which those are sought
 IDLE_ROUNDS = 4  # in which nothing helps, before it is left at that
 APART_RADII = 4.0  # tube radii between the ends of members that are tried together
@@ -75,6 +75,7 @@ def brace(
     limit = WANTED * stiffness.max_sag_mm
     members, best = given, given
     least, idle = np.inf, 0
+    seen = np.empty(0)  # of each member, the share of the frame that it alone darkens
     while True:
         frame = _frame(knots, sites, members, stiffness)
         moved = frame.moved()[: len(sites.knot)]
@@ -84,14 +85,16 @@ def brace(
         if sag <= limit or len(members) >= len(given) + most or idle >= IDLE_ROUNDS:
             break
         promise = _promise(frame, sites, candidates, moved) / (1 + cost / dear)
-        dark = np.array([shade.darkened(members.of([n])) for n in range(len(members))])
-        old = np.flatnonzero(dark > SEEN_SHARE)
+        for n in range(len(seen), len(members)):
+            seen = np.append(seen, shade.darkened(members.of([n])))
+        old = np.flatnonzero(seen > SEEN_SHARE)
         thicker = members.of(old).thickened(THICKER, MOST_SHARE * knots.radius_mm)
         clear = np.array(
             [obstacles.clear(thicker.of([i]), but=int(n))[0] for i, n in enumerate(old)]
         )
         use = np.flatnonzero(clear & (thicker.radius > members.radius[old])) if len(old) else old
-        old, thicker, dark = old[use], thicker.of(use), dark[old[use]] * shade.pixels
+        old, thicker = old[use], thicker.of(use)
+        dark = seen[old] * shade.pixels
         while idle < IDLE_ROUNDS:
             hidden = search.best(promise, ~visible, TRIED)
             tried = np.concatenate([hidden, search.best(promise, visible, TRIED_VISIBLE)])
@@ -119,6 +122,7 @@ def brace(
             number = int(old[pick - len(tried)])
             members = members.with_radius(number, float(one.radius[0]))
             obstacles.members = members
+            seen[number] = shade.darkened(one)
             search.afresh()
         if price[pick] > 0:
             shade.add(one)

@@ -55,6 +55,8 @@ DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the r
 OVERLAP_MM = 0.5
 LONGEST_RADII = 20.0  # of a hidden strut
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
+LEAST_POSTS = 3  # so that a push does not turn the piece about one of them
+APART_RADII = 5.0  # between their feet
 POSTS = 800  # candidates that show least
 BRIDGES = 150  # visible struts between two knots, likewise
 COARSE = 24  # samples of a member whose cost is first guessed
@@ -145,6 +147,9 @@ def plan_stand(
     chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shade)
     # what runs in the shadow of those shows no more now
     pool = joined([hidden, *shown(thin, thick)])
+    more = _more_posts(chosen, pool, obstacles, shade, APART_RADII * tube)
+    holds = np.concatenate([holds, sites.knot[more.first]])
+    chosen = joined([chosen, more])
     visible = np.arange(len(pool)) >= len(hidden)
     braced = brace(knots, sites, obstacles, shade, pool, visible, chosen, stiffness)
     members = braced.members
@@ -269,6 +274,29 @@ def _spanning(
         holds.append(int(next(k for k in ends[:, number] if not held[k])))
         held[holds[-1]] = True
     return candidates.of(np.array(chosen, dtype=np.int64)), np.array(holds, dtype=np.int64)
+
+
+def _more_posts(
+    chosen: Candidates, pool: Candidates, obstacles: Obstacles, shade: Shade, apart_mm: float
+) -> Candidates:
+    """Posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
+    more = nothing()
+    while True:
+        there = joined([chosen, more])
+        feet = there.end[there.second == GROUND]
+        if len(feet) >= LEAST_POSTS:
+            return more
+        far = np.linalg.norm(pool.end[:, None] - feet[None], axis=2).min(axis=1) >= apart_mm
+        some = pool.of(far & (pool.second == GROUND))
+        cost = shade.cost(some) + LENGTH_WEIGHT * some.length_mm
+        some = some.of(np.argsort(cost, kind="stable"))
+        clear = obstacles.clear(some)
+        if not clear.any():
+            return more
+        one = some.of([int(clear.argmax())])
+        obstacles.add(one)
+        shade.add(one)
+        more = joined([more, one])
 
 
 def _weights(knots: Knots, members: Candidates) -> Weights:

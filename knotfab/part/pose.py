@@ -123,7 +123,7 @@ def choose_pose(
             return placed(knots, tubes, turn)
         tried.append((turn, size))
     fixed = np.full(3, 2 * knots.radius_mm) if fixed_mm is None else np.asarray(fixed_mm)
-    raise _too_large([size for _, size in tried], room, fixed, frame_mm)
+    raise _too_large([size for _, size in tried], room, fixed, frame_mm, fixed_mm is not None)
 
 
 def _weighed(
@@ -236,7 +236,11 @@ def _oblique_turns(
 
 
 def _too_large(
-    sizes: list[Array], room: Array, fixed: Array, frame: tuple[float, float] | None
+    sizes: list[Array],
+    room: Array,
+    fixed: Array,
+    frame: tuple[float, float] | None,
+    mounted: bool = False,
 ) -> SceneError:
     """What fits: a smaller frame shrinks all of a size but what is `fixed` (3,) of it."""
     scales = [
@@ -247,14 +251,15 @@ def _too_large(
     size = sizes[scales.index(scale)]
     scale *= 1.0 - SPARE
     over = fixed - room
-    if scale <= 0 and over[:2].max() < 0:
+    if scale <= 0 and mounted and over[:2].max() < 0:
         remedy = (
             f"No smaller frame would fit: {fixed[2]:.1f} mm of the height are the piece's distance from "
             f"the wall and its mount. Use a wall_distance_mm smaller by more than {over[2]:.1f}, or "
             "--mount none"
         )
     elif scale <= 0:
-        remedy = f"Use a larger printer: this one does not even hold the {_by(fixed)} mm of tube or mount"
+        what = "mount" if mounted else "tube's thickness"
+        remedy = f"Use a larger printer: this one does not even hold the {what}"
     elif frame is None:
         remedy = (
             f"Scale the piece to at most {100 * scale:.1f} % of its size, or use another printer"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, isfinite, log10
+from math import ceil, floor, isfinite, log10
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ def render_html(
     environment.filters["number"] = _number
     environment.filters["fixed"] = _fixed
     environment.filters["percent"] = _percent
+    environment.filters["duration"] = _duration
     environment.filters["flat"] = _flat
     return environment.get_template(TEMPLATE).render(
         report=report,
@@ -105,6 +106,14 @@ def _percent(value: object) -> float:
     """A fraction as a width in percent, within 0 to 100."""
     ok = isinstance(value, int | float) and isfinite(value)
     return round(100 * min(max(float(value), 0.0), 1.0), 2) if ok else 0.0  # type: ignore[arg-type]
+
+
+def _duration(seconds: object) -> str:
+    """Hours and minutes, rounded up to the next minute."""
+    if not isinstance(seconds, int | float) or not isfinite(seconds):
+        return "–"
+    hours, minutes = divmod(ceil(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

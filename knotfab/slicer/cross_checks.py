@@ -110,8 +110,9 @@ def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) ->
     half = np.array([width / 2, width / 2, 0.0])
     first = ends.min(axis=0) - half - [0.0, 0.0, layer]
     off = np.abs(np.array([first - low, ends.max(axis=0) + half - high]))
-    # heights are whole layers, sides whole lines
-    share = float((off / [width, width, layer]).max())
+    # heights are whole layers, sides whole lines; a corner that points up or down is too thin for a
+    # line over half a layer more
+    share = float((off / [width, width, 1.5 * layer]).max())
     detail = (
         f"the printed part begins and ends within {share:.2f} lines of the mesh, on each side"
         if share <= 1

@@ -3,13 +3,15 @@
 Everything slow to load is loaded while the request is still awaited, so that a parent can start this
 process early; and a graphics library that crashes takes only this process with it.
 
-Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …]}.
+Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
+"only": "geometry", "shadows" or null}.
 Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for
 bad files.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 
@@ -33,10 +35,20 @@ def _warm_up() -> None:
         renderer.render(geometry)
 
 
+def _load() -> None:
+    """What the checks import as they go."""
+    import contextlib
+
+    for name in ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph", "scipy.ndimage"):
+        with contextlib.suppress(ImportError):  # the check that needs it will say so
+            importlib.import_module(name)
+
+
 def main() -> None:
     """Answer one request."""
     from .validate import validate
 
+    _load()
     if NO_GRAPHICS not in sys.argv:
         _warm_up()
     line = sys.stdin.readline()
@@ -45,7 +57,7 @@ def main() -> None:
     request = json.loads(line)
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
-        verdict = validate(**paths, skip=request["skip"])
+        verdict = validate(**paths, skip=request["skip"], only=request["only"])
     except ValueError as error:
         print(json.dumps({"error": str(error)}))
         return

@@ -30,8 +30,8 @@ def misplacement(
 ) -> dict[str, dict[str, float]]:
     """Loss of IoU per mm that the lamp is off, and per degree that the piece is turned.
 
-    Each is the larger loss of the two senses, over a move of `lamp_mm` or a turn of `turn_deg`; the
-    picture stays where it is on the wall, so that a shadow which merely moves counts as lost too.
+    Over a move of `lamp_mm` or a turn of `turn_deg` in one sense. The picture stays where it is on the
+    wall, so that a shadow which merely moves counts as lost too.
 
     Args:
         renderer: of the part, in the coordinates of `geometry`. middle: (3,) mm, what the piece
@@ -48,16 +48,12 @@ def misplacement(
         return max(0.0, best - overlap(renderer.render(moved), target).iou) / step
 
     lamp = {
-        name: max(
-            loss(replace(geometry, light=geometry.light + sign * lamp_mm * axis), lamp_mm)
-            for sign in (1, -1)
-        )
+        name: loss(replace(geometry, light=geometry.light + lamp_mm * axis), lamp_mm)
         for name, axis in axes.items()
     }
     turn = {
-        "axis" if name == "towards" else name: max(
-            loss(turned_about(geometry, middle, axis, np.radians(sign * turn_deg)), turn_deg)
-            for sign in (1, -1)
+        "axis" if name == "towards" else name: loss(
+            turned_about(geometry, middle, axis, np.radians(turn_deg)), turn_deg
         )
         for name, axis in axes.items()
     }

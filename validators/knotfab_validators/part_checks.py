@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from .check import Check, at_least, skipped
@@ -33,13 +33,15 @@ def part_checks(
     scene: Scene | None,
     seconds: dict[str, float],
     plates: Sequence[Laid] = (),
+    skip: Collection[str] = (),
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
     The thickness must reach the tube's radius, and with a scene half its clearance more; where no
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
     Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
-    are what must fit the printer and can be printed, and must make up the part.
+    are what must fit the printer and can be printed, and must make up the part. Printability costs
+    most: where all of it is to be left out (`skip`), it is not measured.
     """
     checks = _of_mesh(mesh, curves, scene, seconds) + _of_knots(mesh, curves, scene, seconds)
     if scene is None:
@@ -49,6 +51,8 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_build_volume(mesh, scene))
+    if set(PRINT_CHECKS) <= set(skip):
+        return checks + [skipped(name, "left out on request") for name in PRINT_CHECKS]
     if mesh is not None and scene is not None and plates:
         with timed(seconds, "plates"):
             checks += check_plates(mesh, plates, scene.printer.build_volume_mm)

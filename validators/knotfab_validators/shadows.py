@@ -22,7 +22,7 @@ from .read_mesh import Mesh
 from .read_scene import Scene
 from .render import CannotRender, SilhouetteRenderer
 from .shadow_checks import shadow_checks
-from .silhouette import read_silhouette
+from .silhouette import padded_mask, read_silhouette, working_frame
 from .verify_view import VerifiedView, verify_view
 from .view import ViewGeometry, view_geometry
 
@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 FRAME_MM = 180.0  # the longer side of a frame whose size the scene leaves open
 BLUR_PX = 1.0  # a lamp that blurs the outline by less is taken as a point
+MISPLACED_PX = 512  # losses of a few per cent are told apart as well
 SKIP_RENDER = "shadow-render"
 
 
@@ -106,8 +107,12 @@ def shadows(
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
             if renderer is not None:
                 with timed(seconds, "misplacement"):
+                    coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     views[-1]["misplacement"] = misplacement(
-                        renderer, _middle(points), fine, found.target
+                        renderer,
+                        _middle(points),
+                        geometry.resampled(coarse),
+                        padded_mask(target, coarse),
                     )
             if soft is not None:
                 views[-1]["penumbra"] = {"widest_px": soft.widest_px, "iou": soft.iou}

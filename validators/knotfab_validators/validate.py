@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from .check import Check
 from .clock import timed
@@ -23,6 +23,7 @@ from .verdict import Verdict, verdict_of
 __all__ = ["Verdict", "validate"]
 
 FilePath = str | PathLike[str]
+Half = Literal["geometry", "shadows"]
 
 
 def validate(
@@ -32,6 +33,7 @@ def validate(
     skip: Collection[str] = (),
     pictures_dir: FilePath | None = None,
     failures: FilePath | None = None,
+    only: Half | None = None,
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
 
@@ -43,6 +45,7 @@ def validate(
             about the shadow.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
+        only: one half of the work, "geometry" or "shadows", for two processes that share it.
 
     Raises:
         ValueError: a file cannot be read, or the part reaches the light (each error of the
@@ -54,10 +57,12 @@ def validate(
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
-    checks = part_checks(mesh, curves, setting, seconds, laid)
+    checks = [] if only == "shadows" else part_checks(mesh, curves, setting, seconds, laid, skip)
     views: list[dict[str, Any]] = []
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
-    if mesh is None or setting is None or scene is None:
+    if only == "geometry":
+        pass
+    elif mesh is None or setting is None or scene is None:
         lacking = "the part" if mesh is None else "the scene"
         checks += skipped_shadow_checks(f"not given {lacking}", required=False)
     elif nameless:

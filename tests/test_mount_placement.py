@@ -1,0 +1,131 @@
+"""Where the lamp stands: exact figures, whichever way the wall leans, and words that carry them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from setups import OFF, setup
+
+from knotfab.mount.placement import placement_of
+from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 40.0])
+@pytest.mark.parametrize("tilt", [0.0, 25.0, -10.0])
+def test_the_lamps_foot_on_a_leaning_wall(tilt: float, azimuth: float) -> None:
+    mounted, _, camera = setup("none", wall_tilt_deg=tilt, azimuth_deg=azimuth)
+    place = placement_of(mounted, camera)
+    slope = np.radians(tilt)
+    assert place.off_wall_mm == pytest.approx(600 * np.cos(slope))
+    assert (place.right_mm, place.up_mm) == pytest.approx((0.0, 600 * np.sin(slope)), abs=1e-9)
+    assert place.frame_mm == pytest.approx((160.0, 120.0))
+    # the frame's middle lies where the lamp's axis meets the wall
+    assert np.linalg.norm(place.lamp - place.middle) == pytest.approx(600.0)
+    again = place.middle + place.right_mm * place.wall[0] + place.up_mm * place.wall[1]
+    assert again + place.off_wall_mm * place.wall[2] == pytest.approx(place.lamp)
+    # the law of cosines: the corners are half a frame away, the upper ones along the slope
+    by_name = {mark.name: mark.lamp_mm for mark in place.marks}
+    corner = np.sqrt(80**2 + (60 - place.up_mm) ** 2 + place.off_wall_mm**2)
+    assert by_name["upper left corner of the frame"] == pytest.approx(corner)
+    assert by_name["upper right corner of the frame"] == pytest.approx(corner)
+
+
+def test_the_distances_place_the_lamp() -> None:
+    """Four distances from the marks leave only one place for the lamp, on its side of the wall."""
+    for kind in ("plate", "dowel", "stand"):
+        mounted, _, camera = setup(kind, wall_tilt_deg=8.0)
+        place = placement_of(mounted, camera)
+        at = np.stack([mark.at for mark in place.marks])
+        square = np.array([mark.lamp_mm for mark in place.marks]) ** 2
+        left = 2 * (at[1:] - at[0])
+        right = (at[1:] ** 2).sum(1) - (at[0] ** 2).sum() - square[1:] + square[0]
+        within, _, rank, _ = np.linalg.lstsq(left, right, rcond=None)
+        assert rank == 2
+        normal = np.cross(at[1] - at[0], at[2] - at[0])
+        normal *= np.sign(normal @ (place.lamp - at[0])) / np.linalg.norm(normal)
+        in_plane = within - (within - at[0]) @ normal * normal
+        high = np.sqrt(square[0] - ((in_plane - at[0]) ** 2).sum())
+        assert in_plane + high * normal == pytest.approx(place.lamp, abs=1e-6)
+
+
+def test_marks_lie_on_the_plates_edges() -> None:
+    mounted, _, camera = setup("plate")
+    place = placement_of(mounted, camera)
+    assert place.plate_mm == pytest.approx((176.0, 136.0))
+    marks = {m.name.split()[0]: place.on_wall(m.at) for m in place.marks}
+    assert marks["upper"] == pytest.approx([0, 68]) and marks["left"] == pytest.approx([-88, 0])
+    assert all(m.at @ camera.receiver[:3] + camera.receiver[3] < 1e-9 for m in place.marks)
+    # the holes are where the plate has them
+    assert place.holes == pytest.approx(np.array([[-83.0, 0.0], [83.0, 0.0]]))
+
+
+def test_dowel_holes_are_the_pegs_feet() -> None:
+    mounted, _, camera = setup("dowel", wall_tilt_deg=12.0)
+    place = placement_of(mounted, camera)
+    assert mounted.wall is not None
+    for (right, up), peg in zip(place.holes, mounted.wall.pegs, strict=True):
+        assert place.middle + right * place.wall[0] + up * place.wall[1] == pytest.approx(peg.foot)
+
+
+def test_steps_name_the_figures() -> None:
+    words = {}
+    for kind in ("none", "plate", "dowel", "stand"):
+        mounted, scene, camera = setup(kind)
+        place = placement_of(mounted, camera)
+        words[kind] = " ".join(steps_of(mounted, place, scene.views[0]))
+    assert "two holes 166 mm apart" in words["plate"] and "arrow up" in words["plate"]
+    assert "600 mm off the plate's face" in words["plate"]
+    assert "opposite the middle of the frame" in words["plate"]
+    assert "603.8 mm from the upper and lower edges of the plate" in words["plate"]
+    assert "606.4 mm from the left and right edges of the plate" in words["plate"]
+    assert "the 3 numbered holes" in words["dowel"] and "11 mm deep" in words["dowel"]
+    assert f"{np.hypot(600, 100):.1f} mm from every corner of the frame" in words["dowel"]
+    assert "52 mm below to 52 mm above" in words["none"]
+    # the lamp is at (0, 0, 500), the base at x -30 to 32, z -20 to 25, on a desk at -75
+    assert "80 mm before the wall" in words["stand"] and "75 mm above the desk" in words["stand"]
+    assert "475 mm in front" in words["stand"] and "1 mm to the left" in words["stand"]
+
+
+def test_a_plate_without_room_for_marks_promises_none() -> None:
+    mounted, scene, camera = setup("plate", margin_mm=2.4)
+    said = " ".join(steps_of(mounted, placement_of(mounted, camera), scene.views[0]))
+    assert "notch" not in said and "arrow" not in said
+
+
+def test_a_leaning_wall_is_told_in_words() -> None:
+    mounted, scene, camera = setup("plate", wall_tilt_deg=20.0)
+    place = placement_of(mounted, camera)
+    said = " ".join(steps_of(mounted, place, scene.views[0]))
+    assert "563.8 mm off" in said and "opposite 205.2 mm above the middle of the frame" in said
+    assert level_wall(place, 0.0) == pytest.approx(-100.0)
+    # 40 mm higher a wall that leans towards the lamp is nearer to it
+    assert level_wall(place, 40.0) == pytest.approx(-100 + 40 * np.tan(np.radians(20)))
+
+
+def test_costs_are_those_of_the_report() -> None:
+    _, scene, _ = setup("none")
+    view = scene.views[0]
+    lines = costs_of(OFF, view, on_wall=False)
+    assert lines[0] == "Lamp 10 mm to the side: about 0.14 IoU (the shadow moves 2 mm)"
+    assert lines[2] == "Lamp 10 mm nearer or farther: less than 0.01 IoU"
+    assert lines[3] == "Piece turned by 1° left or right: about 0.25 IoU"
+    assert lines[4] == "Piece turned by 1° forward or back: about 0.50 IoU"
+    assert len(lines) == 6
+    fixed = costs_of(OFF, view, on_wall=True)
+    # 600 mm sin 1° = 10.47 mm of the lamp
+    assert fixed[3:] == [
+        "Wall and piece turned by 1° left or right: about 0.15 IoU",
+        "Wall and piece leaning by 1° forward or back: about 0.09 IoU",
+    ]
+    assert costs_of(None, view, on_wall=True) == ["Not measured: nothing was rendered."]
+    least = {**OFF, "lamp_iou_per_mm": {"right": 0.0005, "up": 0.00049, "towards": 5.0}}
+    told = costs_of(least, view, on_wall=False)
+    assert "about 0.01" in told[0] and "less than" in told[1] and "about 1.00" in told[2]
+
+
+def test_the_lamps_size_is_told_with_its_blur() -> None:
+    _, scene, _ = setup("none")
+    view = scene.views[0].model_copy(update={"light_diameter_mm": 20.0})
+    assert "a spot of 20 mm; outlines blur by 4 mm" in " ".join(lamp_facts(view))
+    point = view.model_copy(update={"light_diameter_mm": 0.0})
+    assert "point" in " ".join(lamp_facts(point))
