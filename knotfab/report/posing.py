@@ -14,12 +14,15 @@ __all__ = ["add_posing"]
 def add_posing(report: dict[str, Any], part: Part, flattening: Flattening | None) -> None:
     """Add `print.pose`, `print.plates` where there are any, and the notes that go with them."""
     account = part.pose.account
-    pose: dict[str, Any] = {"chosen_by": "the mount" if part.plates is None else "nobody"}
+    by = "the mount" if part.mounted.upright is not None else "least height"
+    pose: dict[str, Any] = {"chosen_by": by}
     pose["height_mm"] = round(float(part.pose.size_mm[2]), 2)
     if account is not None:
         pose = account.to_dict()
     report["print"]["pose"] = pose
     notes: list[str] = report["notes"]
+    if part.plates is not None:  # nobody slices the whole
+        notes[:] = [note for note in notes if not note.startswith("Opening part.3mf")]
     if flattening is not None:
         pose["depth_mm"] = {
             "first": round(flattening.from_mm, 2),

@@ -1,0 +1,83 @@
+"""What a report says of pose, plates and depth; and the slicing of several plates summed up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knotfab.flatten import Flattening
+from knotfab.part.plates import Plate, Plates
+from knotfab.report.posing import add_posing
+from knotfab.slicer.known_warnings import SlicerWarning
+from knotfab.slicer.plates import together
+from knotfab.slicer.result import CrossCheck, Sliced
+
+BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
+
+
+def part(plates: Plates | None = None, upright: object = None) -> Any:
+    pose = SimpleNamespace(account=None, size_mm=np.array([10.0, 20.0, 30.0]))
+    return SimpleNamespace(pose=pose, plates=plates, mounted=SimpleNamespace(upright=upright))
+
+
+def report() -> dict[str, Any]:
+    return {"print": {}, "notes": ["Opening part.3mf in a slicer: …", "Another."]}
+
+
+def test_a_pose_that_the_mount_asks_for() -> None:
+    found = report()
+    add_posing(found, part(upright=np.eye(3)), None)
+    assert found["print"]["pose"] == {"chosen_by": "the mount", "height_mm": 30.0}
+    assert len(found["notes"]) == 2
+
+
+def test_plates_and_their_pins() -> None:
+    plates = Plates([Plate([BOX], ["knot 1"], [np.eye(4)])] * 3, [2, 1], [(1.5, 4.0)] * 3, [])
+    found = report()
+    add_posing(found, part(plates), None)
+    assert found["print"]["plates"]["files"][2] == {
+        "file": "plate-3.3mf", "bodies": ["knot 1"], "size_mm": [10.0, 20.0, 30.0],
+    }  # fmt: skip
+    assert found["notes"][0] == "Another."
+    assert "plate-1.3mf to plate-3.3mf" in found["notes"][1]
+    assert "3 cuts are joined by pins of 1.5 mm" in found["notes"][1]
+
+
+@pytest.mark.parametrize(
+    ("to", "proposed", "said"),
+    [
+        (60.0, None, ["lowered from 90 to 60"]),
+        (90.0, 50.0, ["--depth 50"]),
+        (60.0, 55.5, ["lowered", "55.5"]),
+    ],
+)
+def test_a_depth_that_was_lowered_or_should_be(
+    to: float, proposed: float | None, said: list[str]
+) -> None:
+    found = report()
+    add_posing(found, part(), Flattening(90.0, to, proposed))
+    notes = found["notes"][2:]
+    assert len(notes) == len(said)
+    assert all(text in note for text, note in zip(said, notes, strict=True))
+    assert found["print"]["pose"]["depth_mm"]["kept"] == to
+
+
+def sliced(time_s: float, *, passed: bool) -> Sliced:
+    check = CrossCheck("bed", passed, 1.0, 0.0, "mm", "over the edge")
+    warning = SlicerWarning("empty layer", "", settled=True)
+    return Sliced(
+        "PrusaSlicer", "2.5", time_s, 1.0, 3.0, 0.5, 100, 1, (warning,), (check,),
+        "prusa-slicer part.3mf", {}, 2.0,
+    )  # fmt: skip
+
+
+def test_several_plates_are_summed_and_named() -> None:
+    plates = [sliced(60.0, passed=True), sliced(90.0, passed=False)]
+    both = together(plates, ["plate-1.3mf", "plate-2.3mf"])
+    assert (both.time_s, both.filament_m, both.layers, both.objects) == (150.0, 2.0, 200, 2)
+    assert both.problems == ["plate-2.3mf: over the edge"]
+    assert [w.text.split(":")[0] for w in both.warnings] == ["plate-1.3mf", "plate-2.3mf"]
+    assert both.command == "prusa-slicer plate-N.3mf"
