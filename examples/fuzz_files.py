@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from examples.corpus.hostile import HANDMADE, Hostile, fuzzed
+from examples.corpus.fuzzed import fuzzed
+from examples.corpus.hostile import HANDMADE, Hostile
 
 __all__ = ["Outcome", "examined", "main", "run_all"]
 

@@ -96,6 +96,9 @@ def test_all_files_of_the_contract_and_a_silent_stderr(good: Good) -> None:
     names = {p.name for p in good.folder.iterdir()}
     assert names >= FILES and not any(n.startswith(".") for n in names)
     assert "rejected" not in names
+    drawings = {"setup.pdf", "setup.svg"}  # nothing is drilled for a piece without a mount
+    assert {n for n in names if n.startswith(("setup", "drill"))} == drawings
+    assert good.report["print"]["drawings"] == sorted(drawings)
     assert good.done.err == ""
     assert good.done.out.startswith("pass") and str(good.folder) in good.done.out
     assert "Nothing holds the knots" in good.done.out
@@ -202,7 +205,10 @@ def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Pa
     scene = good.folder / "scene.toml"
     done = knotfab("build", "--scene", scene, "--print", "--out", again, "--quiet")
     assert done == Done(0, "", "")
-    for name in ("part.stl", "knots.json", "scene.toml", "picture-front.png", "shadow-front.png"):
+    for name in (
+        *("part.stl", "knots.json", "scene.toml", "picture-front.png", "shadow-front.png"),
+        *("setup.pdf", "setup.svg"),
+    ):
         assert (again / name).read_bytes() == (good.folder / name).read_bytes(), name
 
 
@@ -436,6 +442,7 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
     assert any("2 knots are loose" in note for note in report["notes"])
     assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"
     assert checks_of(out)["mesh_bodies"]["measured"] == 2
+    assert not list(out.glob("setup.*")) and report["print"]["drawings"] == []  # without --print
 
 
 def test_two_pieces_bridged_into_one_of_a_given_depth(

@@ -7,7 +7,9 @@ import pytest
 from setups import OFF, setup
 
 from knotfab.mount.placement import placement_of
+from knotfab.mount.wall import WallSettings
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
+from knotfab_fixtures.plate import ARROW_MARKS
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 40.0])
@@ -129,3 +131,22 @@ def test_the_lamps_size_is_told_with_its_blur() -> None:
     assert "a spot of 20 mm; outlines blur by 4 mm" in " ".join(lamp_facts(view))
     point = view.model_copy(update={"light_diameter_mm": 0.0})
     assert "point" in " ".join(lamp_facts(point))
+
+
+@pytest.mark.parametrize(
+    ("margin", "hole", "mark"),
+    [
+        (8.0, 4.0, 1.5),  # as deep as they come
+        (6.0, 1.0, 1.2),  # a fifth of the margin
+        (6.0, 5.0, 0.875),  # half of what is left beside a screw hole
+        (2.5, 1.0, 0.5),  # the least
+        (2.49, 1.0, 0.0),
+        (2.4, 4.0, 0.0),
+    ],
+)
+def test_notches_stay_in_the_margin_and_off_the_holes(
+    margin: float, hole: float, mark: float
+) -> None:
+    settings = WallSettings("plate", 3.0, margin, hole, 10.0)
+    assert settings.mark_mm == pytest.approx(mark)
+    assert ARROW_MARKS * settings.mark_mm < margin

@@ -39,9 +39,13 @@ def test_commit_creates_parents_and_replaces_an_earlier_build(tmp_path: Path) ->
 def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> None:
     build(tmp_path, report__json="{}", part__3mf="old", knots__json="old")
     (tmp_path / "plate-2.3mf").write_text("old")
-    (tmp_path / "plate-notes.txt").write_text("user")
+    for name in ("setup.pdf", "setup.svg", "drill-template-a4.pdf", "drill-template-letter.pdf"):
+        (tmp_path / name).write_text("old")
+    for name in ("plate-notes.txt", "setup.txt", "drill-template.pdf"):
+        (tmp_path / name).write_text("user")
     build(tmp_path, report__json="{ }", knots__json="new")
-    assert set(listing(tmp_path)) == {"report.json", "knots.json", "plate-notes.txt"}
+    users = {"plate-notes.txt", "setup.txt", "drill-template.pdf"}
+    assert set(listing(tmp_path)) == {"report.json", "knots.json", *users}
 
 
 def test_without_a_report_nothing_is_taken_for_an_earlier_build(tmp_path: Path) -> None:

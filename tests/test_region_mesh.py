@@ -146,7 +146,8 @@ def test_a_build_stays_inside_and_can_be_repeated(tmp_path: Path) -> None:
     scene = tmp_path / "mine.toml"
     scene.write_text(
         '[region]\nkind = "mesh"\nfile = "room.stl"\n[piece]\ntube_radius_mm = 2.5\n'
-        '[accuracy]\nname = "draft"\niou_floor = 0.5\nmax_outline_error_px = 1.0\n[search]\ncoarse_px = 96\nfine_px = 160\n'
+        '[accuracy]\nname = "draft"\niou_floor = 0.5\nmax_outline_error_px = 1.0\n'
+        "[search]\ncoarse_px = 96\nfine_px = 160\n"
         "coarse_iterations = 25\nfine_iterations = 20\nsettle_iterations = 20\n"
         "depth_candidates = 8\n"
     )

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from examples.corpus.hostile import (
-    HANDMADE,
-    Hostile,
+from examples.corpus.cube_files import (
+    MESH,
     as_3mf,
     cube_obj,
     cube_ply,
     cube_stl,
-    fuzzed,
     model,
     seeds,
 )
+from examples.corpus.fuzzed import fuzzed
+from examples.corpus.hostile import HANDMADE, Hostile
 from examples.fuzz_files import examined
 from knotfab_validators.mesh import BadFile
 from knotfab_validators.read_knots import read_knots
@@ -125,8 +125,6 @@ def test_faces_that_are_wrong_reach_the_checks(tmp_path: Path) -> None:
 def test_a_3mf_has_its_units_transforms_and_components(tmp_path: Path) -> None:
     mesh = seeds()["cube.3mf"]
     assert mesh[:2] == b"PK"
-    from examples.corpus.hostile import MESH
-
     cube = f'<object id="1" type="model">{MESH}</object>'
     pair = (
         '<object id="2" type="model"><components><component objectid="1"/><component objectid="1" '

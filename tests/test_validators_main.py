@@ -13,7 +13,9 @@ from validator_parts import circle
 
 from knotfab_validators.validate import validate
 
-EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures", "only")} | {"skip": []}
+EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures", "only")} | {
+    "skip": []
+}
 
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:

@@ -106,5 +106,5 @@ def test_what_is_no_mesh_is_refused(name: str, tmp_path: Path, corners: Array) -
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "none.stl", tmp_path):
-        with pytest.raises(BadFile, match="cannot be read|is a folder"):
+        with pytest.raises(BadFile, match=r"cannot be read|is a folder"):
             read_mesh(path)

@@ -39,7 +39,7 @@ def build(
     depth: str | None = None,
     knots: str | None = None,
     search: Literal["flow"] = "flow",
-    mount: Literal["wall", "none"] | None = None,
+    mount: Literal["wall", "stand", "none"] | None = None,
     printer: str | None = None,
     material: str | None = None,
     seed: int | None = None,
@@ -75,7 +75,7 @@ def build(
         The method; flow is the certified flow.
     mount
         What holds the piece, with --print: wall (pegs along light rays, in the tube's own shadow, on a
-        plate whose face is the wall, or in drilled holes) or none (default).
+        plate whose face is the wall, or in drilled holes), stand (a base below the picture), none (default).
     printer
         A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
         the names.

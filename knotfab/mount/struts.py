@@ -32,6 +32,7 @@ SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
 JOINT_RADII = 3.5  # of arc on each side of a member's end that belong to its joint
 SHORTEST_RADII = 2.5  # of a strut between two centre lines
+LEAN_MM = 1.0  # by which leaning roots come nearer to each other than their middles say
 ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
 
 
@@ -222,7 +223,9 @@ class Obstacles:
             ok = gaps >= some.radius[i] + there.radius[j] + self.clearance
             feet = np.linalg.norm(some.end[i] - there.end[j], axis=1)
             both = post[i] & (there.second[j] == GROUND)
-            ok &= ~both | (feet >= root[i] + ROOT_SHARE * there.radius[j] + self.clearance)
+            ok &= ~both | (
+                feet >= root[i] + ROOT_SHARE * there.radius[j] + self.clearance + LEAN_MM
+            )
             free &= ok.reshape(n, m).all(axis=1)
         return free
 

@@ -167,7 +167,7 @@ def costs_of(
     """
     if misplacement is None:
         return ["Not measured: nothing was rendered."]
-    lamp, turn = misplacement["lamp_iou_per_mm"], misplacement["turn_iou_per_deg"]
+    lamp, turn = misplacement["lamp_iou_per_mm"], misplacement.get("turn_iou_per_deg", {})
     shift = LAMP_MM * view.wall_distance_mm / view.light_distance_mm
     lines = []
     for key, way in LAMP_WAYS.items():

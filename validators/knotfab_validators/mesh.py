@@ -1,4 +1,4 @@
-"""A part's surface as an indexed triangle mesh, and the error of a file that holds none."""
+"""A part's surface as an indexed triangle mesh, and what all readers refuse files with."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BadFile", "Corners", "Mesh", "merge_equal"]
+__all__ = ["MOST_TRIANGLES", "BadFile", "Corners", "Mesh", "merge_equal", "short"]
+
+MOST_TRIANGLES = 20_000_000
+"""Of one file: more would not fit the memory of the machines that the checks are meant for."""
+
+MOST_SHOWN = 80  # characters of what a file says, in a sentence about it
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -18,6 +23,17 @@ Corners = NDArray[np.floating[Any]]
 
 class BadFile(ValueError):
     """A file that cannot be read; the message is one sentence that names it."""
+
+
+def short(thing: object) -> str:
+    """What a file says, as it is shown in a sentence: on one line, and cut where it is long."""
+    try:
+        text = thing if isinstance(thing, str) else str(thing)
+    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
+        return "something too long to be shown"
+    shown = text[: MOST_SHOWN + 1]
+    shown = "".join(c if c.isprintable() else "?" for c in shown)
+    return shown if len(text) <= MOST_SHOWN else shown[:MOST_SHOWN] + "..."
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ def misplacement(
     *,
     lamp_mm: float = LAMP_MM,
     turn_deg: float = TURN_DEG,
+    turns: bool = True,
 ) -> dict[str, dict[str, float]]:
     """Loss of IoU per mm that the lamp is off, and per degree that the piece is turned.
 
@@ -36,10 +37,11 @@ def misplacement(
     Args:
         renderer: of the part, in the coordinates of `geometry`. middle: (3,) mm, what the piece
             turns about. target: (H, W), the picture's silhouette on the grid of `geometry`.
+        turns: whether the piece can turn against the wall: not one that is mounted on it.
 
     Returns:
         {"lamp_iou_per_mm": {"right", "up", "towards"}, "turn_iou_per_deg": {"right", "up", "axis"}};
-        the turns are named by their axes.
+        the turns are named by their axes, and left out where nothing can turn.
     """
     best = overlap(renderer.render(geometry), target).iou
     axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
@@ -51,6 +53,8 @@ def misplacement(
         name: loss(replace(geometry, light=geometry.light + lamp_mm * axis), lamp_mm)
         for name, axis in axes.items()
     }
+    if not turns:
+        return {"lamp_iou_per_mm": lamp}
     turn = {
         "axis" if name == "towards" else name: loss(
             turned_about(geometry, middle, axis, np.radians(turn_deg)), turn_deg

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["tube_vertices"]
+__all__ = ["strand_faces", "tube_vertices"]
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -15,6 +15,8 @@ Mask = NDArray[np.bool_]
 
 OFF = 1.06  # radii from the centre lines: facets and mitred rings stand out by less
 REACH = 2.0  # radii from the centre lines: a mount leads farther away than that, a swollen tube does not
+PROUD = 1.02  # radii from the centre lines: what stands out farther is no facet of the tube
+BESIDE = 3.0  # radii along a knot: a face that spans more leads from one strand to another
 SPACING = 0.125  # radii between the samples of the centre lines
 
 
@@ -32,16 +34,8 @@ def tube_vertices(vertices: Array, faces: Faces, polygons: Sequence[Array], radi
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    samples = []
-    for polygon in polygons:
-        edge = np.roll(polygon, -1, axis=0) - polygon
-        pieces = np.maximum(np.ceil(np.linalg.norm(edge, axis=1) / (SPACING * radius)), 1)
-        count = pieces.astype(np.int64)
-        which = np.repeat(np.arange(len(count)), count)
-        number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-        samples.append(polygon[which] + (number / count[which])[:, None] * edge[which])
     limit = REACH * radius
-    tree = cKDTree(np.concatenate(samples))
+    tree = cKDTree(np.concatenate([_samples(polygon, radius) for polygon in polygons]))
     distance, _ = tree.query(vertices, distance_upper_bound=limit)
     off = distance > OFF * radius
     own: Mask = ~off
@@ -54,3 +48,38 @@ def tube_vertices(vertices: Array, faces: Faces, polygons: Sequence[Array], radi
     far[label[off & ~(distance < limit)]] = True
     own |= off & ~far[label]
     return own
+
+
+def strand_faces(vertices: Array, faces: Faces, polygons: Sequence[Array], radius: float) -> Mask:
+    """(m,) whether each face is the tube's surface and no mount's: close to it, and to one strand alone.
+
+    Args:
+        vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
+    """
+    from scipy.spatial import cKDTree
+
+    samples = [_samples(polygon, radius) for polygon in polygons]
+    count = np.array([len(s) for s in samples])
+    first = np.concatenate([[0], np.cumsum(count)])
+    tree = cKDTree(np.concatenate(samples))
+    distance, nearest = tree.query(vertices, distance_upper_bound=REACH * radius)
+    close = (distance <= PROUD * radius)[faces].all(axis=1)
+    place = np.minimum(nearest, first[-1] - 1)[faces]
+    knot = np.searchsorted(first, place, side="right") - 1
+    result: Mask = close & (knot == knot[:, :1]).all(axis=1)
+    apart = np.abs(place - place[:, [1, 2, 0]])
+    apart = np.minimum(apart, count[knot] - apart)
+    # samples are at most SPACING apart, so that so many of them are at most so long
+    result &= (apart <= BESIDE / SPACING).all(axis=1)
+    return result
+
+
+def _samples(polygon: Array, radius: float) -> Array:
+    """(n, 3) points along a closed polygon, at most `SPACING` radii apart."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    pieces = np.maximum(np.ceil(np.linalg.norm(edge, axis=1) / (SPACING * radius)), 1)
+    count = pieces.astype(np.int64)
+    which = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    points: Array = polygon[which] + (number / count[which])[:, None] * edge[which]
+    return points

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from .check import Check, at_least, skipped
 from .clearance import check_clearance
 from .clock import timed
 from .knot_type import knot_checks
 from .mesh_check import NAMES as MESH_CHECKS
 from .mesh_check import check_mesh
+from .mount_matter import strand_faces
 from .plates import check_plates, printability_of_plates
 from .printability import NAMES as PRINT_CHECKS
 from .printability import printability_checks
@@ -78,8 +81,19 @@ def _of_mesh(
         checks.append(check_tube(mesh, curves, mounted=mounted))
     with timed(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
-        checks.append(check_clearance(mesh, curves, required))
+        strands = _strands(mesh, curves) if mounted else mesh
+        checks.append(check_clearance(strands, curves, required))
     return checks
+
+
+def _strands(mesh: Mesh, curves: Curves | None) -> Mesh:
+    """The mesh without the mount's faces, which lead from strand to strand."""
+    if curves is None or curves.radius_mm is None or not all(curves.closed):
+        return mesh
+    if not np.isfinite(mesh.vertices).all():
+        return mesh
+    own = strand_faces(mesh.vertices, mesh.faces, curves.polygons, curves.radius_mm)
+    return Mesh(mesh.vertices, mesh.faces[own]) if own.any() else mesh
 
 
 def _predicted(mount: Mount, curves: Curves | None) -> tuple[int | None, Sequence[int] | None]:

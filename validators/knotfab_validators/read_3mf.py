@@ -1,32 +1,29 @@
-"""The triangles of a 3MF file by lib3mf, after its archive has been found to be harmless."""
+"""The triangles of a 3MF file: a zip archive of which only the models are unpacked, in memory."""
 
 from __future__ import annotations
 
 import io
-import locale
-import re
 import zipfile
 import zlib
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import BadFile, Corners
+from .mesh import MOST_TRIANGLES, BadFile, Corners, short
+from .threemf_model import MOST_PLACED, Model, Placed, Shape, read_model, read_relations
 
 __all__ = ["corners_3mf", "is_3mf"]
 
-MOST_UNPACKED = 1_000_000_000  # bytes of all entries
+MOST_UNPACKED = 2_000_000_000  # bytes of all models together
 SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well
 MOST_RATIO = 50  # of unpacked to packed; meshes reach about 10
 MOST_ENTRIES = 10_000
-MOST_TRIANGLES = 20_000_000  # of all instances together
-BLOCK = 1 << 20
-# an object or a component and which, or a triangle
-TAGS = re.compile(
-    rb"<(?:\w+:)?(object|component|triangle)\b(?:[^>]{0,500}?\b(?:object)?id=[\"'](\w+)[\"'])?"
-)
-MM_PER_UNIT = (0.001, 1.0, 10.0, 25.4, 304.8, 1000.0)  # micrometre, mm, cm, inch, foot, metre
+DEEPEST = 100  # components within each other
+BLOCK = 1 << 18
+ENTRY = b"PK\x01\x02"  # in the archive's directory, before each entry
+Matrix = NDArray[np.float64]
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
 
 
 def is_3mf(content: bytes) -> bool:
@@ -34,95 +31,139 @@ def is_3mf(content: bytes) -> bool:
 
 
 def corners_3mf(content: bytes, name: str) -> Corners:
-    """(m, 3, 3) corners of all build items, mm.
+    """(m, 3, 3) corners of all build items, mm, in the file's order.
 
-    Nothing is unpacked to disk, so names such as `../x` in the archive do no harm.
+    Nothing is unpacked to disk. What items and components place is counted before any of it is
+    made. A transform that mirrors leaves the triangles' order as it is, and so turns a body inside
+    out: the standard does not allow it.
 
     Raises:
-        BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF.
+        BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF; the
+            message says what is wrong.
     """
-    import lib3mf
-
-    _require_harmless(content, name)
-    before = locale.setlocale(locale.LC_ALL)  # lib3mf sets it to "C", where text files are ASCII
     try:
-        model = lib3mf.get_wrapper().CreateModel()
-        model.QueryReader("3mf").ReadFromBuffer(content)
-        scale = MM_PER_UNIT[int(model.GetUnit())]
-        objects = model.MergeToModel().GetMeshObjects()  # one per build item, transforms applied
-        parts: list[NDArray[np.floating[Any]]] = [np.empty((0, 3, 3))]
-        while objects.MoveNext():
-            body = objects.GetCurrentMeshObject()
-            n, m = body.GetVertexCount(), body.GetTriangleCount()
-            if not n or not m:
-                continue
-            points = (lib3mf.Position * n)(*body.GetVertices())
-            corners = (lib3mf.Triangle * m)(*body.GetTriangleIndices())
-            vertices = np.frombuffer(points, dtype=np.float32).reshape(n, 3)
-            faces = np.frombuffer(corners, dtype=np.uint32).reshape(m, 3)
-            parts.append(vertices[faces] * scale)
-    except BadFile:
-        raise
-    except Exception as error:  # a parser that meets garbage may raise anything
-        raise BadFile(f"{name}: is not a 3MF file, or is damaged") from error
-    finally:
-        locale.setlocale(locale.LC_ALL, before)
-    return np.concatenate(parts)
+        with _opened(content, name) as archive:
+            return _Package(archive, len(content), name).corners()
+    except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError,
+            NotImplementedError, ValueError) as error:  # fmt: skip
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"{name}: is not a 3MF file, or is damaged ({short(error)})") from error
 
 
-def _require_few(xml: bytes, name: str) -> None:
-    """Count the triangles of all instances before any is made: components may multiply without end.
-
-    lib3mf follows components as it reads, so that it must not be asked.
-    """
-    if b"component" not in xml:
-        return
-    size: dict[bytes, int] = {}
-    here = b""
-    for tag, key in TAGS.findall(xml):
-        if tag == b"object":
-            here = key
-            size[here] = 0
-        else:
-            more = 1 if tag == b"triangle" else size.get(key, 0)
-            size[here] = min(size.get(here, 0) + more, 2 * MOST_TRIANGLES)
-    if max(size.values(), default=0) > MOST_TRIANGLES:
-        raise BadFile(f"{name}: its components make more than {MOST_TRIANGLES} triangles")
+def _opened(content: bytes, name: str) -> zipfile.ZipFile:
+    """The archive, found to have no more entries than a 3MF may, and none with a name that leads out."""
+    if (entries := content.count(ENTRY)) > MOST_ENTRIES:  # before each costs a kilobyte
+        raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    seen: set[str] = set()
+    for entry in archive.filelist:
+        key = entry.filename.lower()
+        steps = key.replace("\\", "/").split("/")
+        if ".." in steps or steps[0] == "" or ":" in steps[0]:
+            raise BadFile(f"{name}: has an entry whose name leads elsewhere, {short(key)}")
+        if key in seen:
+            raise BadFile(f"{name}: has two entries of the name {short(key)}")
+        seen.add(key)
+    return archive
 
 
-def _require_harmless(content: bytes, name: str) -> None:
-    """Unpack every entry once, counting: what an archive says of its own sizes proves nothing."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            entries = archive.infolist()
-            if len(entries) > MOST_ENTRIES:
-                raise BadFile(f"{name}: has {len(entries)} entries, too many for a 3MF")
-            unpacked = 0
-            for entry in entries:
-                with archive.open(entry) as stream:
-                    head = stream.read(BLOCK)
-                    is_model = entry.filename.lower().endswith(".model")
-                    xml = [head] if is_model else []
-                    if b"<!DOCTYPE" in head or b"<!ENTITY" in head:
-                        raise BadFile(f"{name}: has an XML document type, which no 3MF needs")
-                    size = len(head)
-                    while size and (block := stream.read(BLOCK)):
-                        size += len(block)
-                        xml += [block] if is_model else []
-                        _require_sane(unpacked + size, len(content), name)
-                _require_few(b"".join(xml), name)
-                unpacked += size
-                _require_sane(unpacked, len(content), name)
-    except BadFile:
-        raise
-    except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, ValueError, EOFError,
-            NotImplementedError) as error:  # fmt: skip
-        raise BadFile(f"{name}: is not a 3MF file, or is damaged") from error
+class _Package:
+    """The models of an archive, read as they are asked for."""
+
+    def __init__(self, archive: zipfile.ZipFile, packed: int, name: str) -> None:
+        self.archive, self.packed, self.name = archive, packed, name
+        self.entries = {entry.filename.lower(): entry for entry in archive.filelist}
+        self.models: dict[str, Model] = {}
+        self.unpacked = 0
+        self.cost: dict[tuple[str, int], tuple[int, int]] = {}
+        self._require_sane(sum(entry.file_size for entry in archive.filelist))
+
+    def corners(self) -> Corners:
+        start = _part(read_relations(self._blocks("_rels/.rels"), self.name), "")
+        model = self._model(start)
+        triangles = placed = 0
+        for item in model.items:
+            more = self._cost(_part(item.part, start), item.number, 0)
+            triangles, placed = triangles + more[0], placed + more[1]
+            self._require_few(triangles, placed)
+        parts: list[Corners] = [np.empty((0, 3, 3))]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as too far
+            for item in model.items:
+                self._place(_part(item.part, start), item, np.eye(4) * model.unit_mm, parts)
+        return np.concatenate(parts)
+
+    def _blocks(self, part: str) -> Iterator[bytes]:
+        """An entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
+        entry = self.entries.get(part)
+        if entry is None:
+            raise BadFile(f"{self.name}: is not a 3MF file: it has no {short(part)}")
+        if entry.compress_type not in PACKINGS:
+            raise BadFile(f"{self.name}: is packed in a way that 3MF does not allow")
+        self._require_sane(self.unpacked + entry.file_size)
+        with self.archive.open(entry) as stream:
+            while block := stream.read(BLOCK):
+                self.unpacked += len(block)
+                self._require_sane(self.unpacked)
+                yield block
+
+    def _require_sane(self, size: int) -> None:
+        if size > MOST_UNPACKED or (size > SUSPICIOUS and size > MOST_RATIO * self.packed):
+            raise BadFile(
+                f"{self.name}: unpacks to more than {size // 10**6} MB from "
+                f"{self.packed / 1e6:.3g} MB, which is no mesh"
+            )
+
+    def _model(self, part: str) -> Model:
+        if part not in self.models:
+            self.models[part] = read_model(self._blocks(part), self.name)
+            units = {model.unit_mm for model in self.models.values()}
+            if len(units) > 1:
+                raise BadFile(f"{self.name}: its models are in different units")
+        return self.models[part]
+
+    def _shape(self, part: str, number: int) -> Shape:
+        shape = self._model(part).shapes.get(number)
+        if shape is None:
+            raise BadFile(f"{self.name}: names object {number}, which is not there")
+        return shape
+
+    def _cost(self, part: str, number: int, depth: int) -> tuple[int, int]:
+        """Triangles and placed objects of an object with all its components; each is counted once.
+
+        Components within themselves are found by their depth.
+        """
+        if (known := self.cost.get((part, number))) is not None:
+            return known
+        if depth > DEEPEST:
+            raise BadFile(
+                f"{self.name}: its components are in each other, more than {DEEPEST} deep"
+            )
+        shape = self._shape(part, number)
+        triangles, placed = len(shape.corners) // 3, 1
+        for component in shape.components:
+            more = self._cost(_part(component.part, part), component.number, depth + 1)
+            triangles, placed = triangles + more[0], placed + more[1]
+        self.cost[part, number] = triangles, placed
+        return triangles, placed
+
+    def _require_few(self, triangles: int, placed: int) -> None:
+        if triangles > MOST_TRIANGLES:
+            raise BadFile(f"{self.name}: its objects make more than {MOST_TRIANGLES} triangles")
+        if placed > MOST_PLACED:
+            raise BadFile(f"{self.name}: places more than {MOST_PLACED} objects")
+
+    def _place(self, part: str, item: Placed, onto: Matrix, parts: list[Corners]) -> None:
+        """Append the corners of an object and its components; `onto` (4, 4) is applied last."""
+        matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
+        shape = self._shape(part, item.number)
+        if len(shape.corners):
+            moved = shape.vertices @ matrix[:3, :3] + matrix[3, :3]
+            parts.append(moved[shape.faces])
+        for component in shape.components:
+            self._place(_part(component.part, part), component, matrix, parts)
 
 
-def _require_sane(unpacked: int, packed: int, name: str) -> None:
-    if unpacked > MOST_UNPACKED or (unpacked > SUSPICIOUS and unpacked > MOST_RATIO * packed):
-        raise BadFile(
-            f"{name}: unpacks to more than {unpacked // 10**6} MB from {packed / 1e6:.3g} MB, which is "
-            "no mesh"
-        )
+def _part(path: str | None, here: str) -> str:
+    """An entry's name as it is looked up (without regard to case); None: where the reference stands."""
+    return here if path is None else path.lower().removeprefix("/")

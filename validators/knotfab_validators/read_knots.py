@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import BadFile
+from .mesh import BadFile, short
 from .read_mesh import MOST_MM, read_bytes
 
 __all__ = ["Curves", "parse_knots", "read_knots"]
 
 Array = NDArray[np.float64]
 
-MOST_BYTES = 64_000_000  # a million points; Python holds JSON in ten times its bytes
+MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
+MOST_KNOTS = 1000
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,13 @@ def read_knots(path: Path) -> Curves:
     """
     content = read_bytes(path, MOST_BYTES)
     try:
-        data = json.loads(content.decode("utf-8"))
+        data = json.loads(content.decode("utf-8"), object_pairs_hook=_once)
     except UnicodeDecodeError as error:
         raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
+    except _Twice as error:
+        raise BadFile(f"{path.name}: {error}") from error
     except (ValueError, RecursionError, MemoryError) as error:
-        raise BadFile(f"{path.name}: is not JSON ({_short(error)})") from error
+        raise BadFile(f"{path.name}: is not JSON ({short(error)})") from error
     return parse_knots(data, path.name)
 
 
@@ -68,12 +71,14 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
     if not isinstance(data, dict):
         raise BadFile(f"{name}: must hold an object with the keys schema, radius_mm and knots")
     if data.get("schema") != 1:
-        raise BadFile(f"{name}: schema is {_short(data.get('schema'))}, only 1 is known")
+        raise BadFile(f"{name}: schema is {short(data.get('schema'))}, only 1 is known")
     if data.get("unit", "mm") != "mm":
-        raise BadFile(f"{name}: unit is {_short(data['unit'])}, it must be 'mm'")
+        raise BadFile(f"{name}: unit is {short(data['unit'])}, it must be 'mm'")
     knots = data.get("knots")
     if not isinstance(knots, list) or not knots:
         raise BadFile(f"{name}: knots must be a list of at least one knot")
+    if len(knots) > MOST_KNOTS:
+        raise BadFile(f"{name}: has {len(knots)} knots, more than {MOST_KNOTS}")
     return Curves(
         polygons=tuple(_polygon(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
         types=tuple(_type(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
@@ -82,18 +87,32 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
     )
 
 
+class _Twice(ValueError):
+    """A key that is given twice: readers do not agree on which of the two counts."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _Twice(f"has the key {short(twice)} twice")
+    return found
+
+
 def _polygon(knot: Any, where: str) -> Array:
     if not isinstance(knot, dict) or "points" not in knot:
         raise BadFile(f"{where} has no points")
     closed = knot.get("closed", True)
     if not isinstance(closed, bool):
-        raise BadFile(f"{where}: closed must be true or false, got {_short(closed)}")
+        raise BadFile(f"{where}: closed must be true or false, got {short(closed)}")
     try:
         raw = np.array(knot["points"])
         points = raw.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadFile(f"{where}: points must be a list of [x, y, z]") from error
-    if raw.dtype.kind not in "iuf":  # texts and truth values look like numbers to numpy
+    # texts and truth values look like numbers to numpy, the latter also among numbers
+    if raw.dtype.kind not in "iuf" or (raw.ndim == 2 and _has_truth(knot["points"])):
         raise BadFile(f"{where}: points must be a list of [x, y, z], of numbers")
     least = 3 if closed else 2
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
@@ -111,14 +130,13 @@ def _polygon(knot: Any, where: str) -> Array:
     return points
 
 
+def _has_truth(points: list[list[object]]) -> bool:
+    return any(value is True or value is False for point in points for value in point)
+
+
 def _edges(points: Array, closed: bool) -> Array:
     edges: Array = np.roll(points, -1, axis=0) - points
     return edges if closed else edges[:-1]
-
-
-def _short(thing: object) -> str:
-    text = str(thing)
-    return text if len(text) < 80 else text[:80] + "..."
 
 
 def _type(knot: Any, where: str) -> str:
@@ -133,5 +151,5 @@ def _radius(value: Any, name: str) -> float | None:
         return None
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0 < value <= MOST_MM:  # NaN is in no order
-        raise BadFile(f"{name}: radius_mm must be a number above 0, got {_short(value)}")
+        raise BadFile(f"{name}: radius_mm must be a number above 0, got {short(value)}")
     return float(value)

@@ -1,8 +1,8 @@
 """Read a part's surface from STL, OBJ, PLY or 3MF, as an indexed triangle mesh in mm.
 
-The readers are this package's own, but for lib3mf's: strangers' files are met here, so that every
-count is held against the bytes there are before anything is allocated; and trimesh, which reads all
-of these, loads manifold3d, the maker's library, with itself.
+The readers are this package's own: strangers' files are met here, so that every count is held
+against the bytes there are before anything is allocated; and trimesh, which reads all of these, loads
+manifold3d, the maker's library, with itself.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .mesh import BadFile, Corners, Mesh, merge_equal
+from .mesh import MOST_TRIANGLES, BadFile, Corners, Mesh, merge_equal
 from .read_3mf import corners_3mf, is_3mf
 from .read_obj import corners_obj, is_obj
 from .read_ply import corners_ply, is_ply
@@ -23,8 +23,6 @@ __all__ = ["BadFile", "Mesh", "merge_equal", "read_bytes", "read_mesh"]
 MOST_BYTES = 2_000_000_000
 MOST_MM = 1e7
 """Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""
-
-MOST_TRIANGLES = 20_000_000
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -16,6 +16,7 @@ Ints = NDArray[np.int64]
 
 MOST_HEADER = 100_000  # bytes
 MOST_CORNERS = 10_000  # of one face
+BLANKS = b"\r\n\0 "  # that some programs put after the end
 KINDS = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -77,8 +78,11 @@ def corners_ply(content: bytes, name: str) -> Corners:
             if any(group.shape[1] < 3 for group in polygons):
                 raise BadFile(f"{name}: has a face of fewer than three corners")
             faces = _fans(polygons)
+        elif element.name == "tristrips":
+            raise BadFile(f"{name}: has strips of triangles, which are not read")
         else:
             body.lists(element, -1)
+    body.require_end()
     if vertices is None or faces is None:
         raise BadFile(f"{name}: has no vertices or no faces")
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
@@ -163,6 +167,13 @@ class _Body:
                     groups.setdefault(count, []).append(values)
         return [np.array(rows, dtype=np.int64).reshape(len(rows), n) for n, rows in groups.items()]
 
+    def require_end(self) -> None:
+        """Raise if there is more than the header promises."""
+        raise NotImplementedError
+
+    def _too_long(self) -> BadFile:
+        return BadFile(f"{self.name}: goes on after what its header promises")
+
     def _whole(self, kind: str) -> int:
         return self._take(kind, 1, keep=True)[0]
 
@@ -177,6 +188,10 @@ class _Binary(_Body):
     def __init__(self, content: bytes, start: int, name: str, order: str) -> None:
         super().__init__(content, start, name)
         self.order = order
+
+    def require_end(self) -> None:
+        if self.content[self.at :].strip(BLANKS):
+            raise self._too_long()
 
     def table(self, element: _Element) -> NDArray[np.float64]:
         kinds: Any = [
@@ -240,6 +255,12 @@ class _Text(_Body):
         super().__init__(content, start, name)
         self.words = content[start:].split()
         self.at = 0
+        if b"_" in content[start:]:  # Python's own way of writing numbers
+            raise BadFile(f"{name}: has a word that is no number")
+
+    def require_end(self) -> None:
+        if self.at < len(self.words):
+            raise self._too_long()
 
     def table(self, element: _Element) -> NDArray[np.float64]:
         width = len(element.properties)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .mesh import BadFile, Mesh
+from .mesh import BadFile, Mesh, short
 from .read_mesh import read_bytes
 
 __all__ = [
@@ -33,6 +34,8 @@ Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
 
 DEFAULT_PRINTER = "prusa-mk4"
 MOST_BYTES = 1_000_000
+MOST_DOTS = 200
+QUOTED_KEY = re.compile(r"[\"']\s*\.")
 MOST = 1e15  # of any number: beyond, whole numbers overflow
 
 
@@ -154,12 +157,23 @@ def read_scene(path: Path) -> Scene:
         BadFile: the file cannot be read, or a key has an impossible value.
     """
     try:
-        data = tomllib.loads(read_bytes(path, MOST_BYTES).decode("utf-8"))
+        text = read_bytes(path, MOST_BYTES).decode("utf-8")
+        _require_short_keys(text, path.name)
+        data = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
     except (ValueError, RecursionError) as error:
+        if isinstance(error, BadFile):
+            raise
         raise BadFile(f"{path.name}: is not TOML ({str(error)[:200]})") from error
     return parse_scene(data, path.name, path.parent)
+
+
+def _require_short_keys(text: str, name: str) -> None:
+    """tomllib's time grows with the square of a dotted key's length, quoted or not."""
+    longest = max(part.count(".") for part in re.split(r"[,\n]", text))
+    if longest > MOST_DOTS or len(QUOTED_KEY.findall(text)) > MOST_DOTS:
+        raise BadFile(f"{name}: has a key of more than {MOST_DOTS} words")
 
 
 def parse_scene(
@@ -171,7 +185,7 @@ def parse_scene(
         folder: where the mesh of a region lies; None: it is not read.
     """
     if data.get("schema", 1) != 1:
-        raise BadFile(f"{name}: schema is {data['schema']!r}, only 1 is known")
+        raise BadFile(f"{name}: schema is {short(data['schema'])}, only 1 is known")
     piece = _Table(data.get("piece", {}), f"{name}: [piece]")
     region = _Table(data.get("region", {}), f"{name}: [region]")
     material = _Table(data.get("material", {}), f"{name}: [material]")
@@ -304,7 +318,7 @@ def _motion(rows: Any, what: str) -> Pose:
     """A rigid motion, given as 4 rows of 4 numbers."""
     try:
         matrix = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BadFile(f"{what} must be 4 rows of 4 numbers") from error
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise BadFile(f"{what} must be 4 rows of 4 numbers")
@@ -331,13 +345,13 @@ class _Table:
         value = self.data.get(key, default)
         if not isinstance(value, str) or (allowed and value not in allowed):
             wanted = f"one of {', '.join(allowed)}" if allowed else "a text"
-            raise BadFile(f"{self.where} {key} must be {wanted}, got {value!r}")
+            raise BadFile(f"{self.where} {key} must be {wanted}, got {short(value)}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
         value = self.data.get(key, default)
         if not isinstance(value, bool):
-            raise BadFile(f"{self.where} {key} must be true or false, got {value!r}")
+            raise BadFile(f"{self.where} {key} must be true or false, got {short(value)}")
         return value
 
     def number(
@@ -358,7 +372,7 @@ class _Table:
             or value <= above
             or value > most
         ):
-            raise BadFile(f"{self.where} {key} has an impossible value, {value!r}")
+            raise BadFile(f"{self.where} {key} has an impossible value, {short(value)}")
         return float(value)
 
     def open_number(
@@ -384,6 +398,6 @@ class _Table:
     def fixed_vector(self, key: str, default: Vector, *, above: float = -math.inf) -> Vector:
         value = self.data.get(key, default)
         if not isinstance(value, list | tuple) or len(value) != 3:
-            raise BadFile(f"{self.where} {key} must be three numbers, got {value!r}")
+            raise BadFile(f"{self.where} {key} must be three numbers, got {short(value)}")
         x, y, z = (_Table({key: item}, self.where).number(key, 0.0, above=above) for item in value)
         return (x, y, z)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from array import array
 
 import numpy as np
 
@@ -11,7 +12,15 @@ from .mesh import BadFile, Corners
 __all__ = ["corners_stl", "is_stl"]
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
-MOST_NAME = 1000  # bytes after the last `endsolid`
+VERTEX = rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+"
+TEXT_FACET = re.compile(
+    rb"\s*facet\s+normal(?:\s+\S+){3}\s+outer\s+loop\s+"
+    + VERTEX * 3
+    + rb"endloop\s+endfacet(?!\S)",
+    re.IGNORECASE,
+)
+SOLID = re.compile(rb"\s*(end)?\s?solid(?!\w)[^\r\n]*", re.IGNORECASE)
+END = re.compile(rb"\s*\Z")
 
 
 def is_stl(content: bytes) -> bool:
@@ -51,13 +60,25 @@ def corners_stl(content: bytes, name: str) -> Corners:
 
 
 def _corners_text(content: bytes, name: str) -> Corners:
-    """(m, 3, 3) corners of an STL file of words: three `vertex x y z` to each `facet`."""
-    text = content.lower()
-    found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
-    facets = len(re.findall(rb"\bfacet\s+normal\b", text))
-    if len(found) != 3 * facets or b"endsolid" not in text[-MOST_NAME:]:
-        raise BadFile(f"{name}: is not an STL file, or is cut off")
-    try:
-        return np.array(found, dtype=np.float64).reshape(-1, 3, 3)
-    except ValueError as error:
-        raise BadFile(f"{name}: has a corner that is not three numbers") from error
+    """(m, 3, 3) corners of an STL file of words; several solids may follow each other."""
+    numbers, at, inside = array("d"), 0, False
+    while True:
+        if facet := TEXT_FACET.match(content, at):
+            try:
+                numbers.extend(map(float, facet.groups()))
+            except ValueError as error:
+                raise BadFile(f"{name}: has a corner that is not three numbers") from error
+            if b"_" in facet.group():  # Python's own way of writing numbers
+                raise BadFile(f"{name}: has a corner that is not three numbers")
+            at = facet.end()
+        elif line := SOLID.match(content, at):
+            inside, at = not line.group(1), line.end()
+        else:
+            break
+    if inside or not END.match(content, at):
+        where = content.count(b"\n", 0, at) + 1
+        raise BadFile(
+            f"{name}: is not an STL file, or is cut off: after line {where} comes neither a facet nor "
+            "the end"
+        )
+    return np.frombuffer(numbers, dtype=np.float64).reshape(-1, 3, 3)

@@ -36,8 +36,9 @@ def shadow_checks(
     """The shadow's checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
-    asked); what a stand darkens outside the frame is left out. Where nothing was rendered
-    (`no_rendering` says why) it is skipped, though required, unless `polygons_decide`.
+    asked); what a stand darkens beside the tube is left out, for `intrusion` says it. Where
+    nothing was rendered (`no_rendering` says why) it is skipped, though required, unless
+    `polygons_decide`.
     `shadow_exact`: pixels at which rendering and exact polygons disagree away from the outline, at
     most 0. `outline`: distance from the exact tube's shadow.
     `vertices` (n, 3) are the part's, in its own coordinates: places are named there.
@@ -58,7 +59,7 @@ def shadow_checks(
                 iou_floor,
                 "",
                 f"IoU of the file's shadow and the picture, view {name} ({by})"
-                + (", below the frame without its stand" if mount == "stand" else "")
+                + (", without what its stand darkens" if mount == "stand" else "")
                 + ("" if iou_floor is not None else "; no floor is asked"),
                 required=iou_floor is not None,
             )

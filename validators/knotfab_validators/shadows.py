@@ -113,6 +113,7 @@ def shadows(
                         _middle(points),
                         geometry.resampled(coarse),
                         padded_mask(target, coarse),
+                        turns=scene.mount.kind != "wall",
                     )
             if soft is not None:
                 views[-1]["penumbra"] = {"widest_px": soft.widest_px, "iou": soft.iou}
@@ -171,7 +172,7 @@ def _report(
         "projection": own.projection.tolist(),
         "receiver": own.receiver.tolist(),
         "iou": found.whole.iou,
-        "iou_frame": found.judged.iou,
+        "iou_frame": found.framed.iou,
         "iou_tube": found.tube.iou if found.tube is not None else None,
         "precision": found.whole.precision,
         "recall": found.whole.recall,

@@ -89,6 +89,8 @@ def read_silhouette(path: str | PathLike[str], *, invert: bool = False) -> Mask:
         PictureError: the file is missing, is no picture, or is damaged.
     """
     picture = Path(path)
+    if picture.exists() and not picture.is_file():  # a pipe or a device may never end
+        raise PictureError(f"{picture}: is not a plain file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of odd metadata; the pixels decide

@@ -36,7 +36,8 @@ class VerifiedView:
     of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
     along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
     that a mount darkens outside both picture and knots; None where the knots are not known.
-    `judged` is what the floor is asked of: `whole`, but for what a stand darkens outside the frame.
+    `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
+    floor is asked, without all that it darkens beside the tube; without a stand all three are one.
     """
 
     frame: WorkingFrame
@@ -44,6 +45,7 @@ class VerifiedView:
     exact: Mask
     rendered: Mask | None
     whole: Overlap
+    framed: Overlap
     judged: Overlap
     exact_iou: float
     stray_px: int | None
@@ -85,8 +87,7 @@ def verify_view(
         mounted: whether the part is more than the tube about `polygons`; then the knots' own shadow
             is that of the exact tube, which the check `tube` finds in the part.
         stand: whether that is a stand, which shows below the frame and may show inside it. The
-            outline is then that of the tube's own surface, and what lies outside the frame is
-            judged where it is the tube's.
+            outline is then that of the tube's own surface, and the tube's shadow is what is judged.
         renderer: of this mesh, where rendering is possible.
         longer: pixels on the longer side of the frame.
 
@@ -106,6 +107,7 @@ def verify_view(
         exact=exact,
         rendered=rendered,
         whole=whole,
+        framed=whole,
         judged=whole,
         exact_iou=overlap(exact, wanted).iou,
         stray_px=None if rendered is None else second_opinion(rendered, exact, polygon),
@@ -128,7 +130,10 @@ def verify_view(
         if stand:
             kept = shadow & (_in_frame(frame) | field.mask)
             result = replace(
-                result, judged=overlap(kept, wanted), wrong=wrong_stretch(kept, wanted)
+                result,
+                framed=overlap(kept, wanted),
+                judged=overlap(shadow & field.mask, wanted),
+                wrong=wrong_stretch(kept, wanted),
             )
         result = replace(
             result,
