@@ -123,15 +123,16 @@ def handle(body: Body) -> Body:
     return Body(body.vertices, np.concatenate([np.delete(body.faces, gone, axis=0), bar]))
 
 
-def capped(body: Body) -> Body:
-    """One ring of faces taken out, and both ends closed by a fan."""
-    kept = np.delete(body.faces, range(2 * RING * SIDES, 2 * (RING + 1) * SIDES), axis=0)
+def capped(body: Body, rings: int = 1) -> Body:
+    """`rings` rings of faces taken out, and both ends closed by a fan."""
+    far = RING + rings
+    kept = np.delete(body.faces, range(2 * RING * SIDES, 2 * far * SIDES), axis=0)
     n = len(body.vertices)
-    ends = body.vertices.reshape(-1, SIDES, 3)[[RING, RING + 1]].mean(axis=1)
+    ends = body.vertices.reshape(-1, SIDES, 3)[[RING, far]].mean(axis=1)
     j = np.arange(SIDES)
     after = (j + 1) % SIDES
     first = np.stack([0 * j + n, RING * SIDES + j, RING * SIDES + after], axis=-1)
-    last = np.stack([0 * j + n + 1, (RING + 1) * SIDES + after, (RING + 1) * SIDES + j], axis=-1)
+    last = np.stack([0 * j + n + 1, far * SIDES + after, far * SIDES + j], axis=-1)
     return Body(np.concatenate([body.vertices, ends]), np.concatenate([kept, first, last]))
 
 

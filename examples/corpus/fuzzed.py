@@ -4,38 +4,101 @@ from __future__ import annotations
 
 import io
 import random
+import re
 import struct
+import tempfile
 import zipfile
+from functools import cache
+from pathlib import Path
 
+from .case import knotted, with_scene
 from .cube_files import archive, seeds
+from .curves import circle
+from .files import write
 from .hostile import Hostile
 
-__all__ = ["fuzzed"]
+__all__ = ["company", "fuzzed"]
+
+NUMBER = re.compile(rb"-?\d+\.?\d*(?:e[+-]?\d+)?")
 
 TOKENS = (
-    *(b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"-0", b"0", b"-1", b"1e400"),
-    *(b"4294967296", b"18446744073709551616", b"9" * 300, b"", b"x", b"1e7", b"0x10", b"[[", b"]]"),
+    *(b"-0", b"0", b"-1", b"1", b"1e-320", b"1e-7", b"0.5", b"90", b"180", b"3000", b"1e7"),
+    *(
+        b"-1e7",
+        b"nan",
+        b"inf",
+        b"-inf",
+        b"1e308",
+        b"-1e308",
+        b"1e400",
+        b"4294967296",
+        b"18446744073709551616",
+        b"9" * 300,
+        b"",
+        b"x",
+        b"0x10",
+        b"[[",
+        b"]]",
+    ),
 )
 
 
+@cache
+def company() -> dict[str, bytes]:
+    """A good part in four formats, its knots, scene and picture, by the names of the files."""
+    files: dict[str, bytes] = {}
+    for form in ("stl-text", "obj", "ply", "3mf"):
+        part = with_scene(knotted(circle(20.0, 24), sides=8, format=form))
+        with tempfile.TemporaryDirectory() as folder:
+            write(part, Path(folder))
+            files |= {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+    return files
+
+
 def fuzzed(seed: int) -> Hostile:
-    """One of the good files, changed at random; the same for the same seed."""
+    """One good file changed at random, the same for the same seed.
+
+    Two of three are small files by themselves, changed in every way. The third is one of a part, its
+    knots and its scene, and only its numbers are changed: most of these can be read, and meet all
+    the checks there are.
+    """
     rng = random.Random(seed)
-    name, good = rng.choice(sorted(seeds().items()))
-    content = bytearray(good)
-    if name.endswith("3mf") and rng.random() < 0.7:  # inside the archive, not the archive
-        with zipfile.ZipFile(io.BytesIO(good)) as file:
+    among = seed % 3 == 0
+    files = {n: c for n, c in company().items() if n != "front.png"} if among else seeds()
+    name = rng.choice(sorted(files))
+    change = _renumber if among else _change
+    content = bytearray(files[name])
+    if name.endswith("3mf") and (
+        among or rng.random() < 0.7
+    ):  # inside the archive, not the archive
+        with zipfile.ZipFile(io.BytesIO(files[name])) as file:
             entries: dict[str, str | bytes] = {n: file.read(n) for n in file.namelist()}
-        inner = rng.choice(["3D/3dmodel.model", "3D/3dmodel.model", *entries])
+        model = "3D/3dmodel.model"
+        inner = model if among else rng.choice([model, model, *entries])
         before = entries[inner]
         assert isinstance(before, bytes)
         changed = bytearray(before)
         for _ in range(rng.randint(1, 4)):
-            _change(changed, rng)
-        return Hostile(name, archive({**entries, inner: bytes(changed)}), None)
+            change(changed, rng)
+        return Hostile(name, archive({**entries, inner: bytes(changed)}), None, among)
     for _ in range(rng.randint(1, 4)):
-        _change(content, rng)
-    return Hostile(name, bytes(content), None)
+        change(content, rng)
+    return Hostile(name, bytes(content), None, among)
+
+
+def _renumber(content: bytearray, rng: random.Random) -> None:
+    """Put another number for one, often one from elsewhere in the file; or double a line."""
+    found = list(NUMBER.finditer(content))
+    if not found:
+        return
+    one, other = rng.choice(found), rng.choice(found).group()
+    kind = rng.randrange(10)
+    if kind < 9:
+        content[one.start() : one.end()] = rng.choice(TOKENS[:13]) if kind < 6 else other
+    else:
+        lines = bytes(content).split(b"\n")
+        lines[rng.randrange(len(lines))] = rng.choice(lines)
+        content[:] = b"\n".join(lines)
 
 
 def _change(content: bytearray, rng: random.Random) -> None:

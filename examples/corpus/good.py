@@ -243,11 +243,12 @@ def _ring() -> Part:
 
 
 def _open() -> Part:
-    """A ring with a gap, whose ends are flat."""
+    """A ring with a gap wider than its tube, whose ends are flat."""
+    rings = 6
     part = _ring()
     assert part.body is not None
-    line = np.roll(part.knots[0], -RING - 1, axis=0)
-    return replace(part, body=capped(part.body), knots=(line,), closed=False)
+    line = np.roll(part.knots[0], -RING - rings, axis=0)[: 1 - rings]
+    return replace(part, body=capped(part.body, rings), knots=(line,), closed=False)
 
 
 def _trefoil() -> Part:

@@ -30,12 +30,14 @@ __all__ = ["HANDMADE", "Hostile"]
 class Hostile:
     """A file's name (its ending chooses the reader) and content, and a word of the refusal.
 
-    `says` is None where any verdict or refusal will do, as long as there is one.
+    `says` is None where any verdict or refusal will do, as long as there is one. `among`: it is one of
+    a part, its knots and its scene, and is to be given with the two others, which are good.
     """
 
     name: str
     content: bytes
     says: str | None
+    among: bool = False
 
 
 def _deep(levels: int) -> bytes:
@@ -270,6 +272,8 @@ def _handmade() -> Iterator[Hostile]:
     yield Hostile("hex3.toml", _scene(f"[pose]\nmatrix = [{row}, {row}, {row}, {row}]"), "matrix")
     yield Hostile("dots.toml", b"a" + b".a" * 400_000 + b" = 1", "key of more than")
     yield Hostile("dots2.toml", b'"a,"' + b'."a,"' * 150_000 + b" = 1", "key of more than")
+    tiny = "[[views]]\nframe_width_mm = 1e-300"
+    yield Hostile("tiny.toml", _scene(tiny), "frame_width_mm")
     yield Hostile("views.toml", b"schema = 1\nviews = []", "views")
     yield Hostile("views2.toml", b"schema = 1\nviews = [1, 2]", "view")
     yield Hostile("utf.toml", b"schema = 1 # \xff", "UTF-8")

@@ -130,6 +130,9 @@ def mount_piece(
         ValueError: a stand without a target.
     """
     asked = scene.mount
+    if asked.kind != "wall" and asked.foot == "auto":  # a written scene leaves nothing open
+        asked = asked.model_copy(update={"foot": "plate"})
+        scene = scene.model_copy(update={"mount": asked})
     if asked.kind == "none":
         return Mounted(tubes, _names(len(tubes)), scene, None, None)
     if asked.kind == "stand":

@@ -36,6 +36,7 @@ DEFAULT_PRINTER = "prusa-mk4"
 MOST_BYTES = 1_000_000
 MOST_DOTS = 200
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
+LEAST = 1e-9  # of a number that must be above 0: its square, and what it divides, stay finite
 MOST = 1e15  # of any number: beyond, whole numbers overflow
 
 
@@ -370,6 +371,7 @@ class _Table:
             or not abs(value) <= MOST
             or value < least
             or value <= above
+            or (above == 0 and value < LEAST)
             or value > most
         ):
             raise BadFile(f"{self.where} {key} has an impossible value, {short(value)}")

@@ -16,6 +16,7 @@ Mask = NDArray[np.bool_]
 
 MOST_SAMPLES = 200_000  # on absurdly long curves
 MOST_STEPS = 10_000
+MOST_MOVES = 4_000_000  # of pairs, all steps together; a part of 8 m takes half a million
 MOST_PAIRS = 20_000_000
 STEPS = tuple((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b)
 
@@ -92,7 +93,8 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
     two however soon the curve comes back.
 
     Raises:
-        ValueError: there are more than 20 million pairs within `reach`.
+        ValueError: there are more than 20 million pairs within `reach`, or strands run side by side
+            for so long that the descent would not end soon.
     """
     from scipy.spatial import cKDTree
 
@@ -118,9 +120,13 @@ def _meet(samples: Samples, i: Index, j: Index) -> Mask:
     start, where = np.unique(i * count + j, return_inverse=True)
     now = start.copy()
     active = np.arange(len(now))
+    moves = 0
     for _ in range(MOST_STEPS):
         if not len(active):
             break
+        moves += len(active)
+        if moves > MOST_MOVES:
+            raise ValueError("strands run side by side for too long to be told apart")
         # pairs that have come to the same place go on as one
         unique, back = np.unique(now[active], return_inverse=True)
         moved = _lower(samples, unique // count, unique % count, count)[back]
