@@ -42,8 +42,9 @@ lint: $(DONE)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# two files at a time, each on one thread: two cores are what is counted on
 test: system slicer $(DONE) lint
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
