@@ -58,7 +58,7 @@ renderer-table: $(DONE)
 validator-table: system $(DONE)
 	$(BIN)/python -m examples.validator_table
 
-# whether the tests notice when a comparison or a limit of the validators is changed (hours)
+# whether the tests notice when a comparison or a limit of the validators is changed (about half an hour)
 mutations: system $(DONE)
 	$(BIN)/python -m examples.mutations
 

@@ -15,13 +15,14 @@ from examples.corpus.case import READ, Broken, Good, knotted, with_scene
 from examples.corpus.curves import circle
 from examples.corpus.files import write
 from examples.corpus.good import good
-from examples.corpus.parts import Body, blocks, box, join
+from examples.corpus.parts import Body, blocks, box, join, tube
 from examples.corpus.print_parts import arch, slab, slot
 from examples.corpus_table import row_of
 from knotfab_validators import Check, validate
 from knotfab_validators.clearance import check_clearance
 from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.mesh_check import check_mesh
+from knotfab_validators.mount_matter import strand_faces
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.plates import check_plates
 from knotfab_validators.printability import printability_checks
@@ -256,6 +257,15 @@ def test_a_wall_plate_has_two_holes_for_screws(holes: int, status: str) -> None:
     scene = parse_scene({"mount": {"kind": "wall", "foot": "plate", "pegs": [3]}})
     checks = part_checks(_mesh(body), LAID, scene, {})
     assert _named("mesh_genus", checks).status == status
+
+
+@pytest.mark.parametrize(("radii", "own"), [(1.015, True), (1.025, False)])
+def test_what_stands_out_by_a_fiftieth_is_no_facet_of_a_tube(radii: float, own: bool) -> None:
+    curve = circle(30.0, 400)
+    widened = np.sqrt(2 * np.pi / 16 / np.sin(2 * np.pi / 16))
+    body = tube(curve, 3.0 * radii / widened, 16)
+    found = strand_faces(body.vertices, body.faces, [circle(30.0, 4000)], 3.0)
+    assert found.all() if own else not found.any()
 
 
 @pytest.mark.parametrize(("above_mm", "seen"), [(1.99e-3, False), (2.01e-3, True)])
