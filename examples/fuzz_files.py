@@ -10,6 +10,7 @@ worker. Ends with 1 if there was any; the offending files are kept in fuzz-failu
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import resource
 import sys
@@ -54,6 +55,7 @@ def examined(file: Hostile, folder: Path) -> Outcome:
     path = folder / file.name
     path.write_bytes(file.content)
     files[{"json": "knots", "toml": "scene"}.get(path.suffix.removeprefix("."), "part")] = path
+    _forget_peak()
     start = time.perf_counter()
     try:
         verdict = validate(**files, skip={"shadow-render"}, failures=folder / "failures.png")
@@ -67,8 +69,21 @@ def examined(file: Hostile, folder: Path) -> Outcome:
     except Exception as error:  # anything else is a crash
         kind, said = "crashed", f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return Outcome(kind, said, seconds, peak)
+    return Outcome(kind, said, seconds, _peak_mb())
+
+
+def _forget_peak() -> None:
+    """Let the peak of resident memory start anew, so that it is that of one file."""
+    with contextlib.suppress(OSError):  # only Linux has it
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_mb() -> float:
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(row.split()[1]) / 1024 for row in lines if row.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _work(pipe: Connection) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import shapely
@@ -105,3 +107,19 @@ def test_a_missing_strand_and_a_loose_speck_are_found() -> None:
         shadow_mask(lines, g),
     )
     assert speck.spill_mm > 10.0
+
+
+def test_a_radius_far_too_large_costs_little_memory_and_is_still_far_off() -> None:
+    """A knots.json whose radius is twice its ring's made every pixel ask every capsule at once."""
+    curve = circle(240, 20.0)
+    g = geometry()
+    vertices, faces = tube(curve, 3.0)
+    lines = shadow_lines(vertices, faces, g)
+    outline = shapely.get_coordinates(shadow_polygon(lines))
+    shadow = shadow_mask(lines, g)
+    tracemalloc.start()
+    found = outline_error(tube_field([curve], 44.5, g), outline, shadow)
+    peak_mb = tracemalloc.get_traced_memory()[1] / 2**20
+    tracemalloc.stop()
+    assert peak_mb < 400
+    assert found.missing_mm > 30

@@ -216,6 +216,55 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
 
 
 @app.command
+def tradeoff(
+    picture: str,
+    *,
+    out: Path = Path("knotfab-tradeoff"),
+    scene: Path | None = None,
+    accuracy: Literal["draft", "standard", "fine"] | None = None,
+    tube_radius: str | None = None,
+    repeats: int = 1,
+    device: Literal["cpu", "cuda"] = "cpu",
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Measure what accuracy costs in time, for one picture on this machine.
+
+    Parameters
+    ----------
+    picture
+        An image file, an SVG, or text:…
+    out
+        The folder for tradeoff.json and tradeoff.png.
+    scene
+        A scene.toml.
+    accuracy
+        The preset around which one knob at a time is turned; standard by default.
+    tube_radius
+        mm, or auto (default), the same for all points.
+    repeats
+        Runs a point; the seconds are medians of them.
+    device
+        Where the search runs.
+    quiet
+        Say nothing but errors.
+    """
+    from knotfab.cli.options import scene_of
+    from knotfab.progress import Progress
+    from knotfab.tradeoff.run import tradeoff as run
+
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
+    chosen, _ = scene_of(scene, accuracy=accuracy, tube_radius=tube_radius)
+    with Progress("quiet" if quiet else "auto") as progress:
+        found = run(chosen, picture, out, None, repeats, device, progress)
+    if not quiet:
+        from knotfab.cli.summary import print_tradeoff
+
+        print_tradeoff(found)
+    return 0
+
+
+@app.command
 def doctor() -> int:
     """Say what this machine has and lacks, with the remedy for each."""
     from knotfab.cli.summary import print_findings

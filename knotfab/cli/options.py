@@ -79,15 +79,15 @@ def skips_of(names: Collection[str]) -> frozenset[str]:
 def scene_of(
     path: Path | None,
     *,
-    accuracy: str | None,
-    tube_radius: str | None,
-    depth: str | None,
-    knots: str | None,
-    printer: str | None,
+    accuracy: str | None = None,
+    tube_radius: str | None = None,
+    depth: str | None = None,
+    knots: str | None = None,
+    printer: str | None = None,
     material: str | None = None,
-    mount: str | None,
-    seed: int | None,
-    invert: bool,
+    mount: str | None = None,
+    seed: int | None = None,
+    invert: bool = False,
 ) -> tuple[Scene, Path | None]:
     """The scene of a file (or the default one) with the command line's shorthands over it.
 

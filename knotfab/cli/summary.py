@@ -10,8 +10,16 @@ if TYPE_CHECKING:
     from knotfab.build import Outcome
     from knotfab.doctor import Finding
     from knotfab.scene.model import Material, Printer
+    from knotfab.tradeoff.run import Tradeoff
 
-__all__ = ["UNABLE", "print_catalogue", "print_checks", "print_findings", "print_summary"]
+__all__ = [
+    "UNABLE",
+    "print_catalogue",
+    "print_checks",
+    "print_findings",
+    "print_summary",
+    "print_tradeoff",
+]
 
 _MARKS = {"pass": "[green]pass[/]", "fail": "[red]FAIL[/]", "skipped": "[yellow]skip[/]"}
 _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
@@ -134,3 +142,34 @@ def print_catalogue(
     console.print()
     console.print(table)
     console.print(f"\nYour own: {escape(str(own))}/printers/NAME.toml and materials/NAME.toml")
+
+
+def print_tradeoff(found: Tradeoff) -> None:
+    """A line a point: IoU, seconds, what the facets take away, and whether nothing beats it."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from knotfab.tradeoff.measure import frontier
+
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("", "knob", "point", "IoU", "facets, px", "search, s", "sweep, s", "repairs"):
+        table.add_column(column)
+    best = {id(m) for m in frontier(found.measured)}
+    for m in found.measured:
+        table.add_row(
+            "*" if id(m) in best else "",
+            m.point.knob,
+            escape(m.point.label),
+            f"{m.iou:.4f}" if m.feasible else f"{m.iou:.4f} infeasible",
+            f"{m.facet_px:.2f}",
+            f"{m.search_s:.2f}",
+            f"{m.sweep_s:.2f}",
+            str(m.repairs),
+        )
+    console.print(table)
+    console.print(
+        f"* nothing measured is both faster and better. Tube radius {found.radius_mm:.2f} mm; "
+        f"{escape(str(found.folder))}/tradeoff.png draws it"
+    )

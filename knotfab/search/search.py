@@ -168,7 +168,7 @@ def search(
         if report is not None or done == total:
             seen = iou_of(points, rings, objective.frame, objective.target, radius)
     state = standing(points, rings, limits)
-    weight = 0.3
+    weight = 1.0
     if state.violations and repairs > 0:
         # a violation calls for what the bound beforehand did not
         for name in state.broken:
@@ -177,11 +177,11 @@ def search(
         # the picture gives way: ever less weight on it, ever more on the limits
         account.repairs += 1
         points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
-        weights = Weights(image=weight, clearance=40.0, bend=20.0, region=100.0, length=20.0)
+        weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
         objective = _objective(
             problem, limits, rings, effects, settings.fine_px, weights, (6.0, 6.0), settings, device
         )
-        walk = FlowSettings(iterations=60, rate=0.04, rate_end=0.005)
+        walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
         points = _walk(
             points,
             rings,

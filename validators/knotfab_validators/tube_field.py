@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MARGIN_PX = 3.0  # how far outside a capsule's box its distance is still evaluated first
+MOST_PIXELS = 20_000  # of those that differ; where more do, the error is far above any limit
+AT_ONCE = 2_000  # pixels asked at a time: each may lie in the boxes of hundreds of capsules
 ROUND = 48  # corners of a ball's outline
 
 
@@ -46,9 +48,11 @@ class TubeField:
         """
         margin = MARGIN_PX * np.array([-1.0, -1.0, 1.0, 1.0])
         tree = shapely.STRtree(shapely.box(*(self.bounds + margin).T))
-        at, capsule = tree.query(shapely.points(pixels))
         best = np.full(len(pixels), -np.inf)
-        np.maximum.at(best, at, self._value(pixels[at], capsule))
+        for first in range(0, len(pixels), AT_ONCE):
+            some = pixels[first : first + AT_ONCE]
+            at, capsule = tree.query(shapely.points(some))
+            np.maximum.at(best, first + at, self._value(some[at], capsule))
         far = np.flatnonzero(best < -MARGIN_PX * self.geometry.pixel_mm)
         if len(far):  # the nearest capsule may not have been asked: take those seen nearest
             _, near = cKDTree(self.middles).query(pixels[far], k=min(16, len(self.middles)))
@@ -186,9 +190,10 @@ def outline_error(
 
 
 def _at(mask: Mask) -> Array:
-    """(n, 2) pixel centres at which a mask holds."""
+    """(n, 2) pixel centres at which a mask holds, evenly thinned where they are very many."""
     rows, columns = np.nonzero(mask)
-    return np.column_stack([columns, rows]).astype(np.float64)
+    stride = -(-len(rows) // MOST_PIXELS) or 1
+    return np.column_stack([columns, rows])[::stride].astype(np.float64)
 
 
 def _well_inside(mask: Mask, pixels: Array) -> Mask:

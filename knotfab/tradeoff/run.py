@@ -1,0 +1,105 @@
+"""`knotfab tradeoff`: from a picture to tradeoff.json and tradeoff.png."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from knotfab import __version__
+from knotfab.design import problem_of, resolve_view
+from knotfab.errors import InputError
+from knotfab.progress import Progress
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.search.radius import choose_radius
+from knotfab.search.settings import search_settings
+from knotfab.target.read import read_target
+from knotfab.template.filling import fill
+from knotfab.tradeoff.draw import draw
+from knotfab.tradeoff.measure import Measured, measure, to_dict
+from knotfab.tradeoff.points import Point, points
+
+__all__ = ["Tradeoff", "tradeoff"]
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What was measured, at which tube radius, and where it was written."""
+
+    measured: list[Measured]
+    radius_mm: float
+    folder: Path
+
+
+def tradeoff(
+    scene: Scene,
+    source: str,
+    out: Path,
+    base: Path | None = None,
+    repeats: int = 1,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    chosen: Sequence[Point] | None = None,
+) -> Tradeoff:
+    """Measure the frontier of accuracy and time for one picture on this machine.
+
+    The radius is chosen once, by the scene's own accuracy, so that all points draw the same thing; then
+    every point is searched `repeats` times in turn.
+
+    Raises:
+        InputError: the picture or the folder is wrong; SceneError: no tube draws the picture.
+    """
+    progress = progress or Progress("quiet")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out}", f"it cannot be made: {error.strerror}", "Name a folder"
+        ) from error
+    if not os.access(out, os.W_OK):
+        raise InputError(f"--out {out}", "it may not be written", "Name another folder")
+    target = read_target(source, invert=scene.views[0].invert, base=base)
+    scene = resolve(scene, [(target.width, target.height)])
+    view = resolve_view(scene.views[0], target)
+    scene = scene.model_copy(update={"views": (view,)})
+    settings = search_settings(scene.accuracy.name, scene.search)
+    problem = problem_of(scene, target)
+    knots = None if scene.piece.knots == "auto" else int(scene.piece.knots)
+    assert view.frame_width_mm is not None
+    with progress.stage("radius"):
+        least = scene.printer.min_tube_radius_mm
+        if scene.piece.tube_radius_mm == "auto":
+            choice = choose_radius(
+                problem, view.frame_width_mm, least, knots, settings, progress.update, device
+            )
+            radius, template = choice.radius_mm, choice.template
+        else:
+            radius = float(scene.piece.tube_radius_mm)
+            template = fill(problem.polygon, radius, knots)
+    asked = list(chosen) if chosen is not None else points(settings)
+    with progress.stage("measure"):
+        measured = measure(problem, template, radius, asked, repeats, device, progress.update)
+    content: dict[str, Any] = {
+        "schema": 1,
+        "picture": target.name,
+        "tube_radius_mm": radius,
+        "repeats": repeats,
+        "device": device,
+        "version": __version__,
+        "points": to_dict(measured),
+    }
+    _place(out / "tradeoff.json", json.dumps(content, indent=1).encode())
+    title = f"{target.name}: what accuracy costs, tube radius {radius:.2f} mm"
+    _place(out / "tradeoff.png", draw(measured, title))
+    return Tradeoff(measured, radius, out)
+
+
+def _place(path: Path, content: bytes) -> None:
+    """Write beside, then move into place: never half a file."""
+    beside = path.with_name(f".{path.name}.new")
+    beside.write_bytes(content)
+    beside.replace(path)
