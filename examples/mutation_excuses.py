@@ -168,6 +168,8 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("thickness", "len(lengths) > 1"): WORDS,
     ("threemf_model", "*"): GUARDS,
     ("tube_field", "MARGIN_PX"): EFFORT,
+    ("tube_field", "MOST_PIXELS"): EFFORT,
+    ("tube_field", "AT_ONCE"): EFFORT,
     ("tube_field", "ROUND"): GRAIN,
     ("tube_fit", "STEP"): GRAIN,
     ("tube_fit", "RING_STEP"): GRAIN,
