@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table renderer-table validator-table mutations frontier system slicer clean
+.PHONY: demo test lint accuracy-table mount-table renderer-table validator-table mutations frontier system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -49,6 +49,10 @@ test: system slicer $(DONE) lint
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
 	$(BIN)/python -m examples.accuracy_table
+
+# what mounts on a wall and on a stand cost the same pictures (about 30 min)
+mount-table: system slicer $(DONE)
+	$(BIN)/python -m examples.mount_table
 
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
