@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-__all__ = ["pictures"]
+__all__ = ["Canvas", "pictures"]
 
 Point = tuple[float, float]
 
@@ -69,7 +69,7 @@ def _glyph(text: str, font: Path, margin: float = 0.06) -> Image.Image:
     return ImageOps.expand(ink, edge, 255)
 
 
-class _Canvas:
+class Canvas:
     """A white sheet of `width` x `height` (1: the longer side), y down, in its own units."""
 
     def __init__(self, width: float = 1.0, height: float = 1.0) -> None:
@@ -148,7 +148,7 @@ def _polar(x: float, y: float, radius: float, angle: float) -> Point:
 
 def _cat() -> Image.Image:
     """A sitting cat seen from behind its shoulder: pear body, ears, tail curled to the side."""
-    c = _Canvas(0.8, 1.0)
+    c = Canvas(0.8, 1.0)
     c.blob([
         (0.40, 0.30), (0.50, 0.42), (0.58, 0.58), (0.62, 0.76), (0.58, 0.90), (0.48, 0.935),
         (0.34, 0.935), (0.20, 0.935), (0.13, 0.88), (0.11, 0.74), (0.16, 0.56), (0.24, 0.42),
@@ -169,7 +169,7 @@ def _cat() -> Image.Image:
 
 def _bird() -> Image.Image:
     """A bird in flight: two raised wings with open feathers, fanned tail, beak."""
-    c = _Canvas(1.0, 0.78)
+    c = Canvas(1.0, 0.78)
     c.blob([
         (0.13, 0.50), (0.19, 0.44), (0.28, 0.44), (0.38, 0.47), (0.52, 0.48), (0.66, 0.515),
         (0.76, 0.545), (0.64, 0.60), (0.48, 0.63), (0.32, 0.615), (0.20, 0.565),
@@ -194,7 +194,7 @@ def _bird() -> Image.Image:
 
 def _wheel() -> Image.Image:
     """A rim, a hub with a hole, six spokes."""
-    c = _Canvas()
+    c = Canvas()
     c.ring(0.5, 0.5, 0.41, 0.075)
     for k in range(6):
         angle = pi / 2 + k * pi / 3
@@ -205,7 +205,7 @@ def _wheel() -> Image.Image:
 
 def _bicycle() -> Image.Image:
     """Two wheels, a diamond frame, saddle, handlebar and crank: thin lines and many holes."""
-    c = _Canvas(1.0, 0.64)
+    c = Canvas(1.0, 0.64)
     rear, front = (0.22, 0.42), (0.78, 0.42)
     crank, seat, head = (0.455, 0.435), (0.385, 0.20), (0.685, 0.17)
     for hub in (rear, front):
@@ -227,7 +227,7 @@ def _bicycle() -> Image.Image:
 
 def _tree() -> Image.Image:
     """A bare tree: branches fork into ever thinner twigs."""
-    c = _Canvas(0.96, 1.0)
+    c = Canvas(0.96, 1.0)
     c.shape([
         *_smooth([(0.36, 0.95), (0.425, 0.90), (0.44, 0.78), (0.445, 0.60)], False),
         *_smooth([(0.50, 0.60), (0.50, 0.78), (0.515, 0.90), (0.585, 0.95)], False),
@@ -247,7 +247,7 @@ def _tree() -> Image.Image:
 
 def _pieces() -> Image.Image:
     """Three pieces apart: a moon, a star and a mountain."""
-    c = _Canvas(1.0, 0.75)
+    c = Canvas(1.0, 0.75)
     c.disc(0.25, 0.25, 0.17)
     c.disc(0.325, 0.205, 0.145, ink=255)
     star = [
@@ -263,7 +263,7 @@ def _pieces() -> Image.Image:
 
 def _spiral() -> Image.Image:
     """One stroke that winds outwards three times, with the same gap all the way."""
-    c = _Canvas()
+    c = Canvas()
     angles = np.linspace(0.4 * pi, 6.6 * pi, 500)
     c.stroke([_polar(0.5, 0.5, 0.43 * float(a) / (6.6 * pi), float(a)) for a in angles], 0.055)
     return c.finished()
@@ -271,7 +271,7 @@ def _spiral() -> Image.Image:
 
 def _stickman() -> Image.Image:
     """A running stick man, one stroke wide throughout."""
-    c = _Canvas(0.86, 1.0)
+    c = Canvas(0.86, 1.0)
     width = 0.06
     neck, hip = (0.475, 0.29), (0.41, 0.56)
     c.disc(0.525, 0.155, 0.095)
@@ -285,7 +285,7 @@ def _stickman() -> Image.Image:
 
 def _teapot() -> Image.Image:
     """A teapot: round body, spout, and a handle that closes a hole."""
-    c = _Canvas(1.0, 0.72)
+    c = Canvas(1.0, 0.72)
     c.blob([
         (0.50, 0.20), (0.63, 0.225), (0.71, 0.33), (0.72, 0.45), (0.66, 0.58), (0.57, 0.635),
         (0.43, 0.635), (0.34, 0.58), (0.28, 0.45), (0.29, 0.33), (0.37, 0.225),

@@ -18,9 +18,13 @@ Ints = NDArray[np.int64]
 
 JOINT_RADII = 2.0  # distance of the frame model's joints along a tube, in tube radii
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
-CANDIDATES = 96  # of one knot: in each stretch of its length the shortest free ray
-TRIED = 16  # of them when a peg is added: those nearest to where it sags most
+CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
+TRIED = 32  # of them when a peg is added: those nearest to where it sags most
 STUCK = 4  # pegs in a row that hardly help
+POWER = (
+    4  # of the displacements whose sum a further peg is to lower: not of the largest alone, which
+)
+# other places keep where it is
 PIECES = 4  # of a tapering peg, each taken as round
 DOWN = np.array([0.0, -1.0, 0.0])
 
@@ -87,10 +91,10 @@ def _of_knot(
 ) -> tuple[list[int], float, Array]:
     """Pegs of one knot, its sag and where it is."""
     pegs = [0]  # numbers of the model's candidates; the first always stays
-    sag, place, arc = model.sag(pegs)
-    history = [sag]
-    while sag > stiffness.max_sag_mm and len(pegs) < most:
-        if len(history) > STUCK and sag > 0.98 * history[-1 - STUCK]:
+    now = model.sag(pegs)
+    history = [now.all_mm]
+    while now.sag_mm > stiffness.max_sag_mm and len(pegs) < most:
+        if len(history) > STUCK and now.all_mm > 0.98 * history[-1 - STUCK]:
             break  # no free ray where it would help
         taken = [*others, *(int(model.candidates[p]) for p in pegs)]
         free = np.flatnonzero(
@@ -98,20 +102,20 @@ def _of_knot(
         )
         if not len(free):
             break
-        gap = np.abs(model.arc_of[free] - arc)
+        gap = np.abs(model.arc_of[free] - now.arc_mm)
         gap = np.minimum(gap, model.perimeter - gap)
         tried = [[*pegs, int(p)] for p in free[np.argsort(gap, kind="stable")[:TRIED]]]
         outcomes = [model.sag(t) for t in tried]
-        best = int(np.argmin([o[0] for o in outcomes]))
-        pegs, (sag, place, arc) = tried[best], outcomes[best]
-        history.append(sag)
-    needed = max(stiffness.max_sag_mm, sag)
+        best = int(np.argmin([o.all_mm for o in outcomes]))
+        pegs, now = tried[best], outcomes[best]
+        history.append(now.all_mm)
+    needed = max(stiffness.max_sag_mm, now.sag_mm)
     for peg in pegs[1:]:
         without = [p for p in pegs if p != peg]
         found = model.sag(without)
-        if found[0] <= needed:
-            pegs, (sag, place, arc) = without, found
-    return [int(model.candidates[p]) for p in pegs], sag, place
+        if found.sag_mm <= needed:
+            pegs, now = without, found
+    return [int(model.candidates[p]) for p in pegs], now.sag_mm, now.at
 
 
 def _apart(rays: Rays, own: Ints, taken: list[int], radius: float) -> Ints:
@@ -188,6 +192,16 @@ def _taper(top: float, foot: float) -> Array:
     return top + (np.arange(PIECES) + 0.5) / PIECES * (foot - top)
 
 
+@dataclass(frozen=True)
+class _Sag:
+    """Largest displacement (mm), where it is (3,), at what arc length, and the norm of all of them."""
+
+    sag_mm: float
+    at: Array
+    arc_mm: float
+    all_mm: float
+
+
 class _Model:
     """One knot's frame on its first peg; further pegs are springs at their tops.
 
@@ -257,8 +271,8 @@ class _Model:
         )
         return spring, spring @ frame.moved()[0]
 
-    def sag(self, pegs: list[int]) -> tuple[float, Array, float]:
-        """Largest displacement of the tube (mm), where it is, and at what arc length."""
+    def sag(self, pegs: list[int]) -> _Sag:
+        """How the tube moves on these pegs."""
         more = np.array(pegs[1:], dtype=np.int64)
         moved = self.own[:, :3]
         if len(more):
@@ -273,4 +287,6 @@ class _Model:
             moved = moved + (force @ self.moves[rows]).reshape(-1, 3)
         size = np.linalg.norm(moved, axis=1)
         worst = int(size.argmax())
-        return float(size[worst]), self.places[worst], float(self.arc[worst])
+        largest = float(size[worst])
+        together = largest * float(((size / largest) ** POWER).sum()) ** (1 / POWER)
+        return _Sag(largest, self.places[worst], float(self.arc[worst]), together)
