@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table mount-table renderer-table validator-table mutations frontier system slicer clean
+.PHONY: demo test lint accuracy-table mount-table tied-knots paper-ablations renderer-table validator-table mutations frontier system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -53,6 +53,14 @@ accuracy-table: system $(DONE)
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)
 	$(BIN)/python -m examples.mount_table
+
+# ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
+tied-knots: system $(DONE)
+	$(BIN)/python -m examples.tied_knots
+
+# the paper's ablations, scaled down, into tables and figures under paper-ablations/
+paper-ablations: $(DONE)
+	$(BIN)/python -m examples.paper_ablations
 
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
