@@ -1,9 +1,9 @@
 """Build the project's own pictures on a wall and on a stand, and print what the mounts cost them.
 
 `python -m examples.mount_table [--only wall|stand] [--skip-slicer] [--out DIR] [NAME ...]`: exit code, IoU of
-the knots alone and what the mount takes off it, intrusion, sag, pegs (members of a stand), the angle that a
-stand can be tipped by, seconds of the mount stage, and what the slicer warns of (of that unexplained). With
---out, pictures that are done are not built again.
+the knots alone and what the mount takes off it in the frame, intrusion, sag, pegs or posts with their struts,
+the angle that a stand can be tipped by, seconds of the mount stage, and what the slicer warns of (of that
+unexplained). With --out, pictures that are done are not built again.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ def row_of(report: dict[str, Any]) -> dict[str, float]:
     """The figures of one build, from its report.json."""
     checks = {c["name"]: c for c in report["checks"]}
     view, mount = report["views"][0], report["print"]["mount"]
-    members = mount["pegs"] if mount["kind"] == "wall" else sum(mount["members_of_knots"])
+    members = mount.get("struts", 0) + mount["pegs" if mount["kind"] == "wall" else "posts"]
     row = {
         "iou_tube": view["iou_tube"],
-        "drop": view["iou_tube"] - view["iou"],
+        # in the frame: below it a stand may show
+        "drop": view["iou_tube"] - view["iou_frame"],
         "intrusion": checks["intrusion"]["measured"],
         "sag": checks["sag"]["measured"],
         "members": members,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -101,11 +102,11 @@ def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     soft = Stiffness(400.0, 1.24, 0.2)
     chosen = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, soft)
     assert chosen.sag_mm <= 0.2 and len(chosen.rays) > 1
-    again = sag_of(ONE, rays, chosen.rays, 0.9 * RADIUS, foot, soft)
+    again, _ = sag_of(ONE, rays, chosen.rays, 0.9 * RADIUS, foot, soft)
     assert again == pytest.approx(chosen.sag_mm, rel=0.02)  # other joints, same frame
     for peg in chosen.rays[1:]:
         left = chosen.rays[chosen.rays != peg]
-        assert sag_of(ONE, rays, left, 0.9 * RADIUS, foot, soft) > 0.19
+        assert sag_of(ONE, rays, left, 0.9 * RADIUS, foot, soft)[0] > 0.19
     stiff = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, PLA)
     assert len(stiff.rays) <= len(chosen.rays)
 
@@ -116,9 +117,9 @@ def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
     foot = np.full(len(rays.top), 2.0)
     free = np.flatnonzero(rays.free)
     some = free[:: len(free) // 4][:4]
-    sags = [sag_of(ONE, rays, some[: n + 1], 1.8, foot, PLA) for n in range(4)]
+    sags = [sag_of(ONE, rays, some[: n + 1], 1.8, foot, PLA)[0] for n in range(4)]
     assert all(b <= a + 1e-12 for a, b in pairwise(sags))
-    soft = sag_of(ONE, rays, some, 1.8, foot, Stiffness(1150.0, 1.24, 0.2))
+    soft, _ = sag_of(ONE, rays, some, 1.8, foot, Stiffness(1150.0, 1.24, 0.2))
     assert soft == pytest.approx(2 * sags[-1], rel=1e-6)
 
 
@@ -173,6 +174,57 @@ def test_a_knot_without_a_free_ray_is_named() -> None:
 def scene(**keys: object) -> Scene:
     mount = Mount(kind="wall", **keys)
     return resolve(Scene(views=(View(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount))
+
+
+def barred() -> Knots:
+    """A ring in whose shadow another lies, that leaves few rays to the wall free."""
+    t = 2 * np.pi * np.arange(240) / 240
+    front = np.column_stack([45 * np.cos(t), 45 * np.sin(t), np.full(240, 10.0)])
+    wide = 45 * (520 / 490) * (1 - 0.35 * np.exp(-(((t - np.pi / 2) / 0.35) ** 2)))
+    rear = np.column_stack([wide * np.cos(t), wide * np.sin(t), np.full(240, -20.0)])
+    return knots(front, rear)
+
+
+def test_where_rays_are_barred_struts_hold_the_piece() -> None:
+    """Struts take what pegs cannot, in the shadow of the tubes alone, and touch nothing else."""
+    piece, view = barred(), camera()
+    firm = Stiffness(2300.0, 1.24, 0.08)
+    mount = plan_wall(piece, view, 0.4, firm, PLATE)
+    # the model that chose the pegs knows no struts
+    assert mount.sag_mm > firm.max_sag_mm >= mount.sag_again_mm
+    members = mount.struts
+    assert len(members) >= 1 and len(mount.struts_of) == len(members)
+    tubes = [sweep(k.points, RADIUS, 24) for k in piece.knots]
+    ((vertices, faces),) = wall_bodies(tubes, mount, view)
+    assert mesh_volume(vertices, faces) > 0
+    strands = np.concatenate([dense(k.points) for k in piece.knots]) - view.eye
+    far = np.linalg.norm(strands, axis=1)
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    for a, b, r in zip(members.start, members.end, members.radius, strict=True):
+        u = np.linalg.svd((b - a)[None])[2][1:]
+        rim = r * (np.cos(turn)[:, None] * u[0] + np.sin(turn)[:, None] * u[1])
+        skin = a + np.linspace(0, 1, 9)[:, None, None] * (b - a) + rim - view.eye
+        unit = skin.reshape(-1, 3) / np.linalg.norm(skin, axis=2).reshape(-1, 1)
+        off = np.arccos(np.clip(unit @ (strands / far[:, None]).T, -1, 1))
+        assert (off <= np.arcsin(RADIUS / far)).any(axis=1).all()
+
+
+def dense(points: np.ndarray) -> np.ndarray:
+    """A closed polyline with twenty points an edge."""
+    t = np.arange(20)[:, None] / 20
+    edges = np.roll(points, -1, axis=0) - points
+    return (points[:, None] + t * edges[:, None]).reshape(-1, 3)
+
+
+def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
+    scene = resolve(Scene(mount=Mount(kind="wall")), [(90, 90)])
+    mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], camera())
+    good = mounted.check_sag()
+    assert good is not None and (good["status"], good["required"]) == ("pass", True)
+    assert "max_sag_mm" not in good["detail"] and mounted.wall is not None
+    bad = replace(mounted, wall=replace(mounted.wall, sag_again_mm=0.314)).check_sag()
+    assert bad is not None and (bad["status"], bad["measured"]) == ("fail", 0.314)
+    assert "set mount.max_sag_mm to 0.32" in bad["detail"]
 
 
 def test_the_foot_follows_from_the_printer() -> None:

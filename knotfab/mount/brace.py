@@ -53,6 +53,7 @@ def brace(
     stiffness: Stiffness,
     *,
     most: int = 60,
+    settled: bool = False,
 ) -> Braced:
     """Add members, or thicken those that show, until nothing sags more than `max_sag_mm` (gravity: -y).
 
@@ -65,7 +66,7 @@ def brace(
     Args:
         obstacles, shade: hold the given members already; more are added.
         visible: (n,) which candidates may darken pixels; those are asked for what they cost.
-        given: hold every knot already; they stay.
+        given: hold every knot already; they stay, and where `settled` they are not thickened either.
     """
     dear = DEAR_SHARE * shade.pixels
     shown = np.flatnonzero(visible)
@@ -75,7 +76,8 @@ def brace(
     limit = WANTED * stiffness.max_sag_mm
     members, best = given, given
     least, idle = np.inf, 0
-    seen = np.empty(0)  # of each member, the share of the frame that it alone darkens
+    # of each member, the share of the frame that it alone darkens; what is settled is not asked
+    seen = np.zeros(len(given) if settled else 0)
     while True:
         frame = _frame(knots, sites, members, stiffness)
         moved = frame.moved()[: len(sites.knot)]
@@ -128,7 +130,13 @@ def brace(
             shade.add(one)
             cost[shown] = shade.cost(candidates.of(shown))
     thinnest = float(candidates.radius[shown].min()) if len(shown) else np.inf
-    return _pruned(knots, sites, best, len(given), shade, stiffness, limit, thinnest)
+    shown_by = np.array(
+        [
+            0.0 if settled and n < len(given) else shade.darkened(best.of([n]))
+            for n in range(len(best))
+        ]
+    )
+    return _pruned(knots, sites, best, len(given), shown_by, stiffness, limit, thinnest)
 
 
 class _Search:
@@ -308,12 +316,16 @@ def _pruned(
     sites: Sites,
     members: Candidates,
     given: int,
-    shade: Shade,
+    dark: Array,
     stiffness: Stiffness,
     limit: float,
     thinnest_mm: float,
 ) -> Braced:
-    """Take away added members that the limit does not need, and thin those that show."""
+    """Take away added members that the limit does not need, and thin those that show.
+
+    Args:
+        dark: (n,) the share of the frame that each member alone darkens.
+    """
 
     def solved(some: Candidates) -> tuple[float, Array]:
         frame = _frame(knots, sites, some, stiffness)
@@ -322,7 +334,6 @@ def _pruned(
 
     sag, at = solved(members)
     needed = max(limit, sag)
-    dark = np.array([shade.darkened(members.of([n])) for n in range(len(members))])
     dearest = np.argsort(-dark, kind="stable")
     left = np.arange(len(members))
     for number in dearest[dearest >= given]:

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
-from knotfab.mount.frame_model import frame_of, round_beams
+from knotfab.mount.frame_model import Beams, frame_of, round_beams
 from knotfab.mount.rays import Rays
+from knotfab.mount.struts import GROUND, Candidates, Sites
 
-__all__ = ["Pegs", "Stiffness", "choose_pegs", "sag_of"]
+__all__ = ["Pegs", "Stiffness", "choose_pegs", "mounted_frame", "sag_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -21,10 +22,9 @@ APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fil
 CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
 TRIED = 32  # of them when a peg is added: those nearest to where it sags most
 STUCK = 4  # pegs in a row that hardly help
-POWER = (
-    4  # of the displacements whose sum a further peg is to lower: not of the largest alone, which
-)
-# other places keep where it is
+# Of the displacements whose sum a further peg is to lower; the largest alone may stay the same
+# wherever one peg is put.
+POWER = 4
 PIECES = 4  # of a tapering peg, each taken as round
 DOWN = np.array([0.0, -1.0, 0.0])
 
@@ -134,35 +134,80 @@ def sag_of(
     top_radius_mm: float,
     foot_radius_mm: Array,
     stiffness: Stiffness,
-) -> float:
-    """Largest displacement (mm) of all knots on the chosen pegs, from one whole frame each.
+    braces: tuple[Sites, Candidates] | None = None,
+) -> tuple[float, Array]:
+    """Largest displacement (mm) of all knots on the chosen pegs, and where (3,), by one whole frame.
 
-    What `choose_pegs` finds by adding pegs to a solved frame, found anew.
+    What `choose_pegs` finds by adding pegs to a solved frame.
+
+    Args:
+        braces: the sites that they join, and struts and leaning pegs.
     """
-    worst = 0.0
-    for k in range(len(knots.knots)):
-        own = chosen[rays.knot[chosen] == k]
-        vertices = np.union1d(_joints(knots.knots[k].points, knots.radius_mm), rays.vertex[own])
-        joints, ends, radius = _tube(knots.knots[k].points, vertices, knots.radius_mm)
-        n, fixed = len(joints), []
-        for ray in own:
-            first, last = rays.top[ray], rays.foot[ray]
-            share = (np.arange(PIECES) + 1)[:, None] / PIECES
-            new = len(joints) + np.arange(PIECES)
-            chain = np.concatenate([[np.searchsorted(vertices, rays.vertex[ray])], new])
-            joints = np.concatenate([joints, first + share * (last - first)])
-            ends = np.concatenate([ends, np.column_stack([chain[:-1], chain[1:]])])
-            radius = np.concatenate([radius, _taper(top_radius_mm, float(foot_radius_mm[ray]))])
-            fixed.append(new[-1])
-        frame = frame_of(
-            round_beams(joints, ends, radius),
-            np.array(fixed),
-            stiffness.young_mpa,
-            stiffness.density_g_cm3,
-            DOWN,
-        )
-        worst = max(worst, float(np.linalg.norm(frame.moved()[:n, :3], axis=1).max()))
-    return worst
+    beams, fixed, n = mounted_frame(knots, rays, chosen, top_radius_mm, foot_radius_mm, braces)
+    frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
+    size = np.linalg.norm(frame.moved()[:n, :3], axis=1)
+    worst = int(size.argmax())
+    return float(size[worst]), beams.joints[worst]
+
+
+def mounted_frame(
+    knots: Knots,
+    rays: Rays,
+    chosen: Ints,
+    top_radius_mm: float,
+    foot_radius_mm: Array,
+    braces: tuple[Sites, Candidates] | None = None,
+) -> tuple[Beams, Ints, int]:
+    """The beams of tubes, pegs and braces, the joints that the wall holds, and how many are the tubes'.
+
+    Tubes have joints `JOINT_RADII` apart and wherever something meets them; a peg is a chain of
+    `PIECES` round beams.
+    """
+    places, links, radii, vertices, starts = [], [], [], [], []
+    count = 0
+    for k, curve in enumerate(knots.knots):
+        own = [_joints(curve.points, knots.radius_mm), rays.vertex[chosen][rays.knot[chosen] == k]]
+        if braces is not None:
+            sites, struts = braces
+            met = np.concatenate([struts.first, struts.second])
+            met = met[met != GROUND]
+            own.append(sites.vertex[met][sites.knot[met] == k])
+        vertices.append(np.unique(np.concatenate(own)))
+        joints, ring, radius = _tube(curve.points, vertices[k], knots.radius_mm)
+        places.append(joints)
+        links.append(ring + count)
+        radii.append(radius)
+        starts.append(count)
+        count += len(joints)
+    n, fixed = count, []
+
+    def joint(knot: int, vertex: int) -> int:
+        return starts[knot] + int(np.searchsorted(vertices[knot], vertex))
+
+    for ray in chosen:
+        first, last = rays.top[ray], rays.foot[ray]
+        share = (np.arange(PIECES) + 1)[:, None] / PIECES
+        new = count + np.arange(PIECES)
+        chain = np.concatenate([[joint(int(rays.knot[ray]), int(rays.vertex[ray]))], new])
+        places.append(first + share * (last - first))
+        links.append(np.column_stack([chain[:-1], chain[1:]]))
+        radii.append(_taper(top_radius_mm, float(foot_radius_mm[ray])))
+        fixed.append(int(new[-1]))
+        count += PIECES
+    if braces is not None:
+        sites, struts = braces
+        leaning = struts.second == GROUND
+        second = [joint(int(sites.knot[s]), int(sites.vertex[s])) for s in struts.second[~leaning]]
+        ends = np.empty((len(struts), 2), dtype=np.int64)
+        ends[:, 0] = [joint(int(sites.knot[s]), int(sites.vertex[s])) for s in struts.first]
+        ends[~leaning, 1] = second
+        ends[leaning, 1] = count + np.arange(int(leaning.sum()))
+        places.append(struts.end[leaning])
+        fixed += ends[leaning, 1].tolist()
+        links.append(ends)
+        radii.append(struts.radius)
+    beams = round_beams(np.concatenate(places), np.concatenate(links), np.concatenate(radii))
+    return beams, np.array(fixed, dtype=np.int64), n
 
 
 def _joints(points: Array, radius: float) -> Ints:

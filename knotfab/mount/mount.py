@@ -64,11 +64,14 @@ class Mounted:
         if self.wall is None:
             return {"kind": "none"}
         lengths = [peg.length_mm for peg in self.wall.pegs]
+        knots = range(len(self.scene.mount.pegs))
+        pegs = [sum(peg.knot == k for peg in self.wall.pegs) for k in knots]
         return {
             "kind": "wall",
             "foot": self.wall.settings.foot,
             "pegs": len(self.wall.pegs),
-            "pegs_of_knots": list(self.scene.mount.pegs),
+            "struts": len(self.wall.struts),
+            "pegs_of_knots": pegs,
             "peg_length_mm": [min(lengths), max(lengths)],
             "peg_diameter_mm": 2 * self.wall.pegs[0].top_radius_mm,
             "sag_mm": self.wall.sag_again_mm,
@@ -101,18 +104,24 @@ class Mounted:
         sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
         x, y, z = mount.sag_at
         if isinstance(mount, WallMount):
-            on = f"{len(mount.pegs)} pegs"
+            on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
         else:
             on = f"{len(mount.posts)} posts and {len(mount.struts)} struts"
+        remedy = ""
+        if sag > limit:
+            remedy = (
+                ", and no free member would help more: use a stiffer material, a thicker tube or "
+                f"less depth, or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
+            )
         return {
             "name": "sag",
             "status": "pass" if sag <= limit else "fail",
-            "required": False,
+            "required": True,
             "measured": sag,
             "limit": limit,
             "unit": "mm",
             "detail": f"largest displacement under the piece's own weight on {on}, "
-            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene",
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}",
             "at": [],
         }
 
@@ -123,7 +132,7 @@ def mount_piece(
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
     Args:
-        target: (H, W) the picture's silhouette, which a stand needs.
+        target: (H, W) the picture's silhouette, which a stand needs and in which struts hide.
 
     Raises:
         SceneError: there is no such mount for this piece.
@@ -152,8 +161,12 @@ def mount_piece(
             asked.hole_diameter_mm,
             asked.dowel_depth_mm,
         ),
+        target,
     )
-    count = [sum(peg.knot == k for peg in mount.pegs) for k in range(len(tubes))]
+    count = [
+        sum(peg.knot == k for peg in mount.pegs) + int((mount.struts_of == k).sum())
+        for k in range(len(tubes))
+    ]
     resolved = asked.model_copy(update={"foot": foot, "pegs": tuple(count)})
     bodies = wall_bodies(tubes, mount, camera)
     return Mounted(

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from knotfab.knots import Knots
-from knotfab.mount.struts import Candidates
+from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import Camera
 
-__all__ = ["Shade"]
+__all__ = ["HIDDEN_SHARE", "Shade", "hidden_struts"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -18,6 +18,8 @@ Mask = NDArray[np.bool_]
 LONGER_PX = 1024  # of the frame; the shadow is verified on as many
 SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
+HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
+LONGEST_RADII = 20.0  # of a hidden strut
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
 
@@ -135,3 +137,12 @@ class Shade:
         covered = np.zeros_like(self.before)
         covered[1:-1, 1:-1] = np.asarray(image)
         return covered
+
+
+def hidden_struts(sites: Sites, shade: Shade, tube_mm: float) -> Candidates:
+    """Struts between strands that are near each other, in the shadow from end to end."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube_mm, output_type="ndarray")
+    every = struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
+    return every.of(shade.hidden(every))

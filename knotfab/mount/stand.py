@@ -23,7 +23,8 @@ from knotfab.mount.plinth import (
     base_for,
     slope_below,
 )
-from knotfab.mount.shade import Shade
+from knotfab.mount.shade import Shade, hidden_struts
+from knotfab.mount.solids import as_manifold, frame_along, strut_solid
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -47,18 +48,17 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
-HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
-VISIBLE_SHARES = (0.6, 0.8)  # and that the others have: thin ones show less, thick ones hold more
+VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
 ROOT_HEIGHT_MM = 3.0
 DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the roots stay out of it
 OVERLAP_MM = 0.5
-LONGEST_RADII = 20.0  # of a hidden strut
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
 LEAST_POSTS = 3  # so that a push does not turn the piece about one of them
 APART_RADII = 5.0  # between their feet
-POSTS = 800  # candidates that show least
-BRIDGES = 150  # visible struts between two knots, likewise
+POSTS = 1600  # candidates that show least: half of all, half of each stretch
+STRETCHES = 50  # of equal length, about, of the tubes
+BRIDGES = 200  # visible struts between two knots, likewise
 COARSE = 24  # samples of a member whose cost is first guessed
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
@@ -134,7 +134,7 @@ def plan_stand(
     slope = slope_below(camera).lowered(DROP_MM)
     lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
     slope = slope.lowered(max(0.0, clearance_mm + 1.0 - lowest))
-    hidden = _hidden(sites, shade, tube, HIDDEN_SHARE * tube)
+    hidden = hidden_struts(sites, shade, tube)
 
     def shown(*radii: float) -> list[Candidates]:
         parts = []
@@ -198,22 +198,20 @@ def _posts(sites: Sites, slope: Slope, camera: Camera, shade: Shade, radius: flo
                     n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
                 )
             )
-    return _least(joined(parts), shade, POSTS)
+    return _least(joined(parts), shade, POSTS, len(sites.knot))
 
 
-def _least(every: Candidates, shade: Shade, count: int) -> Candidates:
-    """Those that show least."""
+def _least(every: Candidates, shade: Shade, count: int, sites: int) -> Candidates:
+    """Those that show least of all, and of each stretch of the tubes: the former may be of no help."""
     cost = shade.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
-    return every.of(np.argsort(cost, kind="stable")[:count])
-
-
-def _hidden(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidates:
-    """Struts between strands that are near each other, in the shadow from end to end."""
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube, output_type="ndarray")
-    every = struts(sites, pairs.astype(np.int64), tube, radius)
-    return every.of(shade.hidden(every))
+    order = np.argsort(cost, kind="stable")
+    stretch = every.first[order] * STRETCHES // sites
+    by_stretch = np.argsort(stretch, kind="stable")
+    begins = np.searchsorted(stretch[by_stretch], np.arange(STRETCHES))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[by_stretch] = np.arange(len(order)) - begins[stretch[by_stretch]]
+    kept = (rank < max(1, count // (2 * STRETCHES))) | (np.arange(len(order)) < count // 2)
+    return every.of(order[kept])
 
 
 def _bridges(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidates:
@@ -223,7 +221,9 @@ def _bridges(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidat
         for b in range(a):
             one, other = np.flatnonzero(sites.knot == a), np.flatnonzero(sites.knot == b)
             pairs = np.column_stack([np.repeat(one, len(other)), np.tile(other, len(one))])
-            parts.append(_least(struts(sites, pairs, tube, radius), shade, BRIDGES))
+            parts.append(
+                _least(struts(sites, pairs, tube, radius), shade, BRIDGES, len(sites.knot))
+            )
     return joined(parts)
 
 
@@ -319,7 +319,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
     """
     from manifold3d import Manifold, OpType
 
-    solids = [_manifold(tube) for tube in tubes]
+    solids = [as_manifold(tube) for tube in tubes]
     solids += _member_solids(mount)
     solids.append(_base_solid(mount.base))
     solid = Manifold.batch_boolean(solids, OpType.Add)
@@ -349,29 +349,24 @@ def _member_solids(mount: StandMount) -> list[Manifold]:
     for i in range(len(members)):
         top, foot = members.start[i], members.end[i]
         length, radius = float(np.linalg.norm(top - foot)), float(members.radius[i])
+        if members.second[i] != GROUND:
+            found.append(strut_solid(top, foot, radius))
+            continue
         axis = (top - foot) / length
-        if members.second[i] == GROUND:
-            cosine = float(axis @ normal)
-            root = ROOT_SHARE * radius
-            sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
-            mesh = peg(
-                length,
-                radius,
-                radius,
-                root_radius_mm=root,
-                root_height_mm=ROOT_HEIGHT_MM,
-                sink_mm=sink + OVERLAP_MM,
-            )
-        else:
-            mesh = peg(length, radius, radius)
-        across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-        across /= np.linalg.norm(across)
-        turn = np.column_stack([across, np.cross(axis, across), axis])
-        solid = _manifold(mesh).transform(np.column_stack([turn, foot]))
-        if members.second[i] == GROUND:
-            # what the slant needs must not come out of the underside
-            solid = solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0)
-        found.append(solid)
+        cosine = float(axis @ normal)
+        root = ROOT_SHARE * radius
+        sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
+        mesh = peg(
+            length,
+            radius,
+            radius,
+            root_radius_mm=root,
+            root_height_mm=ROOT_HEIGHT_MM,
+            sink_mm=sink + OVERLAP_MM,
+        )
+        solid = as_manifold(mesh).transform(np.column_stack([frame_along(axis), foot]))
+        # what the slant needs must not come out of the underside
+        found.append(solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0))
     return found
 
 
@@ -383,16 +378,4 @@ def _base_solid(base: Base) -> Manifold:
     right, up, out = base.slope.axes
     middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
     turn = np.column_stack([right, -out, up])
-    return _manifold(mesh).transform(np.column_stack([turn, middle + base.bottom * up]))
-
-
-def _manifold(mesh: Mesh) -> Manifold:
-    from manifold3d import Manifold, Mesh64
-
-    vertices, faces = mesh
-    return Manifold(
-        Mesh64(
-            np.ascontiguousarray(vertices, dtype=np.float64),
-            np.ascontiguousarray(faces, dtype=np.uint64),
-        )
-    )
+    return as_manifold(mesh).transform(np.column_stack([turn, middle + base.bottom * up]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,11 +41,12 @@ ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
 class Sites:
     """Places on the centre lines where a member may end: vertices of the knots, (n,), knot by knot.
 
-    `point` (n, 3) mm, `tangent` (n, 3) unit, `arc` (n,) mm from the knot's first vertex; `perimeter`
-    (k,) of each knot; `following` (n,) the next site along the same knot.
+    `vertex` (n,) of the knot, `point` (n, 3) mm, `tangent` (n, 3) unit, `arc` (n,) mm from the knot's
+    first vertex; `perimeter` (k,) of each knot; `following` (n,) the next site along the same knot.
     """
 
     knot: Ints
+    vertex: Ints
     point: Array
     tangent: Array
     arc: Array
@@ -52,19 +54,23 @@ class Sites:
     following: Ints
 
 
-def sites_of(knots: Knots, step_radii: float = SITE_RADII) -> Sites:
-    """Vertices about `step_radii` tube radii apart, at least 8 on each knot."""
-    knot, point, tangent, arcs, following, perimeter = [], [], [], [], [], []
+def sites_of(
+    knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Ints] | None = None
+) -> Sites:
+    """Vertices about `step_radii` tube radii apart, at least 8 on each knot, and those in `also`, by knot."""
+    knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
     first = 0
     for k, curve in enumerate(knots.knots):
         p = curve.points
         steps = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
         arc, whole = np.concatenate([[0.0], np.cumsum(steps)[:-1]]), float(steps.sum())
         count = max(8, int(whole / (step_radii * knots.radius_mm)))
-        at = np.unique(np.searchsorted(arc, np.arange(count) * whole / count).clip(0, len(p) - 1))
+        at = np.searchsorted(arc, np.arange(count) * whole / count).clip(0, len(p) - 1)
+        at = np.union1d(at, np.asarray((also or {}).get(k, ()), dtype=np.int64))
         ahead = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
         n = len(at)
         knot.append(np.full(n, k))
+        vertex.append(at)
         point.append(p[at])
         tangent.append((ahead / np.linalg.norm(ahead, axis=1)[:, None])[at])
         arcs.append(arc[at])
@@ -73,6 +79,7 @@ def sites_of(knots: Knots, step_radii: float = SITE_RADII) -> Sites:
         first += n
     return Sites(
         np.concatenate(knot),
+        np.concatenate(vertex),
         np.concatenate(point),
         np.concatenate(tangent),
         np.concatenate(arcs),

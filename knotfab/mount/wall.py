@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -12,6 +12,9 @@ from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.choose import Stiffness, choose_pegs, sag_of
 from knotfab.mount.rays import Rays, free_rays
+from knotfab.mount.solids import as_manifold, frame_along, strut_solid
+from knotfab.mount.struts import GROUND, Candidates, nothing
+from knotfab.mount.wall_brace import hidden_braces
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
@@ -20,12 +23,14 @@ if TYPE_CHECKING:
 __all__ = ["Peg", "WallMount", "WallSettings", "plan_wall", "wall_bodies"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
 # thin ones pass between more strands
 ROOT_SHARE = 0.1  # by which the filleted root is wider
 MOST_SHARE = 0.98
+HOPELESS = 4.0  # times the limit: thinner pegs do not take away so much
 ROOT_HEIGHT_MM = 3.0
 MARK_MM = 1.5  # depth of the notches in the plate's edges
 LEAST_MARK_MM = 0.5  # none where no deeper ones have room
@@ -73,13 +78,19 @@ class Peg:
 
 @dataclass(frozen=True)
 class WallMount:
-    """The pegs, and what the piece sags on them: by the model that chose them, and by one solved anew."""
+    """Pegs (those that lean last), struts between strands, and what the piece sags on them (mm, and where).
+
+    `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
+    solved anew; `sag_at` is where that is largest. `struts_of` (n,) is the knot each strut begins at.
+    """
 
     pegs: tuple[Peg, ...]
     sag_mm: float
     sag_at: Array
     sag_again_mm: float
     settings: WallSettings
+    struts: Candidates = field(default_factory=nothing)
+    struts_of: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 def plan_wall(
@@ -88,8 +99,14 @@ def plan_wall(
     clearance_mm: float,
     stiffness: Stiffness,
     settings: WallSettings,
+    target: Mask | None = None,
 ) -> WallMount:
-    """Choose pegs for knots in scene coordinates (design, section 8).
+    """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not enough.
+
+    Struts join strands and so need a plate: on dowels every knot is a body that can be split.
+
+    Args:
+        target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
 
     Raises:
         SceneError: a knot has no free ray to the wall.
@@ -98,13 +115,13 @@ def plan_wall(
     why = ""
     for share in PEG_SHARES:
         try:
-            found = _with_share(share, knots, camera, clearance_mm, stiffness, settings)
+            found = _with_share(share, knots, camera, clearance_mm, stiffness, settings, target)
         except ValueError as error:
             why = str(error)
             continue
-        if best is None or found.sag_mm < best.sag_mm:
+        if best is None or found.sag_again_mm < best.sag_again_mm:
             best = found
-        if best.sag_mm <= stiffness.max_sag_mm:
+        if not stiffness.max_sag_mm < best.sag_again_mm <= HOPELESS * stiffness.max_sag_mm:
             break
     if best is None:
         raise SceneError("the wall mount", why, "Use --mount none, a thinner tube, or fewer knots")
@@ -118,6 +135,7 @@ def _with_share(
     clearance_mm: float,
     stiffness: Stiffness,
     settings: WallSettings,
+    target: Mask | None,
 ) -> WallMount:
     """Pegs that fill `share` of the tube's shadow; raises ValueError where a knot has no free ray."""
     rays = free_rays(knots, camera.eye, camera.receiver, share, clearance_mm)
@@ -136,8 +154,37 @@ def _with_share(
         )
         for i in chosen.rays
     )
-    again = sag_of(knots, rays, chosen.rays, top, foot, stiffness)
-    return WallMount(pegs, chosen.sag_mm, chosen.sag_at, again, settings)
+    again, at = sag_of(knots, rays, chosen.rays, top, foot, stiffness)
+    mount = WallMount(pegs, chosen.sag_mm, at, again, settings)
+    if again <= stiffness.max_sag_mm or settings.foot != "plate":
+        return mount
+    if target is None:
+        target = np.zeros((camera.height, camera.width), dtype=bool)
+    radii = top, foot, root * knots.radius_mm * spread
+    sites, braces = hidden_braces(
+        knots, camera, target, clearance_mm, stiffness, rays, chosen.rays, radii
+    )
+    again, at = sag_of(knots, rays, chosen.rays, top, foot, stiffness, (sites, braces))
+    leans = braces.second == GROUND
+    leaning = tuple(
+        Peg(int(sites.knot[first]), start, end, float(r), float(r), float(r))
+        for first, start, end, r in zip(
+            braces.first[leans],
+            braces.start[leans],
+            braces.end[leans],
+            braces.radius[leans],
+            strict=True,
+        )
+    )
+    struts = braces.of(~leans)
+    return replace(
+        mount,
+        pegs=(*pegs, *leaning),
+        sag_at=at,
+        sag_again_mm=again,
+        struts=struts,
+        struts_of=sites.knot[struts.first],
+    )
 
 
 def _spread(rays: Rays, light: Array) -> Array:
@@ -156,13 +203,17 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     """
     from manifold3d import Manifold, OpType
 
-    groups: list[list[Manifold]] = [[_manifold(tube)] for tube in tubes]
+    groups: list[list[Manifold]] = [[as_manifold(tube)] for tube in tubes]
     # across and up the wall, and out of it
     out = camera.receiver[:3]
     across = camera.du / np.linalg.norm(camera.du)
     wall = np.column_stack([across, np.cross(out, across), out])
     for peg in mount.pegs:
         groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
+    members = mount.struts
+    for i, knot in enumerate(mount.struts_of):
+        bar = strut_solid(members.start[i], members.end[i], float(members.radius[i]))
+        groups[int(knot)].append(bar)
     if mount.settings.foot == "plate":
         groups = [[solid for group in groups for solid in group] + [_plate(camera, wall, mount)]]
     bodies = []
@@ -180,9 +231,9 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 
 
 def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMount) -> None:
-    """One body; a handle for each knot and for each peg that closes a loop, and the plate's two holes."""
+    """One body; a handle for each knot and for each member that closes a loop, and the plate's two holes."""
     plate = mount.settings.foot == "plate"
-    genus = len(mount.pegs) + 2 if plate else 1
+    genus = len(mount.pegs) + len(mount.struts) + 2 if plate else 1
     parts = len(solid.decompose())
     if parts != 1 or solid.genus() != genus:
         what = "the part" if plate else f"knot {number} of {knots}"
@@ -209,17 +260,15 @@ def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]
         root_height_mm=ROOT_HEIGHT_MM,
         sink_mm=peg.root_radius_mm * slant + OVERLAP_MM,
     )
-    across = np.cross(wall[:, 1], axis)
-    across /= np.linalg.norm(across)
-    turn = np.column_stack([across, np.cross(axis, across), axis])
-    solid = _manifold(mesh).transform(np.column_stack([turn, peg.foot]))
+    turn = frame_along(axis, wall[:, 1])
+    solid = as_manifold(mesh).transform(np.column_stack([turn, peg.foot]))
     if settings.foot == "plate":
         # what the slant needs must not come out of the plate's back
         inside = float(wall[:, 2] @ peg.foot) - 0.75 * settings.plate_thickness_mm
         return [solid.trim_by_plane(wall[:, 2], inside)]
     deep = settings.dowel_depth_mm
     flat = solid.trim_by_plane(wall[:, 2], float(wall[:, 2] @ peg.foot) - 0.5 * deep)
-    pin = _manifold(dowel(peg.foot_radius_mm, deep))
+    pin = as_manifold(dowel(peg.foot_radius_mm, deep))
     return [flat, pin.transform(np.column_stack([wall, peg.foot]))]
 
 
@@ -242,16 +291,4 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
         corner_radius_mm=min(6.0, s.plate_margin_mm),
     )
     back = middle - s.plate_thickness_mm * wall[:, 2]
-    return _manifold(mesh).transform(np.column_stack([wall, back]))
-
-
-def _manifold(mesh: Mesh) -> Manifold:
-    from manifold3d import Manifold, Mesh64
-
-    vertices, faces = mesh
-    return Manifold(
-        Mesh64(
-            np.ascontiguousarray(vertices, dtype=np.float64),
-            np.ascontiguousarray(faces, dtype=np.uint64),
-        )
-    )
+    return as_manifold(mesh).transform(np.column_stack([wall, back]))

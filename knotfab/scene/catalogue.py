@@ -131,7 +131,8 @@ def _framed(view: View, size: tuple[int, int]) -> View:
 def resolve(scene: Scene, sizes: Sequence[tuple[int, int]] | None = None) -> Scene:
     """The scene with printer and material merged from their data files.
 
-    Keys that the scene gives itself in [printer] and [material] win over the data file.
+    Keys that the scene gives itself in [printer] and [material] win over the data file. A tube of wire
+    is as thick as the wire, unless the scene says otherwise.
 
     Args:
         scene: as read.
@@ -146,6 +147,10 @@ def resolve(scene: Scene, sizes: Sequence[tuple[int, int]] | None = None) -> Sce
         "printer": _limited(_filled(scene.printer, "printer")),
         "material": _filled(scene.material, "material"),
     }
+    wire = update["material"]
+    if wire.process == "wire" and scene.piece.tube_radius_mm == "auto":
+        radius = {"tube_radius_mm": 0.5 * wire.wire_diameter_mm}
+        update["piece"] = scene.piece.model_copy(update=radius)
     if sizes is not None:
         pairs = zip(scene.views, sizes, strict=True)
         update["views"] = tuple(_framed(view, size) for view, size in pairs)

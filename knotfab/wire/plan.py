@@ -18,6 +18,7 @@ from knotfab.wire.arcs import Wire
 from knotfab.wire.bends import BendList, bend_list
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
+from knotfab.wire.frame import WireFrame, wire_frame
 from knotfab.wire.judge import Judge, Shade, WireKnot
 from knotfab.wire.replay import replayed
 from knotfab.wire.template_pdf import drawings_of, write_templates
@@ -45,11 +46,13 @@ class WirePlan:
     least_distance_mm: float
     tolerance_mm: float
     pages: dict[str, int]
+    frame: WireFrame
     checks: tuple[dict[str, Any], ...]
 
     @property
     def status(self) -> str:
-        return "pass" if all(c["status"] == "pass" for c in self.checks) else "fail"
+        failed = any(c["required"] and c["status"] != "pass" for c in self.checks)
+        return "fail" if failed else "pass"
 
     def to_dict(self) -> dict[str, Any]:
         """The report's `bending_plan`."""
@@ -63,6 +66,8 @@ class WirePlan:
             "least_distance_mm": self.least_distance_mm,
             "tolerance_mm": self.tolerance_mm,
             "pages": self.pages,
+            "frame_width_mm": self.frame.width_mm,
+            "enough_frame_width_mm": self.frame.enough_mm,
             "knots": [k.to_dict() for k in self.knots],
         }
 
@@ -111,6 +116,8 @@ def write_bending_plan(
             f"{2 * knots.radius_mm:g} mm",
             f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
         )
+    from knotfab_validators.silhouette import read_silhouette
+
     tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
     floor = iou_floor
     if floor is None:
@@ -175,6 +182,8 @@ def write_bending_plan(
             path, paper, drawings, facts, "print at 100 %, not fitted to the page"
         )
     length = sum(k.length_mm for k in verdict.knots)
+    view = scene.views[0]
+    frame = wire_frame(read_silhouette(picture, invert=view.invert), view, material)
     return WirePlan(
         files=(*names, *pages),
         knots=verdict.knots,
@@ -184,7 +193,8 @@ def write_bending_plan(
         least_distance_mm=verdict.least_distance_mm,
         tolerance_mm=tolerance,
         pages=pages,
-        checks=verdict.checks,
+        frame=frame,
+        checks=(*verdict.checks, frame.check(material)),
     )
 
 

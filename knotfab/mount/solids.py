@@ -1,0 +1,51 @@
+"""Solids of a mount, ready to be united: meshes as manifolds, and round members between two points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["as_manifold", "frame_along", "strut_solid"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+
+def as_manifold(mesh: Mesh) -> Manifold:
+    """A watertight mesh (vertices mm, faces) in double precision."""
+    from manifold3d import Manifold, Mesh64
+
+    vertices, faces = mesh
+    return Manifold(
+        Mesh64(
+            np.ascontiguousarray(vertices, dtype=np.float64),
+            np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+    )
+
+
+def frame_along(axis: Array, helper: Array | None = None) -> Array:
+    """(3, 3) a rotation whose third column is the unit vector `axis`.
+
+    Args:
+        helper: (3,) not along the axis; the first column is square to both.
+    """
+    beside = np.eye(3)[np.abs(axis).argmin()] if helper is None else helper
+    across = np.cross(beside, axis)
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis])
+
+
+def strut_solid(start: Array, end: Array, radius_mm: float) -> Manifold:
+    """A round bar between two points (3,) mm."""
+    from knotfab_fixtures.peg import peg
+
+    length = float(np.linalg.norm(start - end))
+    turn = frame_along((start - end) / length)
+    bar = as_manifold(peg(length, radius_mm, radius_mm))
+    return bar.transform(np.column_stack([turn, end]))

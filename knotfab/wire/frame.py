@@ -1,0 +1,88 @@
+"""Whether the frame is large enough for a wire to draw the picture, and how large it would have to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from knotfab.scene.model import Material, View
+from knotfab.target.silhouette import polygon_of
+
+__all__ = ["WireFrame", "wire_frame"]
+
+Mask = NDArray[np.bool_]
+
+ENOUGH_IOU = 0.95  # of the picture and what strands of the wire's thickness can fill of it
+STEPS = 20  # of the search for a width: a millionth of its range
+LARGEST = 64.0  # times the frame, beyond which no width is sought
+
+
+@dataclass(frozen=True)
+class WireFrame:
+    """What a wire can draw of a picture in its frame.
+
+    `width_mm` of the frame; `most_iou` of the picture and its morphological opening by the wire's
+    shadow; `enough_mm` the least width in which that is `ENOUGH_IOU`; None where none would do.
+    """
+
+    width_mm: float
+    most_iou: float
+    enough_mm: float | None
+
+    def check(self, material: Material) -> dict[str, Any]:
+        """`wire_frame`, in the report's form; not required, since the picture's own floor is."""
+        from knotfab_validators.check import at_least
+
+        wide = f"a frame {self.width_mm:g} mm wide"
+        text = (
+            f"IoU of the picture and what strands {material.wire_diameter_mm:g} mm thick can fill of "
+            f"it in {wide}"
+        )
+        if self.most_iou < ENOUGH_IOU:
+            text += ": too small for this wire"
+            if self.enough_mm is not None:
+                text += f"; {self.enough_mm:.0f} mm and more would do"
+        check = at_least("wire_frame", self.most_iou, ENOUGH_IOU, "", text, required=False)
+        return check.to_dict()
+
+
+def wire_frame(mask: Mask, view: View, material: Material) -> WireFrame:
+    """How much of the silhouette strands as thick as the wire can fill at most.
+
+    Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the
+    opening of the silhouette by half that shadow is what is left. A frame s times as wide is a
+    wire s times as thin.
+
+    Args:
+        mask: (H, W) the picture's silhouette. view: with its frame's width as a number.
+    """
+    assert view.frame_width_mm is not None
+    polygon = polygon_of(mask)
+    spread = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
+    shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
+    width = view.frame_width_mm
+    most = _opening_iou(polygon, shadow)
+    if _opening_iou(polygon, shadow / LARGEST) < ENOUGH_IOU:
+        return WireFrame(width, most, None)
+    return WireFrame(width, most, width * _least_scale(polygon, shadow, 1 / LARGEST, LARGEST))
+
+
+def _least_scale(polygon: MultiPolygon, radius: float, low: float, high: float) -> float:
+    """The least scale of the frame between two, the larger of which is enough."""
+    for _ in range(STEPS):
+        middle = float(np.sqrt(low * high))
+        if _opening_iou(polygon, radius / middle) >= ENOUGH_IOU:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _opening_iou(polygon: MultiPolygon, radius: float) -> float:
+    """IoU of a polygon and its opening, which lies in it."""
+    opened = polygon.buffer(-radius).buffer(radius)
+    return float(opened.intersection(polygon).area / polygon.area)

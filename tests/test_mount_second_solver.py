@@ -1,0 +1,104 @@
+"""The frame model against PyNite, a frame solver of other hands, on the same beams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from Pynite import FEModel3D
+
+from knotfab.knots import Knot, Knots
+from knotfab.mount.choose import DOWN, Stiffness, choose_pegs, mounted_frame, sag_of
+from knotfab.mount.frame_model import GRAVITY_M_S2, POISSON, Beams, deflection, round_beams
+from knotfab.mount.rays import free_rays
+from knotfab.mount.struts import GROUND, Candidates, joined, sites_of, struts
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import View
+
+E_MPA, RHO = 2300.0, 1.24
+AGREE = 1e-6  # of the largest displacement
+
+
+def by_pynite(beams: Beams, fixed: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(n, 3) displacement of every joint, mm (N, mm and MPa throughout)."""
+    model = FEModel3D()
+    model.add_material("plastic", E_MPA, E_MPA / (2 * (1 + POISSON)), POISSON, 0.0)
+    for number, (x, y, z) in enumerate(beams.joints):
+        model.add_node(f"J{number}", x, y, z)
+    for number, (a, b) in enumerate(beams.ends):
+        inertia = beams.inertia[number]
+        model.add_section(f"S{number}", beams.area[number], inertia, inertia, beams.twist[number])
+        model.add_member(f"B{number}", f"J{a}", f"J{b}", "plastic", f"S{number}")
+        weight = beams.area[number] * RHO * 1e-6 * GRAVITY_M_S2
+        for axis, share in zip("XYZ", down, strict=True):
+            model.add_member_dist_load(f"B{number}", f"F{axis}", weight * share, weight * share)
+    for number in fixed:
+        model.def_support(f"J{number}", True, True, True, True, True, True)
+    model.analyze_linear(check_stability=False)
+    name = next(iter(model.load_combos))
+    nodes = [model.nodes[f"J{n}"] for n in range(len(beams.joints))]
+    return np.array([[n.DX[name], n.DY[name], n.DZ[name]] for n in nodes])
+
+
+def compare(beams: Beams, fixed: np.ndarray, down: np.ndarray = DOWN) -> np.ndarray:
+    """The displacements, the same by both."""
+    own = deflection(beams, fixed, E_MPA, RHO, down)
+    other = by_pynite(beams, fixed, down)
+    assert np.abs(own - other).max() < AGREE * np.linalg.norm(other, axis=1).max()
+    return own
+
+
+@pytest.mark.parametrize("down", [(0.0, -1.0, 0.0), (0.6, 0.0, -0.8)])
+def test_a_leaning_cantilever_of_changing_section(down: tuple[float, float, float]) -> None:
+    joints = np.linspace(0, 1, 6)[:, None] * np.array([60.0, 25.0, -40.0])
+    ends = np.column_stack([np.arange(5), np.arange(1, 6)])
+    beams = round_beams(joints, ends, np.linspace(2.5, 1.0, 5))
+    assert np.linalg.norm(compare(beams, np.array([0]), np.array(down))[-1]) > 0.002
+
+
+def test_a_portal_frame_that_leans_out_of_its_plane() -> None:
+    joints = np.array([[0, 0, 0], [0, 80, 10], [60, 80, 10], [60, 0, 0], [30, 80, 45]], dtype=float)
+    ends = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [4, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.2, 1.5, 0.8, 0.8]))
+    moved = compare(beams, np.array([0, 3]))
+    # the arm leans out to +z: the frame goes that way, and down
+    assert moved[4, 1] < 0 < moved[4, 2]
+
+
+def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
+    """The whole frame of a wall mount, as `sag_of` solves it, and what it says of the sag."""
+    t = 2 * np.pi * np.arange(160) / 160
+    flower = np.column_stack([45 * np.cos(t), 45 * np.sin(t), 10 * np.sin(3 * t)])
+    inner = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 8 * np.cos(2 * t)])
+    knots = Knots((Knot(flower), Knot(inner)), 2.0)
+    camera = camera_of(View(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
+    rays = free_rays(knots, camera.eye, camera.receiver, 0.95, 0.4)
+    foot = 1.9 * np.linalg.norm(rays.foot - camera.eye, axis=1)
+    foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)
+    stiffness = Stiffness(E_MPA, RHO, 0.2)
+    pegs = choose_pegs(knots, rays, 1.9, foot, stiffness).rays
+    sites = sites_of(knots)
+    pairs = np.array([[int(np.flatnonzero(sites.knot == 1)[0]), 0]])
+    strut = struts(sites, pairs, 2.0, 1.5)
+    top, ground = sites.point[[5]], np.array([GROUND])
+    leaning = Candidates(
+        np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
+    )
+    braces = sites, joined([strut, leaning])
+    assert len(braces[1]) == 2
+    beams, fixed, tubes = mounted_frame(knots, rays, pegs, 1.9, foot, braces)
+    assert len(fixed) == len(pegs) + 1
+    size = np.linalg.norm(compare(beams, fixed)[:tubes], axis=1)
+    sag, at = sag_of(knots, rays, pegs, 1.9, foot, stiffness, braces)
+    assert sag == pytest.approx(size.max(), rel=1e-9)
+    assert (at == beams.joints[size.argmax()]).all()
+    assert sag < 0.2
+
+
+def test_the_comparison_sees_a_wrong_section() -> None:
+    joints = np.array([[0.0, 0, 0], [50, 0, 0], [50, 0, 30]])
+    ends = np.array([[0, 1], [1, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.5]))
+    wrong = Beams(joints, ends, beams.area, beams.inertia, beams.twist * 1.001)
+    own = deflection(beams, np.array([0]), E_MPA, RHO, DOWN)
+    other = by_pynite(wrong, np.array([0]), DOWN)
+    assert np.abs(own - other).max() > 10 * AGREE * np.linalg.norm(other, axis=1).max()
