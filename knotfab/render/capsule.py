@@ -44,7 +44,10 @@ def ray_miss(
     at = t.detach()
     cx, cy, cz = ax + at * ex, ay + at * ey, az + at * ez
     stretch = 1.0 + qx * qx + qy * qy  # |D|^2
-    miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(_TINY).sqrt()
+    # what is left of a ray through the segment itself is rounding, and points anywhere: it gets no gradient
+    lost = 4.0 * torch.finfo(a.dtype).eps * a.detach()[..., :2]
+    least = (lost * lost).sum(-1).clamp_min(_TINY)
+    miss = ((cx * cx + cy * cy + cz * cz) / stretch).clamp_min(least).sqrt()
     return miss, a[..., 2] + t * (b[..., 2] - a[..., 2])
 
 
@@ -53,13 +56,15 @@ def capsule_distance(
     b: Tensor,  # [..., 3]
     qx: Tensor,  # [...] ray direction, x/z
     qy: Tensor,  # [...]
-    radius: float,
-    focal_px: float,
+    radius: float | Tensor,
+    focal_px: float | Tensor,
 ) -> Tensor:
     """Signed distance in pixels of rays to the silhouettes of capsules, positive inside.
 
-    All arguments broadcast; differentiable with respect to `a` and `b` (the ray-distance
+    All arguments broadcast; differentiable with respect to every tensor among them (the ray-distance
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).
     """
     miss, depth = ray_miss(a, b, qx, qy)
-    return torch.where(depth > _TINY, (radius - miss) * (focal_px / depth.clamp_min(_TINY)), BEHIND)
+    ahead = depth > _TINY
+    # the depth that is not used must not overflow either: its gradient, infinite times zero, would be NaN
+    return torch.where(ahead, (radius - miss) * (focal_px / torch.where(ahead, depth, 1.0)), BEHIND)
