@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.design import Design, design
-from knotfab.errors import MachineError, SceneError
+from knotfab.errors import InputError, MachineError, SceneError
 from knotfab.flatten import flattened
+from knotfab.mount.prefetch import prefetch_modeller
 from knotfab.output import OutputFolder
 from knotfab.part.assemble import Part, part_of, pose_of, write_part
 from knotfab.part.pose import PrintPose
 from knotfab.part.threemf import read_back_strict
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
+from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
     add_fabrication,
     check_3mf,
@@ -67,6 +69,7 @@ class Request:
     skip: frozenset[str] = frozenset()
     time_budget_s: float | None = None
     command: str = ""
+    more: tuple[str, ...] = ()  # the pictures of the second view and on
 
 
 @dataclass(frozen=True)
@@ -91,24 +94,28 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     _require_device(request.device)
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
-            view = request.scene.views[0]
-            target = read_target(request.source, invert=view.invert, base=request.base)
+            targets = _targets(request)
+            target = targets[0]
         with Verifier(graphics="shadow-render" not in request.skip) as verifier:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
-            made = design(request.scene, target, request.device, progress, left)
+            if request.printing and request.scene.mount.kind != "none":
+                prefetch_modeller()
+            made = _designed(request, targets, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
                 part = part_of(made, request.printing, target, progress)
-                made, part, flattening = flattened(request, target, made, part, progress)
+                flattening = None
+                if len(targets) == 1:
+                    made, part, flattening = flattened(request, target, made, part, progress)
             except SceneError as error:
-                return _reject_unbuilt(folder, request, made, target, progress, str(error))
+                return _reject_unbuilt(folder, request, made, targets, progress, str(error))
             with progress.stage("part"):
                 pose = pose_of(part.pose.matrix, part.plates)
                 scene = part.mounted.scene.model_copy(update={"pose": pose})
-                write_part(folder, part, scene, target)
+                write_part(folder, part, scene, targets)
             with _slicing(folder, scene, request) as slicing:
                 with progress.stage("verify"):
                     verdict, drawn = _verified(verifier, folder, part, scene, request)
@@ -135,6 +142,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
             add_fabrication(report, part.mounted, sliced, plan, request.printing)
             report["print"]["drawings"] = drawings
+            add_bounds(report, made)
             add_posing(report, part, flattening)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
@@ -146,6 +154,37 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             return Outcome(0, report, request.out)
         folder.reject()
         return Outcome(code, report, request.out / "rejected")
+
+
+def _targets(request: Request) -> list[Target]:
+    """The pictures of all views, in their order.
+
+    Raises:
+        InputError: one cannot be read, or there are not as many as views.
+    """
+    sources, views = (request.source, *request.more), request.scene.views
+    if len(sources) != len(views):
+        raise InputError(
+            "the call",
+            f"{len(sources)} pictures are given for {len(views)} views",
+            "Give one picture for each [[views]] of the scene, in their order",
+        )
+    return [
+        read_target(source, invert=view.invert, base=request.base)
+        for source, view in zip(sources, views, strict=True)
+    ]
+
+
+def _designed(
+    request: Request, targets: list[Target], progress: Progress, budget_s: float | None
+) -> Design:
+    """The design for one view, or for several."""
+    if len(targets) == 1:
+        return design(request.scene, targets[0], request.device, progress, budget_s)
+    from knotfab.design_several import design_several, require_several
+
+    require_several(request.scene, request.printing)
+    return design_several(request.scene, targets, request.device, progress, budget_s)
 
 
 def _slicing(
@@ -206,14 +245,15 @@ def _reject_unbuilt(
     folder: OutputFolder,
     request: Request,
     made: Design,
-    target: Target,
+    targets: list[Target],
     progress: Progress,
     why: str,
 ) -> Outcome:
     """Report knots about which no tube can be swept, or whose part fits no pose of the printer."""
     scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
     made.knots.write(folder.file("knots.json"))
-    folder.write(scene.views[0].picture, target.png_bytes)
+    for view, target in zip(scene.views, targets, strict=True):
+        folder.write(view.picture, target.png_bytes)
     folder.write("scene.toml", dump_scene(scene))
     verdict: dict[str, Any] = {
         "checks": [check_part(why), check_certificate(made), check_limits(made)],
@@ -222,7 +262,7 @@ def _reject_unbuilt(
     }
     report = report_of(request, made, made.knots, [], verdict, progress)
     write_report_json(folder.file("report.json"), report)
-    write_report_html(folder.file("report.html"), report, [], target.name)
+    write_report_html(folder.file("report.html"), report, [], targets[0].name)
     folder.reject()
     return Outcome(1, report, request.out / "rejected")
 

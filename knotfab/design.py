@@ -134,6 +134,7 @@ def problem_of(scene: Scene, target: Target) -> Problem:
         scene.material.max_length_mm,
         region,
         _depth(scene, polygon, region, scene.printer.min_tube_radius_mm),
+        scene.piece.knot,
     )
 
 
@@ -215,12 +216,23 @@ def _within(
 ) -> SearchSettings:
     """The settings with as many iterations as the seconds allow on this machine, by a short run."""
     few = settings.model_copy(
-        update={"coarse_iterations": 6, "fine_iterations": 6, "settle_iterations": 3}
+        update={
+            "coarse_iterations": 6,
+            "fine_iterations": 6,
+            "settle_iterations": 3,
+            "network_iterations": 6,
+        }
     )
+
+    def iterations(of: SearchSettings) -> int:
+        network = 0 if of.method == "flow" else of.network_iterations
+        flow = of.coarse_iterations + of.fine_iterations + of.settle_iterations
+        return network + (0 if of.method == "inn" else flow)
+
     begun = time.perf_counter()
     search(problem, template, radius, few, device, repairs=0)
-    each = (time.perf_counter() - begun) / 15
-    total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
+    each = (time.perf_counter() - begun) / iterations(few)
+    total = iterations(settings)
     factor = (seconds - 16 * each) / (each * total)
     return settings.scaled(float(np.clip(factor, 0.2, 5.0)))
 

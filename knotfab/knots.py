@@ -1,4 +1,4 @@
-"""Knots: the only thing the search hands on. One or more closed polylines with one radius."""
+"""Knots: the only thing the search hands on. One or more polylines with one radius."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ __all__ = ["Knot", "Knots"]
 
 @dataclass(frozen=True)
 class Knot:
-    """A closed polyline: `points` is (n, 3) float64 in mm; the last point joins the first."""
+    """A polyline: `points` is (n, 3) float64 in mm; where it is closed the last joins the first.
+
+    An open one has no type: `type` is then "open".
+    """
 
     points: NDArray[np.float64]
     type: str = "unknot"
@@ -23,8 +26,9 @@ class Knot:
 
     @property
     def length_mm(self) -> float:
-        """Length of the polyline, closing edge included."""
+        """Length of the polyline, the closing edge included where it is closed."""
         edges = np.roll(self.points, -1, axis=0) - self.points
+        edges = edges if self.closed else edges[:-1]
         return float(np.linalg.norm(edges, axis=1).sum())
 
 

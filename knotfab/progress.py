@@ -99,6 +99,11 @@ class Progress:
         if self.mode == "verbose":
             self._say(text)
 
+    def say(self, text: str) -> None:
+        """A plain line that a person must see before the end; nothing where quiet."""
+        if self.mode != "quiet":
+            self._say(text)
+
     def _say(self, text: str) -> None:
         if self._bar is not None:
             # above the bar, which rich redraws below

@@ -146,7 +146,8 @@ def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) ->
 def test_no_picture_and_two_pictures(bad: Path, tmp_path: Path) -> None:
     assert "no picture" in refused(2, "build", "--out", tmp_path / "out")
     good = bad / "good.png"
-    assert "several" in refused(2, "build", good, good, "--out", tmp_path / "out")
+    call = ("build", good, good, "--out", tmp_path / "out", "--depth", "flat")
+    assert "several views" in refused(2, *call)
 
 
 def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:

@@ -158,6 +158,8 @@ view = st.builds(
     wall_distance_mm=positive,
     wall_tilt_deg=st.floats(-79.9, 79.9),
     azimuth_deg=number,
+    elevation_deg=st.floats(-90, 90),
+    frame_up_mm=number,
 )
 row = st.tuples(number, number, number, number)
 value = st.booleans() | st.integers(-(2**63), 2**63 - 1) | number | text
@@ -169,6 +171,7 @@ scenes = st.builds(
         knots=auto | st.integers(1, 99),
         depth=auto | st.just("flat") | positive,
         clearance_mm=positive,
+        knot=text,
     ),
     region=st.builds(
         Region,

@@ -338,6 +338,18 @@ def test_each_body_stands_for_itself() -> None:
     assert run(edge, stands=True)["standing"].measured == pytest.approx(0.201)
 
 
+def test_what_is_printed_lying_stands_as_it_is_turned() -> None:
+    """A wide low block, printed on its edge; places are told as it is printed."""
+    mesh = box((0, 0, 0), (4, 40, 40))
+    up = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # print x is up
+    lying = printability_checks(mesh, None, seconds={}, stands=True)
+    stood = printability_checks(mesh, None, seconds={}, stands=True, desk=up)
+    one, other = ({c.name: c for c in found}["standing"] for found in (lying, stood))
+    assert one.measured == pytest.approx(2.0) and other.measured == pytest.approx(20.0)
+    assert other.at[0] == pytest.approx((2, 20, 20))
+    assert other.status == "pass" and "not as it is printed" in other.detail
+
+
 def test_nothing_on_the_bed_does_not_stand() -> None:
     assert run(box((0, 0, 3), (5, 5, 5)), stands=True)["standing"].status == "fail"
 

@@ -20,6 +20,8 @@ class PlainView:
     wall_distance_mm: float = 100.0
     wall_tilt_deg: float = 0.0
     azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0
+    frame_up_mm: float = 0.0
 
 
 def circle(n: int = 200, radius: float = 40.0) -> Array:

@@ -12,7 +12,7 @@ from .case import Broken, Place, knotted, with_scene
 from .curves import circle
 from .files import Part
 from .parts import Body, blocks, box, drum, join
-from .print_parts import arch, gallows, island, plain, slab, slot, table
+from .print_parts import arch, gallows, island, on_its_side, plain, slab, slot, table
 
 __all__ = ["broken_print"]
 
@@ -206,6 +206,13 @@ def _toppling() -> Iterator[Broken]:
             lambda _: [(10.0, 7.0, 16.0)],  # over the edge of its foot
             6.0,
         )
+    yield Broken(
+        "a stand that topples, printed on its side",
+        partial(plain, on_its_side(gallows(25.0)), lying=True, mount=stand),
+        "standing",
+        lambda _: [(10.0, 18.0, 5.0)],
+        6.0,
+    )
     yield Broken(
         "a stand that hangs in the air",
         partial(plain, box((2, 2, 3), (22, 22, 10)), mount=stand),

@@ -29,6 +29,9 @@ __all__ = [
 READ = "read"
 """Stands for the readers: a file that they refuse is rejected by them, not by a check."""
 
+UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""Turns what is upright as printed (z) into what is upright in a scene (y)."""
+
 Place = tuple[float, float, float]
 MARGIN_MM = 4.0  # from the tube to the printer's x and y planes
 PIXELS = 256
@@ -89,15 +92,18 @@ def tied(
     return knotted(curves(), radius, types, sides)
 
 
-def with_scene(part: Part, **tables: Mapping[str, Any]) -> Part:
+def with_scene(part: Part, lying: bool = False, **tables: Mapping[str, Any]) -> Part:
     """The part with a scene about its middle, seen from above, and the shadow it casts as picture.
 
-    `tables` are merged into those of the scene; `view` is merged into its only view.
+    `tables` are merged into those of the scene; `view` is merged into its only view. A stand is printed
+    as it stands (the print's z is the scene's y), unless `lying`.
     """
     assert part.body is not None
     low, high = part.body.vertices.min(axis=0), part.body.vertices.max(axis=0)
     pose = np.eye(4)
-    pose[:3, 3] = -(low + high) / 2
+    if tables.get("mount", {}).get("kind") == "stand" and not lying:
+        pose[:3, :3] = UPRIGHT
+    pose[:3, 3] = -pose[:3, :3] @ (low + high) / 2
     scene: dict[str, Any] = {
         "schema": 1,
         "piece": {"clearance_mm": 0.4},

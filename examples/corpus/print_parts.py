@@ -12,17 +12,19 @@ from .case import with_scene
 from .files import Part
 from .parts import Body, blocks
 
-__all__ = ["arch", "gallows", "island", "plain", "slab", "slot", "table"]
+__all__ = ["arch", "gallows", "island", "on_its_side", "plain", "slab", "slot", "table"]
 
 
 def plain(
     body: Body,
     format: str = "stl",
     printer: Mapping[str, Any] | None = None,
+    lying: bool = False,
     **tables: Mapping[str, Any],
 ) -> Part:
     """A part without knots in a scene that asks nothing of its shadow."""
-    part = with_scene(Part(body), printer=printer or {}, accuracy={"iou_floor": "auto"}, **tables)
+    asked = {"printer": printer or {}, "accuracy": {"iou_floor": "auto"}, **tables}
+    part = with_scene(Part(body), lying, **asked)
     return replace(part, format=format)
 
 
@@ -75,3 +77,10 @@ def gallows(reach: float) -> Body:
     cells[0] = True
     cells[1, :, 1] = True
     return blocks(cells, (2.0, 10.0, 10.0 + reach), (2.0, 12.0), (0.0, 20.0, 28.0))
+
+
+def on_its_side(body: Body) -> Body:
+    """The body as it is printed when what was upright (its z) lies along y."""
+    turned = body.vertices @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    low = turned.min(axis=0)
+    return Body(turned - low + (2.0, 2.0, 0.0), body.faces)

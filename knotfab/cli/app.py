@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -38,7 +39,8 @@ def build(
     tube_radius: str | None = None,
     depth: str | None = None,
     knots: str | None = None,
-    search: Literal["flow"] = "flow",
+    knot: str | None = None,
+    search: Literal["flow", "inn", "inn+flow"] | None = None,
     mount: Literal["wall", "stand", "none"] | None = None,
     printer: str | None = None,
     material: str | None = None,
@@ -49,12 +51,13 @@ def build(
     quiet: Annotated[bool, Parameter(negative="")] = False,
     verbose: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
-    """Turn a picture into a verified part.
+    """Turn a picture, or several, into a verified part.
 
     Parameters
     ----------
     pictures
-        An image file, an SVG, or text:… (a glyph); may be left out where the scene names it.
+        An image file, an SVG, or text:… (a glyph); may be left out where the scene names it. Several
+        are several views of one part, spread about the vertical axis: two at right angles, three at 60°.
     print_
         Check it against the printer too, and pose it for printing.
     out
@@ -71,8 +74,12 @@ def build(
         Extent along the view in mm, auto (default: unreadable from elsewhere), or flat.
     knots
         auto (default: one a piece of the picture) or 1: all bridged into one.
+    knot
+        The knot to be tied into it: unknot (default), trefoil, "left trefoil", figure-eight, any of the
+        table up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1).
     search
-        The method; flow is the certified flow.
+        flow (default: the certified flow), inn (the paper's invertible network), or inn+flow, the
+        one after the other.
     mount
         What holds the piece, with --print: wall (pegs along light rays, in the tube's own shadow, on a
         plate whose face is the wall, or in drilled holes), stand (a base below the picture), none (default).
@@ -103,13 +110,19 @@ def build(
         tube_radius=tube_radius,
         depth=depth,
         knots=knots,
+        knot=knot,
         printer=printer,
         material=material,
         mount=mount,
         seed=seed,
+        search=search,
         invert=invert,
     )
-    source = _one_picture(pictures, chosen.views[0].picture, scene)
+    sources = _sources(pictures, [view.picture for view in chosen.views], scene)
+    if len(sources) > len(chosen.views) == 1:
+        from knotfab.hull.frames import spread_views
+
+        chosen = spread_views(chosen, len(sources))
     budget = None if time_budget is None else seconds_of(time_budget)
     skipped = skips_of(skip)
     mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
@@ -118,7 +131,7 @@ def build(
 
     request = Request(
         chosen,
-        source,
+        sources[0],
         out,
         base if not pictures else None,
         print_,
@@ -126,6 +139,7 @@ def build(
         skipped,
         budget,
         shlex.join(["knotfab", *sys.argv[1:]]),
+        sources[1:],
     )
     with Progress(mode) as progress:
         outcome = run(request, progress)
@@ -287,15 +301,12 @@ def printers() -> int:
     return 0
 
 
-def _one_picture(pictures: tuple[str, ...], of_scene: str, scene: Path | None) -> str:
-    if len(pictures) > 1:
-        raise InputError(
-            "several pictures", "several views of one part are not built yet", "Give one picture"
-        )
+def _sources(pictures: tuple[str, ...], of_scene: list[str], scene: Path | None) -> tuple[str, ...]:
+    """The pictures of the call, or those of the scene's views."""
     if pictures:
-        return pictures[0]
-    if of_scene:
-        return of_scene
+        return pictures
+    if all(of_scene):
+        return tuple(of_scene)
     raise InputError(
         "the call" if scene is None else str(scene),
         "no picture is given",
@@ -305,6 +316,9 @@ def _one_picture(pictures: tuple[str, ...], of_scene: str, scene: Path | None) -
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
+    # many small products: threads that wait for each other cost more than they bring, and up to
+    # ten times on a shared machine; read when numpy is first imported
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except KnotfabError as error:

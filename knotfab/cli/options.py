@@ -83,10 +83,12 @@ def scene_of(
     tube_radius: str | None = None,
     depth: str | None = None,
     knots: str | None = None,
+    knot: str | None = None,
     printer: str | None = None,
     material: str | None = None,
     mount: str | None = None,
     seed: int | None = None,
+    search: str | None = None,
     invert: bool = False,
 ) -> tuple[Scene, Path | None]:
     """The scene of a file (or the default one) with the command line's shorthands over it.
@@ -110,6 +112,8 @@ def scene_of(
                 "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
             )
         piece["knots"] = knots if knots == "auto" else int(knots)
+    if knot is not None:
+        piece["knot"] = knot
     update: dict[str, Any] = {}
     if piece:
         update["piece"] = scene.piece.model_copy(update=piece)
@@ -127,14 +131,11 @@ def scene_of(
         if seed < 0:
             raise InputError(f"--seed {seed}", "it is negative", "Use a whole number from 0")
         update["search"] = {**update.get("search", scene.search), "seed": seed}
+    if search is not None:
+        update["search"] = {**update.get("search", scene.search), "method": search}
     if invert:
-        first = scene.views[0].model_copy(update={"invert": True})
-        update["views"] = (first, *scene.views[1:])
+        update["views"] = tuple(v.model_copy(update={"invert": True}) for v in scene.views)
     scene = scene.model_copy(update=update)
-    if len(scene.views) > 1:
-        raise InputError(
-            str(path), "it has several views, which are not built yet", "Leave one [[views]] table"
-        )
     check_scene(scene, "the command line" if path is None else str(path))
     return scene, None if path is None else path.resolve().parent
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,8 +140,9 @@ def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
     return a, b, c, d
 
 
-def write_part(folder: OutputFolder, part: Part, scene: Scene, target: Target) -> None:
-    """Write part.stl, part.3mf, the plates, knots.json, the picture and scene.toml."""
+def write_part(folder: OutputFolder, part: Part, scene: Scene, targets: Sequence[Target]) -> None:
+    """Write part.stl, part.3mf, the plates, knots.json, the views' pictures and scene.toml."""
+    target = targets[0]
     write_stl(folder.file("part.stl"), part.bodies)
     write_3mf(
         folder.file("part.3mf"),
@@ -158,5 +160,6 @@ def write_part(folder: OutputFolder, part: Part, scene: Scene, target: Target) -
             colors=[scene.material.color] * len(plate.bodies),
         )
     part.pose.knots.write(folder.file("knots.json"))
-    folder.write(scene.views[0].picture, target.png_bytes)
+    for view, picture in zip(scene.views, targets, strict=True):
+        folder.write(view.picture, picture.png_bytes)
     folder.write("scene.toml", dump_scene(scene))

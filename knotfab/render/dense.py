@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from knotfab.render.capsule import BEHIND, capsule_distance
+from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame
 
 __all__ = ["render_dense"]
@@ -23,7 +24,7 @@ def render_dense(
 
     Paper, sec. 3.3 (occupancy, max over primitives), with the ray-distance silhouette.
     """
-    a, b = frame.local(starts), frame.local(ends)
+    a, b, seen = cut_before_light(frame.local(starts), frame.local(ends), radius)
     count = frame.width * frame.height
     index = torch.arange(count, device=a.device)
     image = []
@@ -32,5 +33,6 @@ def render_dense(
         qx = ((pixels % frame.width).to(a.dtype) + frame.u0) * frame.step
         qy = ((pixels // frame.width).to(a.dtype) + frame.v0) * frame.step
         s = capsule_distance(a[None], b[None], qx[:, None], qy[:, None], radius, frame.focal_px)
+        s = torch.where(seen, s, BEHIND)
         image.append(torch.sigmoid(tau * s.max(dim=1).values.clamp_min(BEHIND)))
     return torch.cat(image).reshape(frame.height, frame.width)

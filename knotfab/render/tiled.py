@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from knotfab.render.capsule import capsule_distance, ray_miss
+from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame
 
 __all__ = ["CUTOFF", "render_tiled", "winners"]
@@ -22,24 +23,24 @@ _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 
 
 def _bounds(
-    a: Tensor, b: Tensor, frame: Frame, radius: float, margin_px: float
+    a: Tensor, b: Tensor, seen: Tensor, frame: Frame, radius: float, margin_px: float
 ) -> tuple[Tensor, Tensor]:
     """First coarse tile [n, 2] of each capsule and how many [n, 2] it can colour along u and v.
 
     A sphere's silhouette reaches less than r / (z - 2r) * (1 + |q|)^2 * focal beyond its centre's
-    pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that. Capsules that come
-    within two radii of the light's plane are left out.
+    pixel, and the signed distance falls by at least one pixel in 1 + |q| beyond that. Capsules that are not
+    `seen` are left out; the others are deeper than two radii.
     """
     ends = torch.stack([a, b])
     z = ends[..., 2]
-    near = (z - 2 * radius).clamp_min(1e-6)
-    q = ends[..., :2] / near[..., None].clamp_min(1e-6)
+    near = (z - 2 * radius).clamp_min(1e-30)
+    q = ends[..., :2] / near[..., None]
     aside = 1 + q.abs().amax(-1)
     grow = radius / near * aside**2 * frame.focal_px + margin_px * (z / near) * aside + 1.0
     uv = frame.pixels(ends)
     low = (uv - grow[..., None]).amin(0)
     high = (uv + grow[..., None]).amax(0)
-    visible = (z > 2 * radius).all(0)
+    visible = seen & (z > 2 * radius).all(0)
     size = torch.tensor([frame.width, frame.height], device=a.device, dtype=a.dtype)
     visible &= ((high >= 0) & (low <= size - 1)).all(-1)
     low = (low.clamp_min(0).minimum(size - 1) / _COARSE).floor().long()
@@ -60,7 +61,8 @@ def winners(
     Not differentiable.
     """
     with torch.no_grad():
-        low, spans = _bounds(a, b, frame, radius, reach_px)
+        a, b, seen = cut_before_light(a, b, radius)
+        low, spans = _bounds(a, b, seen, frame, radius, reach_px)
         counts = spans[:, 0] * spans[:, 1]
         capsule = torch.repeat_interleave(torch.arange(len(counts), device=a.device), counts)
         first = torch.cumsum(counts, 0) - counts
@@ -116,6 +118,9 @@ def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor]:
     reference, which lies near the capsule so that little is lost in the differences.
     """
     reference = frame.pixels(0.5 * (a + b)).round()
+    # of a capsule that reaches far out of the picture, take a place that is near the picture instead
+    size = torch.tensor([frame.width, frame.height], dtype=a.dtype, device=a.device)
+    reference = torch.maximum(torch.minimum(reference, 2 * size), -size)
     qx = (reference[:, 0] + frame.u0) * frame.step
     qy = (reference[:, 1] + frame.v0) * frame.step
     zero = torch.zeros_like(qx)
@@ -238,6 +243,7 @@ def render_tiled(
     if won is None:
         won = winners(a.detach(), b.detach(), frame, radius, cutoff / tau)
     pixel, capsule = won
+    a, b, _ = cut_before_light(a, b, radius)
     qx = ((pixel % frame.width).to(a.dtype) + frame.u0) * frame.step
     qy = ((pixel // frame.width).to(a.dtype) + frame.v0) * frame.step
     s = capsule_distance(a[capsule], b[capsule], qx, qy, radius, frame.focal_px)

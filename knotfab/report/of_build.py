@@ -178,7 +178,7 @@ def add_fabrication(
     mount = mounted.report()
     report["settings"]["mount"] = mount["kind"]
     report["print"]["mount"] = mount
-    report["notes"] = _notes(len(report["knots"]), mount, printing)
+    report["notes"] = _notes(len(report["knots"]), mount, printing, len(report["views"]))
     if sliced is not None:
         report["slicer"] = slicer_report(sliced)
         report["print"].update(print_figures(sliced))
@@ -196,12 +196,14 @@ def add_fabrication(
         )
 
 
-def _notes(knots: int, mount: dict[str, Any], printing: bool) -> list[str]:
+def _notes(knots: int, mount: dict[str, Any], printing: bool, views: int) -> list[str]:
     """What a reader must not miss."""
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
         how = "; --mount wall adds one." if printing else "; --print --mount wall adds one."
+        if views > 1:
+            how = ", and a mount would hide from one view alone."
         return [without + how, loose] if knots > 1 else [without + how]
     if mount.get("foot") == "dowel":
         each = " Each knot has its own." if knots > 1 else ""

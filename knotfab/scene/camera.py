@@ -67,10 +67,14 @@ class Camera:
 def camera_of(view: View, width: int, height: int) -> Camera:
     """The camera of `view` whose frame has `width` x `height` pixels."""
     azimuth, tilt = np.deg2rad(view.azimuth_deg), np.deg2rad(view.wall_tilt_deg)
+    elevation = np.deg2rad(view.elevation_deg)
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    back = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])  # towards the light
-    up = np.array([0.0, np.cos(tilt), 0.0]) + np.sin(tilt) * back
-    centre = -view.wall_distance_mm * back
+    level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+    vertical = np.array([0.0, 1.0, 0.0])
+    back = np.cos(elevation) * level + np.sin(elevation) * vertical  # towards the light
+    across = np.cos(elevation) * vertical - np.sin(elevation) * level
+    up = np.cos(tilt) * across + np.sin(tilt) * back
+    centre = view.frame_up_mm * up - view.wall_distance_mm * back
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
     du = right * (view.frame_width_mm / width)
     dv = -up * (view.frame_height_mm / height)

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from knotfab.errors import InputError
 from knotfab.scene.explain import explain, toml_reason
 from knotfab.scene.model import Scene, View
+from knotfab.template.named import knot_name
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 
@@ -77,13 +78,17 @@ def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     size = scene.region.size_mm
     if isinstance(size, str) or scene.region.kind == "mesh":
         return None
-    azimuth = math.radians(view.azimuth_deg)
-    x, z = math.sin(azimuth), math.cos(azimuth)
+    azimuth, elevation = math.radians(view.azimuth_deg), math.radians(view.elevation_deg)
+    y, level = math.sin(elevation), math.cos(elevation)
+    x, z = math.sin(azimuth) * level, math.cos(azimuth) * level
     if scene.region.kind == "box":
-        half = 0.5 * (abs(x) * size[0] + abs(z) * size[2])
+        half = 0.5 * (abs(x) * size[0] + abs(y) * size[1] + abs(z) * size[2])
+    elif scene.region.kind == "cylinder":
+        half = 0.5 * (level * size[0] + abs(y) * size[1])
     else:
         half = 0.5 * size[0]
-    middle = x * scene.region.center_mm[0] + z * scene.region.center_mm[2]
+    cx, cy, cz = scene.region.center_mm
+    middle = x * cx + y * cy + z * cz
     return middle + half, half - middle
 
 
@@ -92,12 +97,13 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
 
     Raises:
         InputError: two views of one name; a region about the light or wholly behind the wall; a
-            tube or a depth too large for its surroundings.
+            tube or a depth too large for its surroundings; a knot that is not in the table.
     """
     names = [view.name for view in scene.views]
     for name in names:
         if names.count(name) > 1:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
+    knot_name(scene.piece.knot)
     radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
     depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth
     size = scene.region.size_mm

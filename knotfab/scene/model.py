@@ -40,6 +40,7 @@ class Piece(_Table):
     knots: Annotated[int, Strict(), Field(ge=1)] | Literal["auto"] = "auto"
     depth: Positive | Literal["auto", "flat"] = "auto"
     clearance_mm: NotNegative = 0.4
+    knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.template.named
 
 
 class Region(_Table):
@@ -97,6 +98,8 @@ class View(_Table):
     wall_distance_mm: Positive = 100.0
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
     azimuth_deg: Number = 0.0
+    elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
+    frame_up_mm: Number = 0.0  # of the frame's middle above the axis, on the receiver
 
 
 class Accuracy(_Table):

@@ -27,6 +27,7 @@ _NOTHING = 0.5  # IoU below which there is no picture
 _TRIALS = 5
 _WORKERS = 2  # trials side by side; their outcome does not depend on it
 _SHORT = {
+    "method": "flow",
     "coarse_px": 160,
     "fine_px": 224,
     "coarse_iterations": 32,
@@ -109,9 +110,14 @@ def choose_radius(
     few = [r for r in few if promise[r] > promise[few[0]] - _HOPELESS]
     short = settings.model_copy(update=_SHORT)
     found: dict[float, float] = {}
+    untied: list[SceneError] = []
 
     def trial(r: float) -> float:
-        found[r] = search(problem, templates[r], r, short, device, repairs=0).iou_estimate
+        try:
+            found[r] = search(problem, templates[r], r, short, device, repairs=0).iou_estimate
+        except SceneError as error:  # no place for the knot that is asked for
+            untied.append(error)
+            found[r] = 0.0
         if report is not None:
             report(0.2 + 0.8 * len(found) / len(few), max(found.values()))
         return found[r]
@@ -119,6 +125,8 @@ def choose_radius(
     with one_thread(), ThreadPoolExecutor(_WORKERS) as pool:
         list(pool.map(trial, few))
     top = max(found.values())
+    if top == 0 and untied:
+        raise untied[0]
     if top < _NOTHING:
         raise SceneError(
             "the picture",

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon
+from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.region import tube_outside
 from knotfab.effects.survey import survey
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
@@ -18,7 +20,9 @@ from knotfab.scene.model import Region, View
 from knotfab.search.depth import DepthChoice, choose_depth, lift
 from knotfab.search.feasible import Standing, standing
 from knotfab.search.flow import FlowSettings, flow
+from knotfab.search.inn import circles, keep_largest, warp
 from knotfab.search.legibility import stretched
+from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
@@ -26,6 +30,8 @@ from knotfab.search.resample import resample, subdivide
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template, even_samples, simple_curves
+from knotfab.template.named import knot_name
+from knotfab.template.tie import Room, tie
 
 __all__ = ["Account", "Infeasible", "Problem", "SearchResult", "search"]
 
@@ -48,6 +54,7 @@ class Problem:
     length: float
     region: Region
     depth_mm: float | None  # extent of the centre lines along the axis; None: flat
+    knot: str = "unknot"  # tied into the longest curve
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
@@ -60,6 +67,7 @@ class Account:
     """The certificates of a search, for its report."""
 
     template: str = ""
+    types: tuple[str, ...] = ()  # of the knots
     accepted: int = 0
     shortened: int = 0
     refused: int = 0
@@ -111,20 +119,25 @@ def search(
     """Knots whose shadow is the picture, from a filling template.
 
     Three phases: coarse picture, fine picture, and one that weighs the limits most; then repairs, each
-    with less weight on the picture, until every limit holds.
+    with less weight on the picture, until every limit holds. With `settings.method` "inn" the paper's
+    network takes the place of the three phases, and with "inn+flow" it comes before them.
 
     Raises:
         Infeasible: a limit is still violated at the end: which, by how much and where.
     """
     limits = problem.limits(radius)
     account = Account()
-    points, rings, depth = _lifted(problem, template, limits, settings, account)
+    if settings.method != "flow" and settings.network_start == "circle":
+        points, rings = _circled(problem, template, limits, account)
+        depth = None
+    else:
+        points, rings, depth = _lifted(problem, template, limits, settings, account)
     pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
     situation = Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
     effects = survey(situation)
     total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
     done = 0
-    phases = (
+    phases: tuple[tuple[int, int, Weights, tuple[float, float], tuple[float, float]], ...] = (
         (settings.coarse_px, settings.coarse_iterations, Weights(), (1.5, 3.0), (0.15, 0.06)),
         (
             settings.fine_px,
@@ -142,6 +155,24 @@ def search(
         ),
     )
     seen: float | None = None
+    if settings.method != "flow":
+        total += settings.network_iterations
+        share = settings.network_iterations / (
+            settings.network_iterations if settings.method == "inn" else total
+        )
+        points, rings, seen = _warped(
+            problem,
+            situation,
+            effects,
+            settings,
+            account,
+            device,
+            None if report is None else lambda part, iou: report(share * part, iou),
+        )
+        done = settings.network_iterations
+    if settings.method == "inn":
+        phases = phases[:0]
+        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
     for pixels, iterations, weights, tau, rates in phases:
         if iterations == 0:
             continue
@@ -196,7 +227,8 @@ def search(
         state = standing(points, rings, limits)
         seen = iou_of(points, rings, objective.frame, objective.target, radius)
         weight *= 0.3
-    knots = Knots(tuple(Knot(part) for part in rings.split(points)), radius)
+    parts = zip(rings.split(points), account.types, strict=True)
+    knots = Knots(tuple(Knot(part, kind) for part, kind in parts), radius)
     result = SearchResult(knots, state, account, effects, depth, seen or 0.0)
     if state.violations and repairs > 0:
         raise Infeasible(result)
@@ -238,7 +270,89 @@ def _lifted(
     account.template = (
         "simple and disjoint seen from the light: an unlink of unknots, by inspection"
     )
+    account.types = ("unknot",) * len(parts)
+    if problem.knot != "unknot":
+        parts = _tied(problem, parts, limits, account)
     return np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts)), depth
+
+
+def _circled(
+    problem: Problem, template: Template, limits: Limits, account: Account
+) -> tuple[Array, Rings]:
+    """A circle for each of the template's curves: unknots that are not linked."""
+    if problem.knot != "unknot":
+        raise SceneError(
+            "scene key [search] network_start",
+            f"a circle is an unknot, and a {problem.knot} is asked for",
+            'Use network_start = "filling", which has the knot tied in',
+        )
+    parts = circles(template.curves, limits.radius, 2.0 * limits.separation)
+    account.template = "one circle a knot, in parallel planes: an unlink of unknots, by inspection"
+    account.types = ("unknot",) * len(parts)
+    return np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts))
+
+
+def _warped(
+    problem: Problem,
+    situation: Situation,
+    effects: dict[str, Decision],
+    settings: SearchSettings,
+    account: Account,
+    device: str,
+    report: Report | None,
+) -> tuple[Array, Rings, float]:
+    """The network's search from the curves of `situation`: polygons, and their IoU."""
+
+    def objective_at(
+        points: Array, rings: Rings, pixels: int, weights: Weights, tau: tuple[float, float]
+    ) -> Objective:
+        keep_largest(effects, survey(replace(situation, points=points, rings=rings)))
+        limits = situation.limits
+        return _objective(problem, limits, rings, effects, pixels, weights, tau, settings, device)
+
+    found = warp(
+        situation.points, situation.rings, objective_at, situation.limits, settings, device, report
+    )
+    account.accepted += found.steps
+    account.least_margin_mm = min(account.least_margin_mm, found.least_margin)
+    if found.proved:
+        account.template += (
+            f"; carried along the invertible network in {found.steps} steps, with "
+            f"{found.refinements} doublings of its samples"
+        )
+    else:
+        account.template += (
+            "; the invertible network mapped it to where no sampling could be certified"
+        )
+    return found.points, found.rings, found.iou
+
+
+def _tied(problem: Problem, parts: list[Array], limits: Limits, account: Account) -> list[Array]:
+    """The curves with the knot that is asked for tied into the longest of them."""
+    wanted = knot_name(problem.knot)
+    if not wanted.factors:
+        return parts
+
+    def outside(points: Array) -> float:
+        ahead = np.roll(points, -1, axis=0)
+        return float(tube_outside(points, ahead, limits.region, limits.radius)[1].max())
+
+    room = Room(
+        problem.polygon,
+        problem.view.light_distance_mm,
+        limits.radius,
+        max(0.5 * limits.separation, limits.bend_radius),
+        outside,
+    )
+    tied = tie(tuple(parts), wanted.factors, room)
+    account.types = tuple(
+        wanted.promise if k == tied.component else "unknot" for k in range(len(parts))
+    )
+    account.template += (
+        f"; and a {wanted.promise} tied into knot {tied.component}, before or behind all strands that "
+        "it hides: their connected sum"
+    )
+    return list(tied.curves)
 
 
 def _evened(points: Array, rings: Rings, edge: float, account: Account) -> tuple[Array, Rings]:
@@ -259,7 +373,7 @@ def _feasible(points: Array, rings: Rings, limits: Limits) -> bool:
 def _walk(
     points: Array,
     rings: Rings,
-    objective: Objective,
+    objective: Callable[[Tensor, Neighbours, float], Tensor],
     limits: Limits,
     walk: FlowSettings,
     account: Account,

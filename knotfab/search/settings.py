@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +17,12 @@ class SearchSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     seed: int = Field(0, ge=0)
+    method: Literal["flow", "inn", "inn+flow"] = "flow"  # inn: the paper's invertible network
+    network_start: Literal["filling", "circle"] = "filling"  # the template that it deforms
+    network_depth: int = Field(8, ge=1, le=256)  # coupling layers
+    network_width: int = Field(128, ge=1, le=65536)  # hidden units of each S and T
+    network_iterations: int = Field(300, ge=1)
+    network_rate_radii: float = Field(0.25, gt=0, lt=2)  # a vertex's first steps; a circle's: twice
     coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
     fine_px: int = Field(384, ge=32, le=4096)  # in the later ones
     coarse_iterations: int = Field(80, ge=0)
@@ -40,6 +46,7 @@ class SearchSettings(BaseModel):
                 "coarse_iterations": max(10, round(self.coarse_iterations * factor)),
                 "fine_iterations": max(10, round(self.fine_iterations * factor)),
                 "settle_iterations": max(20, round(self.settle_iterations * factor)),
+                "network_iterations": max(20, round(self.network_iterations * factor)),
             }
         )
 

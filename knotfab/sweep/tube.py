@@ -107,10 +107,13 @@ def mesh_volume(vertices: Array, faces: Faces) -> float:
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
 
 
-def tube_manifold(vertices: Array, faces: Faces, volume_mm3: float | None = None) -> Manifold:
-    """The tube as a manifold3d solid, after it has been found to be one: closed, genus 1, volume.
+def tube_manifold(
+    vertices: Array, faces: Faces, volume_mm3: float | None = None, genus: int = 1
+) -> Manifold:
+    """The tube as a manifold3d solid, after it has been found to be one: closed, genus, volume.
 
     `volume_mm3` is what the volume must be to 1e-4 of it (pi r² L for a tube); None: any positive.
+    `genus` is 1 for the tube of a closed curve, 0 for that of an open one.
     Self-overlap is not detected here.
 
     Raises:
@@ -127,8 +130,9 @@ def tube_manifold(vertices: Array, faces: Faces, volume_mm3: float | None = None
     remedy = "Rebuild with a thinner tube or more samples"
     if solid.status() != Error.NoError:
         raise SceneError("the tube's mesh", f"it is not closed ({solid.status().name})", remedy)
-    if solid.genus() != 1:
-        raise SceneError("the tube's mesh", f"its genus is {solid.genus()} instead of 1", remedy)
+    if solid.genus() != genus:
+        why = f"its genus is {solid.genus()} instead of {genus}"
+        raise SceneError("the tube's mesh", why, remedy)
     volume = solid.volume()
     wanted = volume if volume_mm3 is None else volume_mm3
     if volume <= 0 or abs(volume - wanted) > 1e-4 * abs(wanted):
@@ -138,8 +142,13 @@ def tube_manifold(vertices: Array, faces: Faces, volume_mm3: float | None = None
     return solid
 
 
-def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> None:
-    """Refuse a vertex whose MinRad (Rawdon 1998) does not exceed the radius."""
+def _require_room(
+    p: Array, edges: Array, lengths: Array, radius_mm: float, closed: bool = True
+) -> None:
+    """Refuse a vertex whose MinRad (Rawdon 1998) does not exceed the radius.
+
+    An open line's first vertex, which no edge leads to, is left out.
+    """
     if lengths.min() <= 1e-9 * lengths.max():
         i = int(lengths.argmin())
         raise SceneError(
@@ -155,6 +164,7 @@ def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> N
     cosine = np.einsum("ij,ij->i", back, edges) / product
     opening = np.maximum(1.0 + cosine, 0.0)
     tight = (2.0 * sine * radius_mm >= shorter * opening) & ((sine > 0) | (cosine < 0))
+    tight[0] &= closed
     if tight.any():
         bend = np.where(tight, shorter * opening / np.maximum(2.0 * sine, 1e-9), np.inf)
         i = int(bend.argmin())

@@ -16,13 +16,15 @@ from scipy.spatial import cKDTree
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["Template", "even_samples", "fill", "rings_of", "simple_curves"]
+__all__ = ["Template", "even_samples", "fill", "rings_of", "simple_curves", "smooth_closed"]
 
 Array = NDArray[np.float64]
 
 _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
 _BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
+_NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
+_NOISE_WIDTH = 0.5  # of the radius: such an outline's area is less than this times its length
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,21 @@ class Template:
 
 def _polygons(shape: BaseGeometry) -> list[Polygon]:
     return [p for p in shapely.get_parts(shape) if isinstance(p, Polygon) and p.area > 0]
+
+
+def _without_noise(piece: Polygon, radius: float) -> list[Polygon]:
+    """The piece, or where it is all outline to the tube, what is left of it at the tube's own scale.
+
+    Insets of noise take minutes and leave nothing that a tube could draw.
+    """
+    noisy = shapely.get_num_coordinates(piece) > _NOISY
+    if not noisy or piece.area > _NOISE_WIDTH * radius * piece.length:
+        return [piece]
+    least = np.pi * radius**2  # a hole or a piece below the tube's own section is a speck
+    holes = [hole for hole in piece.interiors if Polygon(hole).area > least]
+    coarse = Polygon(piece.exterior, holes).simplify(radius, preserve_topology=False)
+    parts = [part for part in _polygons(shapely.make_valid(coarse)) if part.area > least]
+    return parts or [piece.envelope]
 
 
 def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeometry:
@@ -175,7 +192,7 @@ def _join(
     return curves + kept
 
 
-def _smooth(curve: Array, sigma: float) -> Array:
+def smooth_closed(curve: Array, sigma: float) -> Array:
     """Gaussian smoothing along an evenly sampled closed curve, sigma in samples."""
     frequency = np.fft.rfftfreq(len(curve)) * 2 * np.pi
     damp = np.exp(-0.5 * (sigma * frequency) ** 2)[:, None]
@@ -195,7 +212,8 @@ def fill(
     """
     step = radius * 0.25
     curves: list[Array] = []
-    for piece in _polygons(polygon):
+    parts = [part for piece in _polygons(polygon) for part in _without_noise(piece, radius)]
+    for piece in parts:
         rings = [
             even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
         ]
@@ -204,7 +222,7 @@ def fill(
         curves = _join(curves, radius, step, knots, keep=True)
     smoothed = curves
     for sigma in (2.0, 1.0, 0.5):
-        trial = [_smooth(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]
+        trial = [smooth_closed(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]
         if simple_curves(trial):
             smoothed = trial
             break

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .check import Check, at_least, skipped
 from .clearance import check_clearance
@@ -28,6 +29,7 @@ from .tube_fit import check_tube
 __all__ = ["part_checks"]
 
 PLATE_HOLES = 2  # for the screws
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
 
 def part_checks(
@@ -144,7 +146,18 @@ def _of_printer(
     lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
     printer = scene.printer if scene is not None else None
     stands = scene is not None and scene.mount.kind == "stand"
-    return printability_checks(mesh, printer, seconds=seconds, stands=stands, lacking=lacking)
+    desk = _desk(scene) if stands else None
+    return printability_checks(
+        mesh, printer, seconds=seconds, stands=stands, desk=desk, lacking=lacking
+    )
+
+
+def _desk(scene: Scene | None) -> NDArray[np.float64] | None:
+    """The turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
+    if scene is None or scene.pose is None:
+        return None
+    turn = Y_UP @ np.array(scene.pose, dtype=np.float64)[:3, :3]
+    return None if np.allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-9) else turn
 
 
 def _of_curves(curves: Curves, scene: Scene | None) -> list[Check]:

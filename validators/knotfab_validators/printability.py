@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -67,6 +67,7 @@ def printability_checks(
     *,
     seconds: dict[str, float],
     stands: bool = False,
+    desk: Array | None = None,
     lacking: str | None = None,
 ) -> list[Check]:
     """All checks of `NAMES`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
@@ -89,7 +90,8 @@ def printability_checks(
         mesh: closed, consistently wound, finite and free of crossings, else nothing here means
             anything. printer: None: measured against nothing.
         seconds: the time each group took is added to it.
-        stands: the part is to stand as it is printed.
+        stands: the part is to stand. desk: (3, 3) the turn from print coordinates to those in which it
+            does (z up); None: it stands as it is printed.
         lacking: why the mesh cannot be measured; all checks are skipped with it.
     """
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
@@ -107,7 +109,7 @@ def printability_checks(
     checks = [_feature(wall, use), _gap(gap, use)]
     checks += clock("overhang", lambda: _overhang(mesh, grid, air, use))
     checks.append(_bridge(air, use))
-    checks += clock("standing", lambda: _on_the_bed(mesh, air, use, stands))
+    checks += clock("standing", lambda: _on_the_bed(mesh, air, use, stands, desk))
     return checks
 
 
@@ -243,7 +245,9 @@ def _bridge(air: Stretches, use: _Setting) -> Check:
     )
 
 
-def _on_the_bed(mesh: Mesh, air: Stretches, use: _Setting, stands: bool) -> list[Check]:
+def _on_the_bed(
+    mesh: Mesh, air: Stretches, use: _Setting, stands: bool, desk: Array | None
+) -> list[Check]:
     layer = use.layer + BED_MM
     found = bodies(mesh)
     aloft = [b for b in found if b.lowest[2] > layer]
@@ -271,7 +275,20 @@ def _on_the_bed(mesh: Mesh, air: Stretches, use: _Setting, stands: bool) -> list
             at=lone,
         ),
     ]
+    if desk is not None:
+        return [*checks, _standing_on(mesh, desk, layer, stands)]
     return [*checks, _standing(mesh, [b for b in found if b.lowest[2] <= layer], layer, stands)]
+
+
+def _standing_on(mesh: Mesh, desk: Array, layer: float, stands: bool) -> Check:
+    """`standing` of a part that is printed otherwise than it stands; places as it is printed."""
+    turned = mesh.vertices @ desk.T
+    lowest = np.array([0.0, 0.0, turned[:, 2].min()])
+    stood = Mesh(turned - lowest, mesh.faces)
+    check = _standing(stood, [b for b in bodies(stood) if b.lowest[2] <= layer], layer, stands)
+    at = places([(np.array(p) + lowest) @ desk for p in check.at])
+    detail = f"{check.detail}; measured as it stands, not as it is printed"
+    return replace(check, detail=detail, at=at)
 
 
 def _standing(mesh: Mesh, found: list[Body], layer: float, stands: bool) -> Check:

@@ -112,6 +112,8 @@ class View:
     wall_distance_mm: float
     wall_tilt_deg: float
     azimuth_deg: float
+    elevation_deg: float
+    frame_up_mm: float
 
 
 @dataclass(frozen=True)
@@ -292,6 +294,8 @@ def _view(data: Any, where: str) -> View:
         wall_distance_mm=table.number("wall_distance_mm", 100.0, above=0),
         wall_tilt_deg=table.number("wall_tilt_deg", 0.0),
         azimuth_deg=table.number("azimuth_deg", 0.0),
+        elevation_deg=table.number("elevation_deg", 0.0),
+        frame_up_mm=table.number("frame_up_mm", 0.0),
     )
 
 

@@ -46,6 +46,8 @@ class _Frame:
     wall_distance_mm: float
     wall_tilt_deg: float
     azimuth_deg: float
+    elevation_deg: float
+    frame_up_mm: float
 
 
 def shadows(
@@ -153,6 +155,8 @@ def geometry_of(view: Any, width: int, height: int) -> ViewGeometry:
         wall_distance_mm=view.wall_distance_mm,
         wall_tilt_deg=view.wall_tilt_deg,
         azimuth_deg=view.azimuth_deg,
+        elevation_deg=view.elevation_deg,
+        frame_up_mm=view.frame_up_mm,
     )
     return view_geometry(frame, width, height)
 

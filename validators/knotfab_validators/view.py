@@ -33,6 +33,10 @@ class SceneView(Protocol):
     def wall_tilt_deg(self) -> float: ...
     @property
     def azimuth_deg(self) -> float: ...
+    @property
+    def elevation_deg(self) -> float: ...
+    @property
+    def frame_up_mm(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -142,16 +146,23 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     """The view in scene coordinates, for a picture of `width` x `height` pixels.
 
     The light stands at `light_distance_mm` from the scene's origin in the direction of the
-    azimuth; the receiver's centre lies opposite, `wall_distance_mm` behind the origin; a positive
-    tilt leans its top edge towards the light.
+    azimuth, raised by the elevation; the receiver's centre lies opposite, `wall_distance_mm` behind
+    the origin; a positive tilt leans its top edge towards the light. The frame's middle lies
+    `frame_up_mm` above that centre, on the receiver.
     """
     azimuth, tilt = np.radians(view.azimuth_deg), np.radians(view.wall_tilt_deg)
-    axis = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+    raised = np.radians(view.elevation_deg)
+    axis = np.array(
+        [np.sin(azimuth) * np.cos(raised), np.sin(raised), np.cos(azimuth) * np.cos(raised)]
+    )
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    up = np.array([0.0, 1.0, 0.0])
+    up = np.array(
+        [-np.sin(azimuth) * np.sin(raised), np.cos(raised), -np.cos(azimuth) * np.sin(raised)]
+    )
+    upwards = np.cos(tilt) * up + np.sin(tilt) * axis
     du = right * view.frame_width_mm / width
-    dv = -(np.cos(tilt) * up + np.sin(tilt) * axis) * view.frame_height_mm / height
-    centre = -view.wall_distance_mm * axis
+    dv = -upwards * view.frame_height_mm / height
+    centre = view.frame_up_mm * upwards - view.wall_distance_mm * axis
     return ViewGeometry(
         light=view.light_distance_mm * axis,
         origin=centre - (width - 1) / 2 * du - (height - 1) / 2 * dv,

@@ -1,0 +1,95 @@
+"""Frames and places for several pictures: views spread about the piece, silhouettes of equal height.
+
+Two level views see the same heights of a part. So pictures whose frames nobody sized are scaled and
+shifted until their silhouettes reach from the same height to the same height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.scene.catalogue import LONGER_FRAME_MM
+from knotfab.scene.model import Scene, View
+from knotfab.target.read import Target
+
+__all__ = ["framed_alike", "spread_views"]
+
+_LEVEL_DEG = 1.0  # views raised by less see the same heights
+
+
+def spread_views(scene: Scene, count: int) -> Scene:
+    """The scene with `count` views in place of its one, at azimuths 0, 180 / count, ... degrees.
+
+    Half a turn is shared out, for a silhouette from behind is its own mirror image.
+    """
+    first = scene.views[0]
+    views = tuple(
+        first.model_copy(
+            update={
+                "name": f"view-{n + 1}",
+                "picture": "",
+                "azimuth_deg": first.azimuth_deg + 180.0 * n / count,
+            }
+        )
+        for n in range(count)
+    )
+    return scene.model_copy(update={"views": views})
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """A silhouette's bounding box in shares of the longer side: sizes, and its middle above the frame's."""
+
+    width: float
+    height: float
+    up: float
+
+
+def _extent(mask: NDArray[np.bool_]) -> _Extent:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    side = max(mask.shape)
+    return _Extent(
+        (columns[-1] + 1 - columns[0]) / side,
+        (rows[-1] + 1 - rows[0]) / side,
+        (0.5 * (mask.shape[0] - 1) - 0.5 * (rows[0] + rows[-1])) / side,
+    )
+
+
+def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
+    """The scene with frames in which all level silhouettes are equally high, and as high up.
+
+    Views with a frame of their own are left as they are. A raised view, which sees no height, gets
+    the width of the first level silhouette. No frame is longer than 180 mm on a side.
+    """
+    extents = [_extent(t.mask) for t in targets]
+    free = [v.frame_width_mm is None and v.frame_height_mm is None for v in scene.views]
+    level = [n for n, v in enumerate(scene.views) if abs(v.elevation_deg) < _LEVEL_DEG]
+    if not all(free) or len(level) < 1:
+        return scene
+    # what a longer side of 1 mm gives each view in units of the common height
+    longer = [1.0 / e.height for e in extents]
+    first = level[0]
+    for n in range(len(extents)):
+        if n not in level:
+            longer[n] = extents[first].width / extents[first].height / extents[n].width
+    height = min(LONGER_FRAME_MM / side for side in longer)
+    views = []
+    for view, extent, target, side in zip(scene.views, extents, targets, longer, strict=True):
+        millimetres = round(height * side, 4)
+        views.append(_sized(view, target, millimetres, -extent.up * millimetres))
+    return scene.model_copy(update={"views": tuple(views)})
+
+
+def _sized(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
+    pixel = longer_mm / max(target.width, target.height)
+    return view.model_copy(
+        update={
+            "frame_width_mm": pixel * target.width,
+            "frame_height_mm": pixel * target.height,
+            "frame_up_mm": round(up_mm, 4) + 0.0,
+        }
+    )

@@ -1,0 +1,26 @@
+"""What the visual hull says of several views, for the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from knotfab.design import Design
+from knotfab.hull.contradictions import contradictions
+
+__all__ = ["add_bounds"]
+
+
+def add_bounds(report: dict[str, Any], made: Design) -> None:
+    """Add each view's `bound`, the IoU that no part without spill can beat, and its contradictions.
+
+    A design for one view has none: nothing contradicts a single picture.
+    """
+    from knotfab.design_several import SeveralDesign
+
+    if not isinstance(made, SeveralDesign):
+        return
+    by_name = {view.name: bound for view, bound in zip(made.scene.views, made.bounds, strict=True)}
+    for view in report["views"]:
+        view["bound"] = by_name[view["name"]].iou
+    report["settings"]["start_ious"] = list(made.start_ious)
+    report.setdefault("notes", []).extend(contradictions(made.scene.views, made.bounds))

@@ -1,0 +1,291 @@
+"""The search for several views: the certified flow under the pictures of all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.survey import survey
+from knotfab.knots import Knot, Knots
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Region, View
+from knotfab.search.chamfer import chamfer_of
+from knotfab.search.feasible import standing
+from knotfab.search.flow import FlowSettings
+from knotfab.search.neighbours import Neighbours
+from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.picture import frame_mm, picture_at
+from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.search import (
+    Account,
+    Infeasible,
+    Report,
+    SearchResult,
+    _evened,
+    _feasible,
+    _walk,
+)
+from knotfab.search.settings import SearchSettings
+
+__all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One view and the silhouette wanted there."""
+
+    view: View
+    mask: Mask
+
+
+@dataclass(frozen=True)
+class SeveralProblem:
+    """What is asked: silhouettes of several views (frames resolved), and the limits. Lengths in mm."""
+
+    shots: tuple[Shot, ...]
+    clearance: float
+    bend: float | None  # None: the tube radius plus half the clearance
+    length: float
+    region: Region
+
+    def limits(self, radius: float) -> Limits:
+        """The hard limits for a tube of this radius."""
+        thick = radius + 0.5 * self.clearance
+        return Limits(
+            radius, self.clearance, max(self.bend or thick, thick), self.length, self.region
+        )
+
+
+@dataclass
+class SeveralObjective:
+    """The objective of one view with all its effects, and the pictures of the others."""
+
+    first: Objective
+    others: tuple[Objective, ...]
+
+    def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
+        loss = self.first(points, near, progress)
+        for other in self.others:
+            loss = loss + other.weights.image * other.image_term(points, progress)
+        return loss
+
+    def ious(self, points: Array, rings: Rings, radius: float) -> tuple[float, ...]:
+        """The hard silhouettes' IoU with the target, view by view."""
+        every = (self.first, *self.others)
+        return tuple(iou_of(points, rings, o.frame, o.target, radius) for o in every)
+
+
+@dataclass
+class SeveralResult(SearchResult):
+    """`iou_estimate` is the least of `ious`, one a view."""
+
+    ious: tuple[float, ...] = ()
+
+
+def view_axes(view: View) -> Array:
+    """(3, 3) rows: the view's right, up and towards its light, in the scene."""
+    camera = camera_of(view.model_copy(update={"wall_tilt_deg": 0.0}), 2, 2)
+    right = camera.du / np.linalg.norm(camera.du)
+    up = -camera.dv / np.linalg.norm(camera.dv)
+    return np.stack([right, up, np.cross(right, up)])
+
+
+def _survey(
+    problem: SeveralProblem, limits: Limits, points: Array, rings: Rings, settings: SearchSettings
+) -> dict[str, Decision]:
+    """The effects, with those of a view judged by the view where they are largest."""
+    effects: dict[str, Decision] = {}
+    for shot in problem.shots:
+        pixel = max(frame_mm(shot.view)) / settings.fine_px
+        seen = points @ view_axes(shot.view).T
+        own = Situation(shot.view, limits, seen, rings, pixel, settings.tolerance_px)
+        scene = replace(own, points=points)
+        for name, decision in survey(own).items():
+            if name == "region":
+                decision = survey(scene)[name]
+            if name not in effects or decision.magnitude > effects[name].magnitude:
+                effects[name] = decision
+    return effects
+
+
+def _objective(
+    problem: SeveralProblem,
+    limits: Limits,
+    rings: Rings,
+    effects: dict[str, Decision],
+    pixels: int,
+    weights: Weights,
+    tau: tuple[float, float],
+    settings: SearchSettings,
+    device: str,
+) -> SeveralObjective:
+    """The objective at pictures of `pixels` on their longer sides."""
+    each = []
+    for n, shot in enumerate(problem.shots):
+        view = shot.view
+        frame, target, pixel_mm = picture_at(
+            view, shot.mask, pixels, effects["perspective"].simulated, device
+        )
+        magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
+        each.append(
+            Objective(
+                frame,
+                target,
+                rings,
+                limits,
+                effects if n == 0 else {},
+                weights,
+                tau,
+                limits.radius * magnified / pixel_mm,
+                settings.winners_every,
+            )
+        )
+    return SeveralObjective(each[0], tuple(each[1:]))
+
+
+def _drawn_near(
+    problem: SeveralProblem,
+    points: Array,
+    rings: Rings,
+    limits: Limits,
+    effects: dict[str, Decision],
+    settings: SearchSettings,
+    account: Account,
+    device: str,
+) -> tuple[Array, Rings]:
+    """A start that is far from the pictures, brought near by the chamfer distance, certified as ever."""
+    shots = [(shot.view, shot.mask) for shot in problem.shots]
+    for rate in (0.25, 0.2, 0.12):
+        points, rings = _evened(points, rings, settings.edge_radii * limits.radius, account)
+        kept = _objective(
+            problem,
+            limits,
+            rings,
+            effects,
+            32,
+            Weights(image=0.0, clearance=60.0, bend=30.0),
+            (1.0, 1.0),
+            settings,
+            device,
+        )
+        far = chamfer_of(shots, kept.first, limits.radius, device)
+        walk = FlowSettings(
+            iterations=settings.coarse_iterations, rate=rate, rate_end=0.3 * rate, smoothing=4.0
+        )
+        points = _walk(points, rings, far, limits, walk, account, device, None)
+    return points, rings
+
+
+def search_several(
+    problem: SeveralProblem,
+    curves: Sequence[Array],
+    template: str,
+    radius: float,
+    settings: SearchSettings,
+    device: str = "cpu",
+    report: Report | None = None,
+    repairs: int = 5,
+    kind: str = "unknot",
+) -> SeveralResult:
+    """The flow from `curves` to knots that draw every picture and keep the limits.
+
+    Args:
+        problem: what is asked.
+        curves: closed polylines (n, 3), mm, of known type; `template` says why it is known.
+        radius: tube radius, mm.
+        report: called with (progress of the search from 0 to 1, the least IoU at the last phase's end).
+        repairs: rounds spent on what still violates a limit after the last phase; with 0 a violation
+            is returned as it stands.
+
+    Raises:
+        Infeasible: a limit stays violated after all repairs.
+    """
+    limits = problem.limits(radius)
+    account = Account(template=template, types=(kind,) * len(curves))
+    points = np.concatenate(list(curves))
+    rings = rings_of_sizes(tuple(len(c) for c in curves))
+    effects = _survey(problem, limits, points, rings, settings)
+    coarse, fine = settings.coarse_px, settings.fine_px
+    phases: tuple[tuple[int, int, Weights, tuple[float, float], tuple[float, float]], ...] = (
+        (coarse, settings.coarse_iterations, Weights(), (1.0, 3.0), (0.2, 0.08)),
+        (
+            fine,
+            settings.fine_iterations,
+            Weights(clearance=3.0, bend=0.5),
+            (3.0, 6.0),
+            (0.08, 0.03),
+        ),
+        (
+            fine,
+            settings.settle_iterations,
+            Weights(clearance=20.0, bend=5.0, region=50.0),
+            (6.0, 6.0),
+            (0.03, 0.01),
+        ),
+    )
+    total, done = sum(phase[1] for phase in phases), 0
+    if settings.network_start == "circle":
+        points, rings = _drawn_near(
+            problem, points, rings, limits, effects, settings, account, device
+        )
+    ious: tuple[float, ...] = ()
+    objective = None
+    for pixels, iterations, weights, tau, rates in phases:
+        if iterations == 0:
+            continue
+        last = done + iterations == total and settings.settle_iterations > 0
+        spacing = settings.settle_edge_radii if last else settings.edge_radii
+        points, rings = _evened(points, rings, spacing * radius, account)
+        objective = _objective(
+            problem, limits, rings, effects, pixels, weights, tau, settings, device
+        )
+
+        def tell(
+            progress: float,
+            _: float,
+            base: int = done,
+            n: int = iterations,
+            least: float | None = min(ious, default=None),
+        ) -> None:
+            if report is not None:
+                report((base + progress * n) / total, least)
+
+        walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
+        points = _walk(points, rings, objective, limits, walk, account, device, tell)
+        done += iterations
+        ious = objective.ious(points, rings, radius)
+    state = standing(points, rings, limits)
+    weight = 1.0
+    if state.violations and repairs > 0:
+        for name in state.broken:
+            effects[name].simulated = True
+    while state.violations and account.repairs < repairs:
+        # the pictures give way: ever less weight on them, ever more on the limits
+        account.repairs += 1
+        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
+        weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
+        objective = _objective(
+            problem, limits, rings, effects, fine, weights, (6.0, 6.0), settings, device
+        )
+        walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
+        feasible = partial(_feasible, rings=rings, limits=limits)
+        points = _walk(points, rings, objective, limits, walk, account, device, None, feasible)
+        state = standing(points, rings, limits)
+        ious = objective.ious(points, rings, radius)
+        weight *= 0.3
+    parts = zip(rings.split(points), account.types, strict=True)
+    knots = Knots(tuple(Knot(part, name) for part, name in parts), radius)
+    least = min(ious) if ious else 0.0
+    result = SeveralResult(knots, state, account, effects, None, least, ious)
+    if state.violations and repairs > 0:
+        raise Infeasible(result)
+    return result

@@ -1,0 +1,138 @@
+"""The visual hull's bound, contradictions, and frames of equal height."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from knotfab.hull.bound import hull_bounds, inside_hull
+from knotfab.hull.contradictions import contradictions
+from knotfab.hull.frames import framed_alike, spread_views
+from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.model import Scene, View
+from knotfab.target.read import Target
+
+Mask = NDArray[np.bool_]
+
+SIDE = 120
+
+
+def shot(azimuth: float, mask: Mask, light: float = 500.0, elevation: float = 0.0) -> Camera:
+    view = View(
+        frame_width_mm=120.0,
+        frame_height_mm=120.0,
+        azimuth_deg=azimuth,
+        elevation_deg=elevation,
+        light_distance_mm=light,
+        wall_distance_mm=100.0,
+    )
+    return camera_of(view, mask.shape[1], mask.shape[0])
+
+
+def disc(radius: float) -> Mask:
+    v, u = np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1)
+    return np.asarray(u * u + v * v < radius * radius)
+
+
+def block(top: int, bottom: int, left: int = 30, right: int = 90) -> Mask:
+    mask = np.zeros((SIDE, SIDE), dtype=bool)
+    mask[top:bottom, left:right] = True
+    return mask
+
+
+def test_a_ball_contradicts_itself_from_no_side() -> None:
+    masks = [disc(40.0)] * 3
+    cameras = [shot(a, m) for a, m in zip((0.0, 60.0, 120.0), masks, strict=True)]
+    for bound in hull_bounds(cameras, masks, 90.0):
+        assert bound.iou > 0.995
+        assert (bound.covered <= bound.wanted).all()
+        # the hull holds the ball: 40 px of 1 mm at the wall are 33.3 mm at its middle
+        assert (bound.low < -32).all() and (bound.high > 32).all()
+
+
+def test_what_only_one_picture_has_is_lost() -> None:
+    """A block twice as high as the other's, far from the light: half of it is left."""
+    masks = [block(20, 100), block(40, 80)]
+    cameras = [shot(a, m, 50000.0) for a, m in zip((0.0, 90.0), masks, strict=True)]
+    tall, low = hull_bounds(cameras, masks, 90.0)
+    assert 0.5 <= tall.iou < 0.53  # never less: a bound; a pixel wider on each side at most
+    assert low.iou == 1.0
+    missing = tall.wanted & ~tall.covered
+    rows = np.flatnonzero(missing.any(1)) / len(missing)
+    assert rows.min() < 0.2 and rows.max() > 0.8
+
+
+def test_the_bound_is_that_of_voxels() -> None:
+    masks = [disc(45.0) & ~disc(20.0), block(20, 95, 25, 100)]
+    cameras = [shot(a, m) for a, m in zip((0.0, 90.0), masks, strict=True)]
+    bounds = hull_bounds(cameras, masks, 90.0)
+    axis = np.arange(-60.0, 60.0, 1.0)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    hull = grid[inside_hull(grid, cameras, masks)]
+    for camera, mask, bound in zip(cameras, masks, bounds, strict=True):
+        u, v = np.rint(camera.project(hull)).astype(int).T
+        drawn = np.zeros_like(mask)
+        drawn[v, u] = True
+        # voxel middles 1.2 px apart leave holes: close them by a pixel each way, inside the picture
+        for _ in range(2):
+            wide = np.pad(drawn, 1)
+            drawn = (
+                wide[1:-1, 1:-1]
+                | wide[2:, 1:-1]
+                | wide[:-2, 1:-1]
+                | wide[1:-1, 2:]
+                | wide[1:-1, :-2]
+            ) & mask
+        assert bound.iou == pytest.approx((drawn & mask).sum() / mask.sum(), abs=0.03)
+
+
+def test_a_raised_view_sees_the_extent_in_depth() -> None:
+    """From above, a square ring leaves the front view its two sides, seen through: the whole width."""
+    ring = block(30, 90) & ~block(45, 75, 45, 75)
+    cameras = [shot(0.0, block(30, 90), 50000.0), shot(0.0, ring, 50000.0, 90.0)]
+    front, above = hull_bounds(cameras, [block(30, 90), ring], 90.0)
+    assert front.iou > 0.99 and above.iou > 0.99
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 22.0]])
+    inside = inside_hull(points, cameras, [block(30, 90), ring])
+    assert inside.tolist() == [False, True]
+
+
+def test_only_low_bounds_are_told_and_where() -> None:
+    masks = [block(20, 100), block(60, 100)]
+    views = [View(name="tall"), View(name="low", azimuth_deg=90.0)]
+    cameras = [shot(v.azimuth_deg, m, 50000.0) for v, m in zip(views, masks, strict=True)]
+    lines = contradictions(views, hull_bounds(cameras, masks, 90.0))
+    assert len(lines) == 1
+    assert "view tall" in lines[0] and "at the top" in lines[0] and "equal" not in lines[0][:20]
+    same = hull_bounds(cameras, [masks[1], masks[1]], 90.0)
+    assert contradictions(views, same) == []
+
+
+def target(mask: Mask) -> Target:
+    return Target("x", mask, b"", mask.shape[1], mask.shape[0])
+
+
+def test_silhouettes_are_brought_to_one_height() -> None:
+    masks = [block(10, 50), np.pad(block(30, 110), ((0, 30), (0, 60)))]
+    scene = framed_alike(spread_views(Scene(), 2), [target(m) for m in masks])
+    spans = []
+    for view, mask in zip(scene.views, masks, strict=True):
+        camera = camera_of(view, mask.shape[1], mask.shape[0])
+        rows = np.flatnonzero(mask.any(1))
+        edges = [camera.corner + (v * camera.dv) for v in (rows[0] - 0.5, rows[-1] + 0.5)]
+        spans.append([edge[1] for edge in edges])
+        assert max(view.frame_width_mm or 0, view.frame_height_mm or 0) <= 180.001
+    assert spans[0] == pytest.approx(spans[1], abs=1e-3)
+    assert spans[0][0] == pytest.approx(-spans[0][1], abs=1e-3)
+
+
+def test_frames_that_are_given_are_left_alone() -> None:
+    scene = spread_views(Scene(views=(View(frame_width_mm=100.0),)), 2)
+    assert framed_alike(scene, [target(disc(30.0)), target(disc(50.0))]) == scene
+
+
+def test_views_are_spread_over_half_a_turn() -> None:
+    assert [v.azimuth_deg for v in spread_views(Scene(), 2).views] == [0, 90]
+    assert [v.azimuth_deg for v in spread_views(Scene(), 3).views] == [0, 60, 120]
+    assert len({v.name for v in spread_views(Scene(), 3).views}) == 3
