@@ -1,0 +1,208 @@
+"""The chain of a sequence: the first frame from a template, every other one from the frame before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.design import Design, design, opening_iou, problem_of, resolve_view
+from knotfab.errors import InputError
+from knotfab.knots import Knot, Knots
+from knotfab.progress import Progress
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.radius import RadiusChoice, choose_radius
+from knotfab.search.search import Problem, SearchResult
+from knotfab.search.settings import SearchSettings, search_settings
+from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
+from knotfab.sequence.search import FrameResult, finish, follow
+from knotfab.target.read import Target
+
+__all__ = ["Frame", "chain", "radius_for_all"]
+
+Array = NDArray[np.float64]
+
+_SLACK = 1.1  # length of a frame's knot over the first one's, for a picture of the same area
+_GIVE = (
+    0.01  # IoU that a frame's opening may lose against the first one's before the tube is thinner
+)
+_THINNER = 0.93
+_MORE = 2.0  # times the iterations, where a frame did not come out
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame: its design in scene coordinates, and how it moved there from the frame before.
+
+    `motion` is None for the first. `transported`: share of the displacement between the pictures that
+    could be certified; the flow did the rest.
+    """
+
+    made: Design
+    motion: Motion | None
+    transported: float
+
+
+def radius_for_all(scene: Scene, targets: Sequence[Target]) -> tuple[float, RadiusChoice | None]:
+    """A tube radius (mm) that draws the first frame well, and no other much worse.
+
+    Args:
+        scene: resolved, with one view.
+    """
+    if scene.piece.tube_radius_mm != "auto":
+        return float(scene.piece.tube_radius_mm), None
+    problems = [problem_of(scene, target) for target in targets]
+    view = problems[0].view
+    assert view.frame_width_mm is not None
+    thinnest = scene.printer.min_tube_radius_mm
+    settings = search_settings(scene.accuracy.name, scene.search)
+    choice = choose_radius(problems[0], view.frame_width_mm, thinnest, 1, settings)
+    radius = choice.radius_mm
+    wanted = opening_iou(problems[0].polygon, radius) - _GIVE
+    while radius * _THINNER >= thinnest and any(
+        opening_iou(p.polygon, radius) < wanted for p in problems[1:]
+    ):
+        radius *= _THINNER
+    return round(radius, 4), choice
+
+
+def chain(
+    scene: Scene,
+    targets: Sequence[Target],
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> Iterator[Frame]:
+    """The frames one after the other, each final as it comes.
+
+    All are one knot with the same vertices: the radius, their number and their order are those of the
+    first frame. A vertex keeps within the motion bound of the frame before; and, so that the sequence
+    may close, within what the outlines' motion back to the first frame allows.
+
+    Args:
+        scene: of one view, as for `design`; `knots` is taken as 1.
+
+    Raises:
+        SceneError, InputError: as `design`.
+    """
+    if scene.piece.knots not in ("auto", 1):
+        raise InputError(
+            "scene key piece.knots",
+            f"a sequence is of one knot, and {scene.piece.knots} are asked for",
+            "Leave it out, or use 1",
+        )
+    progress = progress or Progress("quiet")
+    resolved = resolve(scene, [(targets[0].width, targets[0].height)])
+    resolved = resolved.model_copy(update={"views": (resolve_view(resolved.views[0], targets[0]),)})
+    with progress.stage("radius"):
+        radius, choice = radius_for_all(resolved, targets)
+    piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
+    first = design(_named(scene, piece, targets[0]), targets[0], device, progress)
+    with progress.stage("search"):
+        problems = [problem_of(_renamed(first.scene, t), t) for t in targets]
+        outlines = [
+            outline_motion(p.polygon, q.polygon)
+            for p, q in zip(problems, [*problems[1:], problems[0]], strict=True)
+        ]
+    start = first.knots.points
+    rings = rings_of_sizes((len(start),))
+    with progress.stage("search"):
+        account = first.result.account
+        ended = finish(start, rings, problems[0], radius, first.settings, [], account, device)
+    made = _design_of(first, ended, problems[0], targets[0], False)
+    yield Frame(replace(made, radius=choice), None, 1.0)
+    length, area = first.knots.knots[0].length_mm, problems[0].polygon.area
+    before, fine, fine_start = start, ended.points, ended.points
+    for k in range(1, len(targets)):
+        taut = _SLACK * length * max(1.0, problems[k].polygon.area / area)
+        back = Anchor(start, sum(outlines[k:]) + radius)
+        with progress.stage("search"):
+            found = _followed(
+                before,
+                rings,
+                (problems[k - 1], problems[k]),
+                radius,
+                first.settings,
+                taut,
+                back,
+                device,
+                lambda part, _, base=k: progress.update((base + part) / len(targets)),  # type: ignore[misc]
+            )
+            held = [Anchor(fine, outlines[k - 1] + radius)]
+            if back.beyond(found.points) <= 0:
+                held.append(Anchor(fine_start, back.limit_mm))
+            ended = finish(
+                found.points,
+                rings,
+                problems[k],
+                radius,
+                first.settings,
+                held,
+                found.account,
+                device,
+            )
+        motion = measure(fine, ended.points, outlines[k - 1], radius)
+        made = _design_of(first, ended, problems[k], targets[k], scene.accuracy.iou_floor == "auto")
+        yield Frame(made, motion, found.transported)
+        before, fine = found.points, ended.points
+
+
+def _followed(
+    before: Array,
+    rings: Rings,
+    problems: tuple[Problem, Problem],
+    radius: float,
+    settings: SearchSettings,
+    taut: float,
+    back: Anchor,
+    device: str,
+    report: Callable[[float, float], None],
+) -> FrameResult:
+    """The next frame; where it breaks a limit, again with more iterations, and not bound to close."""
+    found = follow(before, rings, problems, radius, settings, taut, [back], device, report)
+    if found.sound:
+        return found
+    more = settings.scaled(_MORE)
+    again = follow(before, rings, problems, radius, more, taut, [], device, report)
+    return again if again.sound else found
+
+
+def _named(scene: Scene, piece: object, target: Target) -> Scene:
+    views = (scene.views[0].model_copy(update={"name": target.name}), *scene.views[1:])
+    return scene.model_copy(update={"piece": piece, "views": views})
+
+
+def _renamed(scene: Scene, target: Target) -> Scene:
+    """A resolved scene whose view is that of another frame."""
+    view = scene.views[0].model_copy(
+        update={"name": target.name, "picture": f"picture-{target.name}{target.suffix}"}
+    )
+    return scene.model_copy(update={"views": (view,)})
+
+
+def _design_of(
+    first: Design, found: FrameResult, problem: Problem, target: Target, own_floor: bool
+) -> Design:
+    """A frame as a design of its own, so that it is made, verified and reported like any piece.
+
+    `own_floor`: the IoU required follows from the frame's own picture, as it does for a single one.
+    """
+    scene = _renamed(first.scene, target)
+    opened = opening_iou(problem.polygon, first.knots.radius_mm)
+    if own_floor:
+        floor = round(max(0.3, opened - first.settings.iou_slack), 4)
+        scene = scene.model_copy(
+            update={"accuracy": scene.accuracy.model_copy(update={"iou_floor": floor})}
+        )
+    knots = Knots(
+        (Knot(found.points, first.knots.knots[0].type),),
+        first.knots.radius_mm,
+    )
+    found.account.types = (first.knots.knots[0].type,)
+    result = SearchResult(
+        knots, found.standing, found.account, found.effects, None, found.iou_estimate
+    )
+    return replace(first, scene=scene, knots=knots, result=result, radius=None, opening_iou=opened)

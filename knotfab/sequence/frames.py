@@ -1,0 +1,108 @@
+"""Reading a sequence: numbered files of a folder, the frames of an animation, or pictures one by one."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image, ImageSequence
+
+from knotfab.errors import InputError
+from knotfab.target.read import Target, read_target
+
+__all__ = ["MOST_FRAMES", "frame_name", "read_frames"]
+
+MOST_FRAMES = 240
+_PICTURES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".svg"}
+_LEAST_FRAMES = 2
+
+
+def frame_name(number: int) -> str:
+    """The name of a frame's view, from 1: "frame-01"."""
+    return f"frame-{number:02d}"
+
+
+def read_frames(
+    sources: Sequence[str], *, invert: bool = False, base: Path | None = None
+) -> tuple[Target, ...]:
+    """The frames of a sequence, in order, named frame-01, frame-02, …
+
+    Args:
+        sources: a folder (its pictures in the order of the numbers in their names), an animation
+            (GIF, PNG or WebP), or several pictures in the order given.
+        invert: swap shape and background in all of them.
+        base: folder that relative paths start from.
+
+    Raises:
+        InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
+            that cannot be read.
+    """
+    sources = [str(s) for s in sources]
+    what = sources[0] if len(sources) == 1 else "the sequence"
+    if len(sources) == 1:
+        path = Path(sources[0]).expanduser()
+        path = path if base is None else base / path
+        if path.is_dir():
+            files = sorted(
+                (p for p in path.iterdir() if p.suffix.lower() in _PICTURES), key=_by_number
+            )
+            _count(what, len(files))
+            found = [read_target(p.absolute(), invert=invert) for p in files]
+        else:
+            found = _of_animation(path, what, invert)
+    else:
+        _count(what, len(sources))
+        found = [read_target(s, invert=invert, base=base) for s in sources]
+    first = found[0]
+    for number, target in enumerate(found, start=1):
+        if (target.width, target.height) != (first.width, first.height):
+            raise InputError(
+                what,
+                f"frame {number} is {target.width} x {target.height} px and the first is "
+                f"{first.width} x {first.height} px",
+                "Give all frames one size",
+            )
+    return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
+
+
+def _by_number(path: Path) -> tuple[list[int], str]:
+    """Files sort by the numbers in their names: 2 before 10."""
+    return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
+
+
+def _count(what: str, count: int) -> None:
+    if count < _LEAST_FRAMES:
+        raise InputError(
+            what,
+            "it holds no sequence: " + ("one picture" if count else "no picture"),
+            "Name a folder of numbered pictures, an animation, or several pictures.",
+        )
+    if count > MOST_FRAMES:
+        raise InputError(
+            what, f"it has {count} frames, more than {MOST_FRAMES}", "Leave out every other one."
+        )
+
+
+def _of_animation(path: Path, what: str, invert: bool) -> list[Target]:
+    """The frames of an animated picture, each as a PNG of its own."""
+    read_target(path, invert=invert)  # says what is wrong with a file that is no picture
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of odd metadata
+        try:
+            with Image.open(path) as image:
+                _count(what, getattr(image, "n_frames", 1))
+                files = []
+                for number, frame in enumerate(ImageSequence.Iterator(image), start=1):
+                    files.append(Path(folder) / f"{number}.png")
+                    frame.convert("RGBA").save(files[-1], compress_level=1)
+        except (OSError, SyntaxError, ValueError, EOFError) as error:
+            raise InputError(
+                what,
+                "its frames cannot be read (damaged, or no picture that moves)",
+                "Export the animation again, as GIF or as numbered PNG files.",
+            ) from error
+        return [read_target(file, invert=invert) for file in files]

@@ -1,0 +1,81 @@
+"""How far a picture's outline and a knot's vertices go from one frame to the next, and the bound.
+
+A vertex may go no further than the pictures' own outlines do, and one tube radius more. The outlines'
+motion is the Hausdorff distance of the two, in the plane z = 0 where the template lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+import torch
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+from torch import Tensor
+
+__all__ = ["Anchor", "Motion", "measure", "outline_motion"]
+
+Array = NDArray[np.float64]
+
+_SPACING_MM = 0.1  # of samples on the outlines
+_KEEP = 0.97  # of its bound: where the objective begins to hold a vertex back
+
+
+def outline_motion(old: MultiPolygon, new: MultiPolygon) -> float:
+    """Hausdorff distance (mm) of two silhouettes' outlines, holes included.
+
+    Each sample's distance is to the other outline itself, so the result is never too long; with samples
+    0.1 mm apart it is at most 0.05 mm too short.
+    """
+    return max(_furthest(old, new), _furthest(new, old))
+
+
+def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
+    """Largest distance of a point of the outline of `one` from that of `other`."""
+    points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(_SPACING_MM)))
+    line = other.boundary
+    shapely.prepare(line)
+    return float(shapely.distance(points, line).max())
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Where the vertices (N, 3) of another frame are, mm, and how far from them they may be."""
+
+    points: Array
+    limit_mm: float
+
+    def term(self, points: Tensor, radius: float) -> Tensor:
+        """Squares of what each vertex is beyond the limit, in tube radii, summed."""
+        away = points - torch.as_tensor(self.points, dtype=points.dtype, device=points.device)
+        # the root's slope has no limit at 0, where the hinge is far from touching
+        length = torch.sqrt((away * away).sum(-1) + 1e-12)
+        beyond = torch.relu(length - _KEEP * self.limit_mm) / radius
+        return (beyond * beyond).sum()
+
+    def beyond(self, points: Array) -> float:
+        """How far (mm) the furthest vertex is beyond the limit; negative where all keep it."""
+        return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
+
+
+@dataclass(frozen=True)
+class Motion:
+    """From one frame to another: what the outlines and the vertices do, mm."""
+
+    outline_mm: float
+    limit_mm: float
+    largest_mm: float
+    mean_mm: float
+
+    @property
+    def held(self) -> bool:
+        """Whether no vertex goes further than the limit."""
+        return self.largest_mm <= self.limit_mm
+
+
+def measure(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
+    """The motion of vertices from `old` to `new` (N, 3), and its bound: outline and one radius."""
+    length = np.linalg.norm(new - old, axis=1)
+    return Motion(outline_mm, outline_mm + radius, float(length.max()), float(length.mean()))

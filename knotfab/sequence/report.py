@@ -1,0 +1,192 @@
+"""The report of a sequence: one view a frame, its motion and its certificate; checks taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from knotfab.progress import Progress
+from knotfab.report.report_json import assemble
+from knotfab.scene.model import Printer
+from knotfab.sequence.chain import Frame
+from knotfab.sequence.motion import Motion
+from knotfab.sequence.zoetrope import Zoetrope
+
+__all__ = ["check_closing", "check_motion", "check_zoetrope", "sequence_report"]
+
+Record = dict[str, Any]
+_ORDER = ("fail", "skipped", "pass")
+
+
+def check_motion(motions: Sequence[Motion]) -> Record:
+    """`motion`: no vertex goes further between neighbours than the pictures' outlines and one radius."""
+    worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
+    number = next(k for k, m in enumerate(motions, start=2) if m is worst)
+    return {
+        "name": "motion",
+        "status": "pass" if all(m.held for m in motions) else "fail",
+        "required": True,
+        "measured": worst.largest_mm,
+        "limit": worst.limit_mm,
+        "unit": "mm",
+        "detail": f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
+        f"outlines of the two pictures are {worst.outline_mm:.3f} mm apart (Hausdorff distance), and "
+        "one tube radius is added",
+    }
+
+
+def check_closing(motion: Motion) -> Record:
+    """`closing`: the same from the last frame back to the first, which not every sequence needs."""
+    return {
+        "name": "closing",
+        "status": "pass" if motion.held else "fail",
+        "required": False,
+        "measured": motion.largest_mm,
+        "limit": motion.limit_mm,
+        "unit": "mm",
+        "detail": "from the last frame to the first, "
+        + (
+            "so it may be played round and round" if motion.held else "too far to play it as a loop"
+        ),
+    }
+
+
+def check_zoetrope(spun: Zoetrope, printer: Printer) -> Record:
+    """`zoetrope`: whether the ring, as large as the bed holds, has tubes that can be printed."""
+    return {
+        "name": "zoetrope",
+        "status": "pass" if spun.tube_radius_mm >= printer.min_tube_radius_mm else "fail",
+        "required": False,
+        "measured": spun.tube_radius_mm,
+        "limit": printer.min_tube_radius_mm,
+        "unit": "mm",
+        "detail": f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of "
+        f"{spun.diameter_mm:.1f} mm across, {spun.height_mm:.1f} mm high; thicker with less depth, a "
+        "larger printer, or resin",
+    }
+
+
+def sequence_report(
+    reports: Sequence[Record],
+    verdicts: Sequence[Record],
+    frames: Sequence[Frame],
+    motions: Sequence[Motion],
+    checks: Sequence[Record],
+    spun: Zoetrope | None,
+    progress: Progress,
+) -> Record:
+    """report.json of a sequence, from the frames' own reports.
+
+    Args:
+        reports: of each frame, as of a piece of its own.
+        verdicts: the validators', for the seconds that they took beside the search.
+        motions: into frames 2, 3, … and, last, back to the first.
+        checks: of the sequence as a whole.
+    """
+    views = []
+    for number, (report, frame) in enumerate(zip(reports, frames, strict=True), start=1):
+        account = frame.made.result.account
+        for view in report["views"]:
+            views.append(
+                {
+                    **view,
+                    "frame": number,
+                    "part": f"part-{number:02d}.stl",
+                    "status": report["status"],
+                    "motion": None if number == 1 else _motion(motions[number - 2]),
+                    "transported": frame.transported,
+                    "certificate": {**account.__dict__, "certified": account.certified},
+                    "failed": [
+                        c["name"]
+                        for c in report["checks"]
+                        if c["required"] and c["status"] != "pass"
+                    ],
+                }
+            )
+    first = reports[0]
+    volume = sum(r["print"]["volume_mm3"] for r in reports)
+    mass = sum(r["print"]["mass_g"] for r in reports)
+    print_ = {**first["print"], "volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
+    if spun is not None:
+        print_["zoetrope"] = {
+            "scale": spun.scale,
+            "tube_radius_mm": spun.tube_radius_mm,
+            "diameter_mm": spun.diameter_mm,
+            "height_mm": spun.height_mm,
+            "posts": list(spun.posts),
+        }
+    settings = {
+        k: v for k, v in first["settings"].items() if k not in ("certificate", "thickness_mm")
+    }
+    settings["thickness_mm"] = min(r["settings"]["thickness_mm"] for r in reports)
+    settings["sequence"] = {
+        "frames": len(reports),
+        "closing": _motion(motions[-1]),
+        "verification_s": round(sum(sum(v["seconds"].values()) for v in verdicts), 2),
+    }
+    return assemble(
+        views=views,
+        checks=[*_together([r["checks"] for r in reports]), *checks],
+        effects=_effects(reports),
+        timings={**progress.timings, "total": progress.total},
+        knots=[knot for r in reports for knot in r["knots"]],
+        print_=print_,
+        settings=settings,
+        notes=[
+            f"{len(reports)} frames of one knot, each a part of its own (part-NN.stl); the picture that "
+            "moves is sequence.gif."
+        ],
+    )
+
+
+def _motion(motion: Motion) -> Record:
+    return {
+        "largest_mm": motion.largest_mm,
+        "mean_mm": motion.mean_mm,
+        "outline_mm": motion.outline_mm,
+        "limit_mm": motion.limit_mm,
+        "held": motion.held,
+    }
+
+
+def _together(all_checks: Sequence[Sequence[Record]]) -> list[Record]:
+    """One line a check for all frames: the worst status, and the figures of a frame that has it."""
+    names = list(dict.fromkeys(c["name"] for checks in all_checks for c in checks))
+    found = []
+    for name in names:
+        lines = [
+            (number, c)
+            for number, checks in enumerate(all_checks, start=1)
+            for c in checks
+            if c["name"] == name
+        ]
+        status = min((c["status"] for _, c in lines), key=_ORDER.index)
+        same = [(number, c) for number, c in lines if c["status"] == status]
+        sign = -1.0 if status == "fail" else 1.0
+        number, worst = min(same, key=lambda line: sign * _room(line[1]))
+        which = ", ".join(str(n) for n, _ in same)
+        said = f"frame {number} of {len(all_checks)} has least room: {worst['detail']}"
+        if status == "fail":
+            said = f"frames {which}: {worst['detail']}"
+        elif status == "skipped":
+            said = worst["detail"]
+        found.append({**worst, "status": status, "detail": said})
+    return found
+
+
+def _room(check: Record) -> float:
+    """How close a check is to its limit; whichever side the limit is on, less is closer."""
+    measured, limit = check["measured"], check["limit"]
+    if not isinstance(measured, int | float) or not isinstance(limit, int | float):
+        return 0.0
+    return abs(float(measured) - float(limit))
+
+
+def _effects(reports: Sequence[Record]) -> list[Record]:
+    """Each effect at its largest magnitude, the seconds of all frames together."""
+    found = []
+    for name in dict.fromkeys(e["name"] for r in reports for e in r["effects"]):
+        lines = [e for r in reports for e in r["effects"] if e["name"] == name]
+        worst = max(lines, key=lambda e: (e["simulated"], e["magnitude"]))
+        found.append({**worst, "seconds": round(sum(e["seconds"] for e in lines), 4)})
+    return found

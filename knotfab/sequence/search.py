@@ -1,0 +1,273 @@
+"""The search of a sequence: each frame's knot from that of the frame before, by certified steps alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.survey import survey
+from knotfab.search.feasible import Standing, standing
+from knotfab.search.flow import FlowSettings, flow
+from knotfab.search.neighbours import Neighbours
+from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.picture import frame_mm, picture_at
+from knotfab.search.polyline import Rings
+from knotfab.search.search import Account, Problem
+from knotfab.search.settings import SearchSettings
+from knotfab.search.threads import one_thread
+from knotfab.sequence.doubling import doubled
+from knotfab.sequence.motion import Anchor, outline_motion
+from knotfab.sequence.transport import transport
+
+__all__ = ["FrameResult", "Phase", "finish", "follow"]
+
+Array = NDArray[np.float64]
+
+_HOLD = 4.0  # weight of the motion bound in the objective
+_REPAIRS = 6
+_ROOM = 1.04  # times the bend radius that the part must keep
+_TAUT = 0.05  # weight of the length beyond what the picture's area calls for
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One stretch of the flow on a new picture."""
+
+    pixels: int
+    iterations: int
+    weights: Weights
+    tau: tuple[float, float]
+    rates: tuple[float, float]
+
+
+@dataclass
+class FrameResult:
+    """One frame's knot: `points` (N, 3) mm, scene coordinates, in the same order in all frames."""
+
+    points: Array
+    standing: Standing
+    iou_estimate: float
+    account: Account
+    beyond_mm: float  # of the motion bound, at worst; negative where it is kept
+    transported: float = 1.0  # share of the displacement that could be certified
+    effects: dict[str, Decision] = field(default_factory=dict)
+
+    @property
+    def sound(self) -> bool:
+        """Whether every limit holds, the motion's among them."""
+        return not self.standing.violations and self.beyond_mm <= 0
+
+
+def _phases(settings: SearchSettings) -> tuple[Phase, ...]:
+    """Half as many iterations as from a template: the transport has done the rest."""
+    half = settings.scaled(0.5)
+    return (
+        Phase(settings.coarse_px, half.coarse_iterations, Weights(), (1.5, 3.0), (0.12, 0.06)),
+        Phase(
+            settings.fine_px,
+            half.fine_iterations,
+            Weights(clearance=3.0, bend=0.5),
+            (3.0, 6.0),
+            (0.06, 0.02),
+        ),
+        Phase(
+            settings.fine_px,
+            half.settle_iterations,
+            Weights(clearance=20.0, bend=5.0, region=50.0),
+            (6.0, 6.0),
+            (0.03, 0.01),
+        ),
+    )
+
+
+@one_thread()
+def follow(
+    before: Array,
+    rings: Rings,
+    problems: tuple[Problem, Problem],
+    radius: float,
+    settings: SearchSettings,
+    taut_mm: float,
+    anchors: Sequence[Anchor] = (),
+    device: str = "cpu",
+    report: Callable[[float, float], None] | None = None,
+) -> FrameResult:
+    """The next frame's knot from the one before, `before` (N, 3).
+
+    Transport along the displacement between the two silhouettes, then the flow on the new picture with
+    the motion bound in its objective; vertices keep their number and order.
+
+    Args:
+        problems: of the frame before and of the next.
+        taut_mm: a longer knot is drawn taut: no vertices can be added, and long edges show.
+        anchors: further frames that this one must stay near.
+    """
+    old, new = problems
+    # room for the vertices that `finish` adds: the spline bends more than the polygon in places
+    new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
+    account = Account(template="the knot of the frame before")
+    outline = outline_motion(old.polygon, new.polygon)
+    held = [Anchor(before, outline + radius), *anchors]
+    moved = transport(
+        before,
+        rings,
+        old.polygon,
+        new.polygon,
+        new.view.light_distance_mm,
+        radius,
+        outline + 0.5 * radius,
+    )
+    account.accepted, account.refused = moved.steps, moved.refused
+    account.least_margin_mm = moved.least_margin
+    result = _flowed(
+        moved.points,
+        rings,
+        new,
+        radius,
+        settings,
+        taut_mm,
+        held,
+        _phases(settings),
+        account,
+        device,
+        report,
+    )
+    result.transported = moved.reached
+    return result
+
+
+@one_thread()
+def finish(
+    points: Array,
+    rings: Rings,
+    problem: Problem,
+    radius: float,
+    settings: SearchSettings,
+    anchors: Sequence[Anchor],
+    account: Account,
+    device: str = "cpu",
+) -> FrameResult:
+    """A frame for its part: twice as many vertices, and the limits repaired where that broke one."""
+    fine, both, verdict = doubled(points, rings)
+    if verdict.valid:
+        account.resamplings += 1
+        account.least_margin_mm = min(account.least_margin_mm, verdict.margin)
+    else:
+        account.resamplings_refused += 1
+    return _flowed(
+        fine, both, problem, radius, settings, np.inf, anchors, (), account, device, None
+    )
+
+
+def _flowed(
+    points: Array,
+    rings: Rings,
+    problem: Problem,
+    radius: float,
+    settings: SearchSettings,
+    taut_mm: float,
+    anchors: Sequence[Anchor],
+    phases: Sequence[Phase],
+    account: Account,
+    device: str,
+    report: Callable[[float, float], None] | None,
+) -> FrameResult:
+    limits = problem.limits(radius)
+    pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
+    effects = survey(
+        Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
+    )
+    for name in ("bend", "clearance"):
+        effects[name].simulated = True
+    seen = None
+    repairs = [
+        Phase(
+            settings.fine_px,
+            60,
+            Weights(image=0.3**k, clearance=40.0, bend=40.0, region=100.0, length=20.0),
+            (6.0, 6.0),
+            # few vertices take all of a step that is measured over all: short ones end where they should
+            (0.01 * 0.7**k, 0.001 * 0.7**k),
+        )
+        for k in range(_REPAIRS)
+    ]
+    for number, phase in enumerate([*phases, *repairs]):
+        last = number >= len(phases)
+        if last and not _wanting(points, rings, limits, anchors):
+            break
+        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        hold = _HOLD * (phase.weights.clearance if last else 1.0)
+
+        def held(
+            x: Tensor,
+            near: Neighbours,
+            progress: float,
+            base: Objective = objective,
+            weight: float = hold,
+        ) -> Tensor:
+            loss = base(x, near, progress)
+            for anchor in anchors:
+                loss = loss + weight * anchor.term(x, radius)
+            length = (x[base.following] - x).norm(dim=-1).sum()
+            excess = (length - taut_mm).clamp_min(0) / radius
+            taut: Tensor = loss + _TAUT * excess**2
+            return taut
+
+        walk = FlowSettings(
+            iterations=phase.iterations, rate=phase.rates[0], rate_end=phase.rates[1]
+        )
+        done = (lambda x: not _wanting(x, rings, limits, anchors)) if last else None
+        walked = flow(points, rings, held, radius, walk, device, report, done, limits.separation)
+        points = walked.points
+        account.accepted += walked.accepted
+        account.shortened += walked.shortened
+        account.refused += walked.refused
+        account.least_margin_mm = min(account.least_margin_mm, walked.least_margin)
+        account.repairs += last
+        seen = iou_of(points, rings, objective.frame, objective.target, radius)
+    if seen is None:
+        frame, target, _ = picture_at(problem.view, problem.mask, settings.fine_px, True, device)
+        seen = iou_of(points, rings, frame, target, radius)
+    beyond = max((a.beyond(points) for a in anchors), default=-np.inf)
+    return FrameResult(
+        points, standing(points, rings, limits), seen, account, beyond, effects=effects
+    )
+
+
+def _wanting(points: Array, rings: Rings, limits: Limits, anchors: Sequence[Anchor]) -> bool:
+    """Whether a limit, or the motion's bound, is not kept."""
+    if any(a.beyond(points) > 0 for a in anchors):
+        return True
+    return bool(standing(points, rings, limits).violations)
+
+
+def _objective(
+    problem: Problem,
+    limits: Limits,
+    rings: Rings,
+    effects: dict[str, Decision],
+    phase: Phase,
+    settings: SearchSettings,
+    device: str,
+) -> Objective:
+    view = problem.view
+    frame, target, pixel_mm = picture_at(
+        view, problem.mask, phase.pixels, effects["perspective"].simulated, device
+    )
+    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
+    return Objective(
+        frame,
+        target,
+        rings,
+        limits,
+        effects,
+        phase.weights,
+        phase.tau,
+        limits.radius * magnified / pixel_mm,
+        settings.winners_every,
+    )

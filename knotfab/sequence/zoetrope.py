@@ -1,0 +1,158 @@
+"""A zoetrope: all frames of a sequence on one ring, upright and facing outwards, as one solid.
+
+Seen from outside, at the scaled distance of the light, each frame shows its picture as it comes to the
+front. Every frame stands on posts below its lowest strands, so that a figure may also leap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, pi, tan
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.knots import Knots
+from knotfab.sweep.tube import sweep, tube_manifold
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["Zoetrope", "footholds", "zoetrope"]
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+_SIDES = 12  # of a tube, which is scaled down
+_GAP_RADII = 1.5  # tube radii between neighbouring frames
+_MARGIN_RADII = 2.0  # of the ring beyond the frames
+_THICK_MM = 2.4  # of the ring as printed
+_POSTS = 4
+_APART = 0.2  # of a frame's width between posts
+_LOW = 0.35  # of its height, within which they stand
+_POST = 0.9  # of the tube's radius: a post ends inside the tube
+
+
+@dataclass(frozen=True)
+class Zoetrope:
+    """The solid in print pose (z up, on the bed's positive octant), mm, and what it came to.
+
+    `scale`: of the frames against their parts. `tube_radius_mm`: as printed.
+    """
+
+    mesh: Mesh
+    scale: float
+    tube_radius_mm: float
+    diameter_mm: float
+    height_mm: float
+    posts: tuple[int, ...]
+
+
+def footholds(points: Array, width: float, height: float) -> list[int]:
+    """Up to four vertices for posts: the lowest dips of the curve, spread out.
+
+    Args:
+        points: (n, 3) mm, y up. width, height: of the frame's knot, mm.
+    """
+    y = points[:, 1]
+    dips = np.flatnonzero((y <= np.roll(y, 1)) & (y <= np.roll(y, -1)))
+    dips = dips[y[dips] <= y.min() + _LOW * height]
+    chosen: list[int] = []
+    for i in dips[np.argsort(y[dips], kind="stable")]:
+        others = points[chosen][:, [0, 2]] - points[i, [0, 2]]
+        if len(chosen) < _POSTS and not (np.linalg.norm(others, axis=1) < _APART * width).any():
+            chosen.append(int(i))
+    return chosen
+
+
+def zoetrope(frames: Sequence[Knots], build_volume_mm: tuple[float, float, float]) -> Zoetrope:
+    """All frames at even angles on a ring, as large as the printer holds, at most full size.
+
+    Args:
+        frames: in scene coordinates, one knot each, all of one radius, in the order of the sequence;
+            seen from above they follow each other counter-clockwise.
+
+    Raises:
+        SceneError: the union is not one closed body.
+    """
+    from manifold3d import Error, Manifold
+
+    radius = frames[0].radius_mm
+    every = np.concatenate([k.points for k in frames])
+    reach = 1.05 * radius  # the corners of a tube of few sides stand out
+    low, high = every.min(0) - reach, every.max(0) + reach
+    beside = float(max(-low[0], high[0])) + 0.5 * _GAP_RADII * radius
+    middle = _distance(len(frames), beside, float(low[2]), radius)
+    outer = hypot(middle + float(high[2]), beside) + _MARGIN_RADII * radius
+    inner = max(middle + float(low[2]) - _MARGIN_RADII * radius, 0.0)
+    scale = min(
+        1.0,
+        0.5 * min(build_volume_mm[:2]) / outer,
+        (build_volume_mm[2] - _THICK_MM) / float(high[1] - low[1]),
+    )
+    thick = _THICK_MM / scale
+    ring = Manifold.cylinder(thick, outer, outer, 256)
+    if inner > 0:
+        ring -= Manifold.cylinder(3 * thick, inner, inner, 256).translate((0.0, 0.0, -thick))
+    solids, posts = [ring.translate((0.0, 0.0, -thick))], []
+    for number, knots in enumerate(frames):
+        body, count = _standing(knots, float(low[1]))
+        posts.append(count)
+        # from the scene's x right, y up, z outwards; frame 0 faces +x, the next ones counter-clockwise
+        solids.append(
+            body.translate((0.0, 0.0, middle))
+            .transform(np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]]))
+            .rotate((0.0, 0.0, 360.0 * number / len(frames)))
+        )
+    whole = solids[0]
+    for solid in solids[1:]:
+        whole = whole + solid
+    whole = whole.scale((scale, scale, scale))
+    if whole.status() != Error.NoError or len(whole.decompose()) != 1:
+        raise SceneError(
+            "the zoetrope",
+            "its ring and frames do not make one closed body",
+            "Use the parts of the single frames",
+        )
+    box = np.array(whole.bounding_box())
+    mesh = whole.translate(tuple(-box[:3])).to_mesh64()
+    size = box[3:] - box[:3]
+    return Zoetrope(
+        (
+            np.array(mesh.vert_properties[:, :3], dtype=np.float64),
+            np.array(mesh.tri_verts, dtype=np.int32),
+        ),
+        scale,
+        scale * radius,
+        float(size[:2].max()),
+        float(size[2]),
+        tuple(posts),
+    )
+
+
+def _distance(count: int, beside: float, nearest: float, radius: float) -> float:
+    """How far from the axis the frames' planes are, so that each keeps to its own sector."""
+    least = 3.0 * radius - nearest
+    if count < 3:
+        return least
+    return max(least, beside / tan(pi / count) - nearest)
+
+
+def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
+    """A frame's tube with its posts down to the height `ground`, y up; and how many posts."""
+    from manifold3d import Manifold
+
+    knot, radius = knots.knots[0], knots.radius_mm
+    points = knot.points - np.array([0.0, ground, 0.0])
+    body = tube_manifold(*sweep(points, radius, _SIDES), np.pi * radius**2 * knot.length_mm)
+    extent = np.ptp(points, axis=0)
+    chosen = footholds(points, float(max(extent[0], extent[2])), float(extent[1]))
+    for i in chosen:
+        x, y, z = (float(c) for c in points[i])
+        post = Manifold.cylinder(y + radius, _POST * radius, _POST * radius, 24)
+        # a cylinder stands on z: up is y here
+        body = body + post.rotate((-90.0, 0.0, 0.0)).translate((x, -radius, z))
+    return body, len(chosen)

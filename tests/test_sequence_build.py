@@ -1,0 +1,138 @@
+"""A sequence from end to end: one knot, its motion within the bound, each frame a verified part."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from knotfab.build import Outcome
+from knotfab.errors import InputError
+from knotfab.scene.model import Mount, Piece, Scene, View
+from knotfab.sequence.build import SequenceRequest, build_sequence
+from knotfab.sequence.motion import Motion
+from knotfab.sequence.report import check_closing, check_motion
+from knotfab.sequence.verifying import FrameFiles, FrameVerifier
+
+QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 40, "fine_iterations": 40}
+
+
+def _scene(**keys: object) -> Scene:
+    views = (View(name="front", picture="front.png"),)
+    return Scene.model_validate(
+        {
+            "views": views,
+            "piece": Piece(tube_radius_mm=5.0),
+            "search": {**QUICK, "depth_candidates": 6},
+            **keys,
+        }
+    )
+
+
+def _frames(folder: Path, angles: Sequence[float]) -> list[str]:
+    """A disc with an arm at each of the angles."""
+    names = []
+    for number, angle in enumerate(np.deg2rad(angles), start=1):
+        image = Image.new("L", (256, 256), 255)
+        draw = ImageDraw.Draw(image)
+        draw.ellipse([60, 90, 150, 180], fill=0)
+        end = 105 + 120 * np.cos(angle), 135 - 120 * np.sin(angle)
+        draw.line([105, 135, *end], fill=0, width=34)
+        draw.ellipse([end[0] - 17, end[1] - 17, end[0] + 17, end[1] + 17], fill=0)
+        names.append(f"{number}.png")
+        image.save(folder / names[-1])
+    return names
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    folder = tmp_path_factory.mktemp("sequence")
+    names = _frames(folder, (0.0, 16.0))
+    request = SequenceRequest(
+        _scene(), names, folder / "out", base=folder, printing=True, command="test"
+    )
+    return build_sequence(request)
+
+
+def _points(folder: Path, number: int) -> np.ndarray:
+    """The frame's vertices in the scene, by the written pose, with code of the test's own."""
+    import tomllib
+
+    pose = tomllib.loads((folder / f"scene-{number:02d}.toml").read_text())["pose"]["matrix"]
+    knots = json.loads((folder / f"knots-{number:02d}.json").read_text())["knots"]
+    assert len(knots) == 1
+    points = np.array(knots[0]["points"])
+    return np.column_stack([points, np.ones(len(points))]) @ np.array(pose)[:3].T
+
+
+@pytest.mark.build
+def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
+    failed = [c for c in outcome.report["checks"] if c["required"] and c["status"] != "pass"]
+    assert (outcome.exit_code, failed) == (0, [])
+    names = {p.name for p in outcome.folder.iterdir()}
+    for number in ("01", "02"):
+        assert {f"part-{number}.stl", f"part-{number}.3mf", f"knots-{number}.json"} <= names
+        assert {f"scene-{number}.toml", f"picture-frame-{number}.png"} <= names
+        assert {f"shadow-frame-{number}.png", f"compare-frame-{number}.png"} <= names
+    assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
+    with Image.open(outcome.folder / "sequence.gif") as image:
+        assert image.n_frames == 2
+
+
+@pytest.mark.build
+def test_each_frame_is_a_view_with_motion_and_certificate(outcome: Outcome) -> None:
+    report = json.loads((outcome.folder / "report.json").read_text())
+    first, second = report["views"]
+    assert [v["name"] for v in report["views"]] == ["frame-01", "frame-02"]
+    assert min(v["iou"] for v in report["views"]) > 0.95
+    assert first["motion"] is None
+    assert second["motion"]["held"]
+    assert first["certificate"]["certified"]
+    assert second["certificate"]["certified"]
+    assert second["certificate"]["accepted"] > 20
+    assert len({k["vertices"] for k in report["knots"]}) == 1
+    assert {k["type"] for k in report["knots"]} == {"unknot"}
+
+
+@pytest.mark.build
+def test_the_motion_reported_is_that_of_the_files(outcome: Outcome) -> None:
+    one, other = _points(outcome.folder, 1), _points(outcome.folder, 2)
+    away = float(np.linalg.norm(one - other, axis=1).max())
+    motion = outcome.report["views"][1]["motion"]
+    assert motion["largest_mm"] == pytest.approx(away, abs=1e-9)
+    assert away <= motion["outline_mm"] + 5.0
+    # the arm's round end goes this far on the wall; the plane of the outlines is nearer to the light
+    arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * 180 * 500 / 600
+    assert motion["outline_mm"] == pytest.approx(arm, rel=0.1)
+
+
+def test_motion_beyond_the_bound_fails() -> None:
+    held, not_held = Motion(5.0, 7.0, 6.9, 1.0), Motion(5.0, 7.0, 7.1, 1.0)
+    assert check_motion([held, held])["status"] == "pass"
+    found = check_motion([held, not_held])
+    assert (found["status"], found["measured"], found["required"]) == ("fail", 7.1, True)
+    assert "frame 3" in found["detail"]
+    assert check_closing(not_held)["status"] == "fail"
+    assert not check_closing(not_held)["required"]
+
+
+def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
+    names = _frames(tmp_path, (0.0, 16.0))
+    stand = _scene(mount=Mount(kind="stand"))
+    with pytest.raises(InputError, match="no mounts"):
+        build_sequence(SequenceRequest(stand, names, tmp_path / "out", base=tmp_path))
+    several = _scene(piece=Piece(tube_radius_mm=5.0, knots=2))
+    with pytest.raises(InputError, match="one knot"):
+        build_sequence(SequenceRequest(several, names, tmp_path / "out", base=tmp_path))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_verified_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_bytes(b"no mesh")
+    files = FrameFiles(tmp_path / "part.stl", tmp_path / "k.json", tmp_path / "s.toml", tmp_path)
+    with FrameVerifier(workers=1) as verifier:
+        answer = verifier.submit(files)
+        with pytest.raises(InputError):
+            answer.result(timeout=120)

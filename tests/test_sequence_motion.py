@@ -1,0 +1,69 @@
+"""The motion bound: Hausdorff distances known by hand, and a hinge with the right slope."""
+
+import numpy as np
+import pytest
+import shapely
+import torch
+from shapely import MultiPolygon
+
+from knotfab.sequence.motion import Anchor, measure, outline_motion
+
+
+def _square(x: float, y: float, side: float) -> MultiPolygon:
+    return MultiPolygon([shapely.box(x, y, x + side, y + side)])
+
+
+def test_outline_motion_of_a_shifted_square() -> None:
+    assert outline_motion(_square(0, 0, 10), _square(3, 0, 10)) == pytest.approx(3.0)
+    # the corner that sticks out is a diagonal away from the other's corner
+    assert outline_motion(_square(0, 0, 10), _square(3, 4, 10)) == pytest.approx(5.0)
+
+
+def test_outline_motion_is_symmetric_and_sees_what_is_new() -> None:
+    limb = shapely.box(9, 4, 30, 6)
+    body, grown = _square(0, 0, 10), MultiPolygon([shapely.box(0, 0, 10, 10).union(limb)])
+    assert outline_motion(body, grown) == pytest.approx(np.hypot(20, 0))
+    assert outline_motion(grown, body) == outline_motion(body, grown)
+
+
+def test_outline_motion_counts_holes() -> None:
+    whole = shapely.box(0, 0, 20, 20)
+    pierced = MultiPolygon([whole.difference(shapely.box(9, 9, 11, 11))])
+    # the middle of a hole's side is 9 from the square's own outline
+    assert outline_motion(MultiPolygon([whole]), pierced) == pytest.approx(9.0)
+
+
+def test_outline_motion_of_circles() -> None:
+    large, small = (MultiPolygon([shapely.Point(0, 0).buffer(r, 256)]) for r in (10, 7))
+    assert outline_motion(large, small) == pytest.approx(3.0, abs=1e-3)
+    assert outline_motion(large, large) == 0.0
+
+
+def test_measure_holds_and_refuses() -> None:
+    old = np.zeros((4, 3))
+    new = old.copy()
+    new[2] = (3.0, 0.0, 4.0)
+    assert measure(old, new, 3.5, 1.5).held
+    found = measure(old, new, 3.4, 1.5)
+    assert not found.held
+    assert (found.largest_mm, found.limit_mm, found.mean_mm) == (5.0, 4.9, 1.25)
+
+
+def test_anchor_is_silent_within_its_bound() -> None:
+    anchor = Anchor(np.zeros((5, 3)), 2.0)
+    near = torch.full((5, 3), 1.0, dtype=torch.float64, requires_grad=True)
+    loss = anchor.term(near, 1.5)
+    (slope,) = torch.autograd.grad(loss, near)
+    assert loss.item() == 0.0
+    assert not slope.any()
+    assert anchor.beyond(np.full((5, 3), 1.0)) == pytest.approx(np.sqrt(3) - 2)
+
+
+def test_anchor_pulls_back_with_its_true_slope() -> None:
+    rng = np.random.default_rng(3)
+    anchor = Anchor(rng.normal(size=(6, 3)), 0.7)
+    at = torch.tensor(rng.normal(size=(6, 3)) * 2, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x: anchor.term(x, 1.3), (at,))
+    at_rest = torch.tensor(anchor.points, requires_grad=True)
+    (slope,) = torch.autograd.grad(anchor.term(at_rest, 1.3), at_rest)
+    assert torch.isfinite(slope).all()

@@ -1,0 +1,71 @@
+"""The zoetrope: one body, its frames at even angles, as large as the printer holds."""
+
+import numpy as np
+import pytest
+
+from knotfab.knots import Knot, Knots
+from knotfab.sequence.zoetrope import footholds, zoetrope
+from knotfab.sweep.tube import mesh_volume
+
+ROOM = (2000.0, 2000.0, 1000.0)
+
+
+def _frame(lift: float = 0.0, radius: float = 2.0) -> Knots:
+    t = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    points = np.stack([40 * np.cos(t), 30 * np.sin(t) + lift, 6 * np.sin(2 * t)], axis=1)
+    return Knots((Knot(points),), radius)
+
+
+def _halves(vertices: np.ndarray) -> np.ndarray:
+    """How many vertices above the ring lie in each of the quarters."""
+    middle = 0.5 * (vertices[:, :2].min(0) + vertices[:, :2].max(0))
+    x, y = (vertices[vertices[:, 2] > 5.0, :2] - middle).T
+    return np.bincount(((np.arctan2(y, x) / (np.pi / 2) + 0.5) % 4).astype(int), minlength=4)
+
+
+def test_four_frames_stand_in_four_quarters() -> None:
+    spun = zoetrope([_frame()] * 4, ROOM)
+    vertices, faces = spun.mesh
+    assert spun.scale == 1.0
+    assert vertices.min() >= -1e-6
+    assert mesh_volume(vertices, faces) > 4 * np.pi * 4 * 200
+    counts = _halves(vertices)
+    assert counts.min() > 0.95 * counts.max()
+
+
+def test_a_frame_that_leaps_still_stands_on_the_ring() -> None:
+    spun = zoetrope([_frame(), _frame(lift=25.0), _frame()], ROOM)
+    assert min(spun.posts) >= 1
+    assert spun.height_mm > 30 + 30 + 25
+
+
+def test_it_is_scaled_to_the_printer() -> None:
+    room = (120.0, 100.0, 200.0)
+    spun = zoetrope([_frame()] * 6, room)
+    size = np.ptp(spun.mesh[0], axis=0)
+    assert spun.scale < 1
+    assert (size <= np.array(room) + 1e-3).all()
+    assert size[:2].max() > 0.99 * 100.0
+    assert spun.tube_radius_mm == pytest.approx(2.0 * spun.scale)
+    low = zoetrope([_frame()] * 6, (2000.0, 2000.0, 20.0))
+    assert low.height_mm <= 20.0 + 1e-6
+
+
+def test_neighbouring_frames_do_not_touch() -> None:
+    from manifold3d import Manifold, Mesh64
+
+    spun = zoetrope([_frame()] * 12, ROOM)
+    solid = Manifold(Mesh64(spun.mesh[0].copy(), spun.mesh[1].astype(np.uint64)))
+    # without the ring and the posts' feet the frames are bodies of their own
+    above = solid.trim_by_plane((0.0, 0.0, 1.0), 2.4 / spun.scale + 1.0)
+    assert len(above.decompose()) == 12
+
+
+def test_footholds_are_the_lowest_dips_and_apart() -> None:
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    points = np.stack([50 * np.cos(t), 20 * np.sin(t) - 3 * np.cos(8 * t), 0 * t], axis=1)
+    chosen = footholds(points, 100.0, 40.0)
+    assert chosen[0] == int(points[:, 1].argmin())
+    assert 1 < len(chosen) <= 4
+    gaps = np.linalg.norm(points[chosen][:, None] - points[chosen][None], axis=2)
+    assert gaps[~np.eye(len(chosen), dtype=bool)].min() >= 0.2 * 100.0
