@@ -110,14 +110,15 @@ def designs(names: list[str]) -> None:
         ended = time.process_time()
         n = free.numbers
         still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
-        told = "" if not free.standing.violations else "  " + "; ".join(free.standing.violations)
+        result = free.result
+        told = "".join(f"  {line}" for line in result.standing.violations)
         print(
-            f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {free.iou_estimate:.4f} "
+            f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
             f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "
             f"{angle_deg(n, still):>6.1f}  {middle - begun:>6.1f} {ended - middle:>5.1f}{told}",
             flush=True,
         )
-        gains.append(free.iou_estimate - fixed.iou_estimate)
+        gains.append(result.iou_estimate - fixed.iou_estimate)
     print(f"mean gain {np.mean(gains):+.4f}, least {min(gains):+.4f}")
 
 

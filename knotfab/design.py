@@ -17,6 +17,7 @@ from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
+from knotfab.search.free_start import free_start, freed
 from knotfab.search.radius import RadiusChoice, choose_radius
 from knotfab.search.search import Infeasible, Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
@@ -256,8 +257,10 @@ def design(
     begun = time.perf_counter()
     scene = resolve(scene, [(target.width, target.height)])
     view = resolve_view(scene.views[0], target)
-    scene = scene.model_copy(update={"views": (view,)})
     settings = search_settings(scene.accuracy.name, scene.search)
+    if settings.free_view:
+        scene, view, settings = free_start(scene, view, settings, device, budget_s)
+    scene = scene.model_copy(update={"views": (view,)})
     problem = problem_of(scene, target)
     count = None if scene.piece.knots == "auto" else int(scene.piece.knots)
     progress = progress or Progress("quiet")
@@ -302,7 +305,14 @@ def design(
             )
     with progress.stage("search"):
         try:
-            result = search(problem, template, radius, settings, device, progress.update)
+            if settings.free_view:
+                found, settings = freed(scene, problem, template, radius, settings, progress.update)
+                result, view, radius = found.result, found.view, found.knots.radius_mm
+                problem = replace(problem, view=view, polygon=silhouette_polygon(view, target))
+                fine = _fine_enough(settings, radius, bend, view, depth or 0.0, outline)
+                settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
+            else:
+                result = search(problem, template, radius, settings, device, progress.update)
         except Infeasible as error:
             result = error.result
     opened = opening_iou(problem.polygon, radius)
@@ -316,6 +326,7 @@ def design(
         region = region.model_copy(update={"file": REGION_FILE})
     resolved = scene.model_copy(
         update={
+            "views": (view,),
             "piece": scene.piece.model_copy(
                 update={
                     "tube_radius_mm": radius,

@@ -69,6 +69,12 @@ def require_several(scene: Scene, printing: bool) -> None:
         raise InputError(
             "scene key [search] method", "several views take the flow alone", 'Use "flow"'
         )
+    if scene.search.get("free_view", False):
+        raise InputError(
+            "a free view (--free view)",
+            "it is for one picture, and this piece has several views",
+            "Leave it out",
+        )
     if scene.region.kind == "mesh":
         raise InputError(
             "scene key region.kind",

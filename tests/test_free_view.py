@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.design import problem_of, resolve_view
+from knotfab.design import design, problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
 from knotfab.errors import InputError
@@ -13,7 +13,7 @@ from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free,
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import Piece, Scene, View
 from knotfab.search.free_search import SETTLE, FreeObjective, free_search
 from knotfab.search.free_view import ALL, Bounds, Unknowns, ViewNumbers, fit_view
 from knotfab.search.neighbours import find_neighbours
@@ -238,9 +238,9 @@ def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None
     template = fill(problem.polygon, 4.0)
     fixed = search(problem, template, 4.0, QUICK)
     found = free_search(problem, template, 4.0, QUICK, Bounds())
-    assert found.standing.violations == []
-    assert found.least_margin_mm > 0
-    assert found.iou_estimate > fixed.iou_estimate - 0.002
+    assert found.result.standing.violations == []
+    assert found.result.account.least_margin_mm > 0
+    assert found.result.iou_estimate > fixed.iou_estimate - 0.002
     # the numbers are a scene's: no turn is left in the view, and the knots look right in it
     assert found.view.azimuth_deg == 0
     assert found.knots.radius_mm != 4.0 and found.knots.radius_mm == round(found.knots.radius_mm, 4)
@@ -249,4 +249,44 @@ def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None
     seen = render_tiled(p, p.roll(-1, 0), frame, found.knots.radius_mm, 10.0) > 0.5
     wanted = target > 0.5
     iou = float((seen & wanted).sum() / (seen | wanted).sum())
-    assert iou == pytest.approx(found.iou_estimate, abs=0.001)
+    assert iou == pytest.approx(found.result.iou_estimate, abs=0.001)
+
+
+TINY = {
+    **QUICK.model_dump(),
+    "coarse_iterations": 8,
+    "fine_iterations": 6,
+    "settle_iterations": 20,
+    "radius_candidates": 2,
+    "free_view": True,
+}
+
+
+def test_a_build_with_a_free_view_writes_a_scene_that_gives_the_same_knots() -> None:
+    target = read_target("text:\u2665")
+    first = design(Scene(search=TINY), target)
+    view, found = first.scene.views[0], first.scene.search
+    assert (found["free_light_mm"], found["free_wall_mm"]) == (500.0, 100.0)
+    assert view.light_distance_mm != 500.0 and view.wall_distance_mm != 100.0
+    assert first.scene.piece.tube_radius_mm == first.knots.radius_mm != found["free_radius_mm"]
+    again = design(first.scene, target)
+    np.testing.assert_array_equal(first.knots.points, again.knots.points)
+    assert again.scene == first.scene
+
+
+def test_a_radius_that_is_given_stays_given() -> None:
+    piece = Piece(tube_radius_mm=4.0)
+    made = design(Scene(piece=piece, search=TINY), read_target("text:\u2665"))
+    assert made.knots.radius_mm == 4.0 and made.scene.search["free_radius_mm"] == 0
+
+
+@pytest.mark.parametrize(
+    ("search", "device", "budget", "word"),
+    [({"method": "inn"}, "cpu", None, "inn"), ({}, "cuda", None, "cuda"), ({}, "cpu", 9.0, "time")],
+)
+def test_what_a_free_view_does_not_go_with(
+    search: dict[str, str], device: str, budget: float | None, word: str
+) -> None:
+    scene = Scene(search={**TINY, **search})
+    with pytest.raises(InputError, match=word):
+        design(scene, read_target("text:\u2665"), device, budget_s=budget)

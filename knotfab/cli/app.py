@@ -41,6 +41,7 @@ def build(
     knots: str | None = None,
     knot: str | None = None,
     search: Literal["flow", "inn", "inn+flow"] | None = None,
+    free: Literal["view"] | None = None,
     mount: Literal["wall", "stand", "none"] | None = None,
     printer: str | None = None,
     material: str | None = None,
@@ -80,6 +81,9 @@ def build(
     search
         flow (default: the certified flow), inn (the paper's invertible network), or inn+flow, the
         one after the other.
+    free
+        view: pose, light and wall distance and the tube's radius are found with the knots, and written
+        to scene.toml.
     mount
         What holds the piece, with --print: wall (pegs along light rays, in the tube's own shadow, on a
         plate whose face is the wall, or in drilled holes), stand (a base below the picture), none (default).
@@ -116,6 +120,7 @@ def build(
         mount=mount,
         seed=seed,
         search=search,
+        free_view=free == "view",
         invert=invert,
     )
     sources = _sources(pictures, [view.picture for view in chosen.views], scene)

@@ -89,6 +89,7 @@ def scene_of(
     mount: str | None = None,
     seed: int | None = None,
     search: str | None = None,
+    free_view: bool = False,
     invert: bool = False,
 ) -> tuple[Scene, Path | None]:
     """The scene of a file (or the default one) with the command line's shorthands over it.
@@ -133,6 +134,8 @@ def scene_of(
         update["search"] = {**update.get("search", scene.search), "seed": seed}
     if search is not None:
         update["search"] = {**update.get("search", scene.search), "method": search}
+    if free_view:
+        update["search"] = {**update.get("search", scene.search), "free_view": True}
     if invert:
         update["views"] = tuple(v.model_copy(update={"invert": True}) for v in scene.views)
     scene = scene.model_copy(update=update)

@@ -17,6 +17,7 @@ from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
 from knotfab.render.free_frame import Sheet, render_free, turn_matrix, winners_of
 from knotfab.scene.model import View
+from knotfab.search.depth import DepthChoice
 from knotfab.search.feasible import Standing, standing
 from knotfab.search.flow import FlowResult, FlowSettings, flow
 from knotfab.search.free_view import Bounds, Unknowns, ViewNumbers, projected_radius
@@ -25,7 +26,7 @@ from knotfab.search.objective import Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.resample import resample, subdivide
-from knotfab.search.search import Problem, Report, search
+from knotfab.search.search import Account, Problem, Report, SearchResult, search
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template
@@ -50,11 +51,7 @@ class FreeSearch:
     knots: Knots
     view: View
     numbers: ViewNumbers
-    standing: Standing
-    iou_estimate: float
-    accepted: int  # certified steps
-    refused: int
-    least_margin_mm: float
+    result: SearchResult  # of a search at that view and radius
 
 
 @dataclass
@@ -152,18 +149,17 @@ class _Walker:
     effects: dict[str, Decision]
     points: Array
     rings: Rings
-    types: tuple[str, ...]  # of the knots
-    accepted: int = 0
-    refused: int = 0
-    least_margin_mm: float = float("inf")
+    account: Account
 
     def even(self, edge_mm: float) -> None:
         """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
         fresh, rings, verdict = resample(self.points, self.rings, edge_mm)
         if verdict.valid:
-            self.least_margin_mm = min(self.least_margin_mm, verdict.margin)
+            self.account.resamplings += 1
+            self.account.least_margin_mm = min(self.account.least_margin_mm, verdict.margin)
             self.points, self.rings = fresh, rings
         else:
+            self.account.resamplings_refused += 1
             self.points, self.rings = subdivide(self.points, self.rings, edge_mm)
 
     def walk(
@@ -200,9 +196,11 @@ class _Walker:
             self.points, self.rings, objective, radius, walk, done=done, separation=separation
         )
         self.points = result.points
-        self.accepted += result.accepted
-        self.refused += result.refused
-        self.least_margin_mm = min(self.least_margin_mm, result.least_margin)
+        account = self.account
+        account.accepted += result.accepted
+        account.shortened += result.shortened
+        account.refused += result.refused
+        account.least_margin_mm = min(account.least_margin_mm, result.least_margin)
         return result
 
     def limits(self) -> Limits:
@@ -242,7 +240,7 @@ def free_search(
 
     The phases of `search`: coarse and fine with every number of `bounds.free` unknown, then one at the
     numbers found that weighs the limits most, and repairs until every limit holds. What is left of
-    a violation stands in `standing`.
+    a violation stands in `result.standing`.
     """
     none = {
         "method": "flow",
@@ -260,8 +258,7 @@ def free_search(
     effects = survey(Situation(view, limits, points, rings, pixel_mm, settings.tolerance_px))
     unknowns = Unknowns(start, bounds)
     unknowns.keep(points)
-    types = tuple(k.type for k in lifted.knots.knots)
-    walker = _Walker(problem, settings, unknowns, effects, points, rings, types)
+    walker = _Walker(problem, settings, unknowns, effects, points, rings, lifted.account)
     phases = (
         (settings.coarse_px, settings.coarse_iterations, Weights(), (1.5, 3.0), (0.15, 0.06)),
         (
@@ -294,6 +291,7 @@ def free_search(
         broken = walker.standing(walker.points).broken
         if not broken:
             break
+        walker.account.repairs += 1
         for name in broken:
             effects[name].simulated = True
         walker.even(settings.settle_edge_radii * walker.unknowns.radius_mm)
@@ -301,10 +299,10 @@ def free_search(
         walk = FlowSettings(iterations=60, rate=0.02 if image == 1.0 else 0.04, rate_end=0.005)
         walker.walk(settings.fine_px, weights, (6.0, 6.0), walk, held=True, until_feasible=True)
         image *= 0.3
-    return _found(walker)
+    return _found(walker, lifted.depth)
 
 
-def _found(walker: _Walker) -> FreeSearch:
+def _found(walker: _Walker, depth: DepthChoice | None) -> FreeSearch:
     """The end of the search as knots in the axes of its view."""
     numbers = walker.unknowns.numbers()
     sheet, target = _sheet(walker.problem, walker.settings.fine_px)
@@ -317,14 +315,8 @@ def _found(walker: _Walker) -> FreeSearch:
             "wall_distance_mm": numbers.wall_distance_mm,
         }
     )
-    parts = zip(walker.rings.split(turned), walker.types, strict=True)
-    return FreeSearch(
-        Knots(tuple(Knot(part, kind) for part, kind in parts), numbers.radius_mm),
-        view,
-        numbers,
-        walker.standing(walker.points),
-        iou,
-        walker.accepted,
-        walker.refused,
-        walker.least_margin_mm,
-    )
+    parts = zip(walker.rings.split(turned), walker.account.types, strict=True)
+    knots = Knots(tuple(Knot(part, kind) for part, kind in parts), numbers.radius_mm)
+    ended = walker.standing(walker.points)
+    result = SearchResult(knots, ended, walker.account, walker.effects, depth, iou)
+    return FreeSearch(knots, view, numbers, result)

@@ -38,6 +38,10 @@ class SearchSettings(BaseModel):
     )  # an effect below this is not simulated (fine_px pixels)
     mesh_sides: int = Field(24, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
+    free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too
+    free_light_mm: float = Field(0.0, ge=0)  # where they start; 0: as the scene's view has it
+    free_wall_mm: float = Field(0.0, ge=0)
+    free_radius_mm: float = Field(0.0, ge=0)  # 0: a radius that the scene gives stays
 
     def scaled(self, factor: float) -> SearchSettings:
         """The same point with `factor` times the iterations (a time budget's answer)."""
