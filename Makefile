@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table mount-table tied-knots paper-ablations renderer-table validator-table mutations frontier system slicer clean
+.PHONY: demo test lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -57,6 +57,10 @@ mount-table: system slicer $(DONE)
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)
 	$(BIN)/python -m examples.tied_knots
+
+# everything that compares with the paper, under paper-table/; what is done is not run again (about an hour)
+paper-table: system $(DONE)
+	$(BIN)/python -m examples.paper_table
 
 # the paper's ablations, scaled down, into tables and figures under paper-ablations/
 paper-ablations: $(DONE)

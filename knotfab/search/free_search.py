@@ -25,8 +25,9 @@ from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.problem import Account, Problem, Report, SearchResult
 from knotfab.search.resample import resample, subdivide
-from knotfab.search.search import Account, Problem, Report, SearchResult, search
+from knotfab.search.search import search
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template

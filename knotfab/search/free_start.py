@@ -6,7 +6,7 @@ from knotfab.errors import InputError
 from knotfab.scene.model import Scene, View
 from knotfab.search.free_search import FreeSearch, free_search
 from knotfab.search.free_view import ALL, Bounds
-from knotfab.search.search import Problem, Report
+from knotfab.search.problem import Problem, Report
 from knotfab.search.settings import SearchSettings
 from knotfab.template.filling import Template
 

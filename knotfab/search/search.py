@@ -2,108 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import MultiPolygon
-from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, Situation
-from knotfab.effects.region import tube_outside
 from knotfab.effects.survey import survey
-from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
-from knotfab.scene.model import Region, View
-from knotfab.search.depth import DepthChoice, choose_depth, lift
-from knotfab.search.feasible import Standing, standing
-from knotfab.search.flow import FlowSettings, flow
-from knotfab.search.inn import circles, keep_largest, warp
-from knotfab.search.legibility import stretched
-from knotfab.search.neighbours import Neighbours
+from knotfab.search.feasible import standing
+from knotfab.search.flow import FlowSettings
+from knotfab.search.inn import keep_largest, warp
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.resample import resample, subdivide
+from knotfab.search.polyline import Rings
+from knotfab.search.problem import Account, Infeasible, Problem, Report, SearchResult
 from knotfab.search.settings import SearchSettings
+from knotfab.search.start import circled, lifted
 from knotfab.search.threads import one_thread
-from knotfab.template.filling import Template, even_samples, simple_curves
-from knotfab.template.named import knot_name
-from knotfab.template.tie import Room, tie
+from knotfab.search.walking import evened, feasible, walked
+from knotfab.template.filling import Template
 
-__all__ = ["Account", "Infeasible", "Problem", "SearchResult", "search"]
+__all__ = ["Account", "Infeasible", "Problem", "Report", "SearchResult", "search"]
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Report = Callable[[float, float | None], None]  # (fraction done, IoU)
-
-_FLAT_RADII = 3.0  # depth of a flat piece: strands pass over each other, no more
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is to be drawn, and what the knots must keep to (mm)."""
-
-    view: View
-    mask: Mask
-    polygon: MultiPolygon  # the silhouette in the plane z = 0
-    clearance: float
-    bend_radius: float | None  # None: the tube radius plus half the clearance
-    length: float
-    region: Region
-    depth_mm: float | None  # extent of the centre lines along the axis; None: flat
-    knot: str = "unknot"  # tied into the longest curve
-
-    def limits(self, radius: float) -> Limits:
-        """The hard limits for a tube of this radius."""
-        bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
-        return Limits(radius, self.clearance, bend, self.length, self.region)
-
-
-@dataclass
-class Account:
-    """The certificates of a search, for its report."""
-
-    template: str = ""
-    types: tuple[str, ...] = ()  # of the knots
-    accepted: int = 0
-    shortened: int = 0
-    refused: int = 0
-    resamplings: int = 0
-    resamplings_refused: int = 0
-    least_margin_mm: float = float("inf")
-    repairs: int = 0
-
-    @property
-    def certified(self) -> bool:
-        """Whether every step from the template to the end is a proved isotopy."""
-        return bool(self.template) and self.least_margin_mm > 0
-
-
-@dataclass
-class SearchResult:
-    """Knots in scene coordinates, and how they came about."""
-
-    knots: Knots
-    standing: Standing
-    account: Account
-    effects: dict[str, Decision]
-    depth: DepthChoice | None
-    iou_estimate: float
-
-
-class Infeasible(SceneError):
-    """The search ended with a violated limit; `result` is the best it came to."""
-
-    def __init__(self, result: SearchResult) -> None:
-        self.result = result
-        super().__init__(
-            "the search",
-            "; ".join(result.standing.violations),
-            "Give the piece more room (a larger frame, a thinner tube, more depth), or loosen that limit.",
-        )
 
 
 @one_thread()
@@ -128,10 +51,10 @@ def search(
     limits = problem.limits(radius)
     account = Account()
     if settings.method != "flow" and settings.network_start == "circle":
-        points, rings = _circled(problem, template, limits, account)
+        points, rings = circled(problem, template, limits, account)
         depth = None
     else:
-        points, rings, depth = _lifted(problem, template, limits, settings, account)
+        points, rings, depth = lifted(problem, template, limits, settings, account)
     pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
     situation = Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
     effects = survey(situation)
@@ -172,13 +95,13 @@ def search(
         done = settings.network_iterations
     if settings.method == "inn":
         phases = phases[:0]
-        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
+        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
     for pixels, iterations, weights, tau, rates in phases:
         if iterations == 0:
             continue
         last = done + iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
-        points, rings = _evened(points, rings, spacing * radius, account)
+        points, rings = evened(points, rings, spacing * radius, account)
         objective = _objective(
             problem, limits, rings, effects, pixels, weights, tau, settings, device
         )
@@ -194,7 +117,7 @@ def search(
                 report((base + progress * n) / total, iou)
 
         walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        points = _walk(points, rings, objective, limits, walk, account, device, tell)
+        points = walked(points, rings, objective, limits, walk, account, device, tell)
         done += iterations
         if report is not None or done == total:
             seen = iou_of(points, rings, objective.frame, objective.target, radius)
@@ -207,13 +130,13 @@ def search(
     while state.violations and account.repairs < repairs:
         # the picture gives way: ever less weight on it, ever more on the limits
         account.repairs += 1
-        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
+        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
         weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
         objective = _objective(
             problem, limits, rings, effects, settings.fine_px, weights, (6.0, 6.0), settings, device
         )
         walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
-        points = _walk(
+        points = walked(
             points,
             rings,
             objective,
@@ -222,7 +145,7 @@ def search(
             account,
             device,
             None,
-            partial(_feasible, rings=rings, limits=limits),
+            partial(feasible, rings=rings, limits=limits),
         )
         state = standing(points, rings, limits)
         seen = iou_of(points, rings, objective.frame, objective.target, radius)
@@ -233,63 +156,6 @@ def search(
     if state.violations and repairs > 0:
         raise Infeasible(result)
     return result
-
-
-def _lifted(
-    problem: Problem, template: Template, limits: Limits, settings: SearchSettings, account: Account
-) -> tuple[Array, Rings, DepthChoice | None]:
-    """The template's curves at their depths, evenly sampled: unknots by inspection."""
-    light = problem.view.light_distance_mm
-    flat = problem.depth_mm is None
-    extent = _FLAT_RADII * limits.radius if problem.depth_mm is None else problem.depth_mm
-    depth = choose_depth(
-        template.curves,
-        limits.radius,
-        light,
-        extent,
-        stretched(problem.mask),
-        1 if flat else settings.depth_candidates,
-        settings.seed,
-    )
-    step = settings.edge_radii * limits.radius
-    parts = [
-        even_samples(lift(c, d, light), step)
-        for c, d in zip(template.curves, depth.depths, strict=True)
-    ]
-    shadows = [p[:, :2] / (1.0 - p[:, 2:] / light) for p in parts]
-    if not simple_curves(shadows):
-        # even samples cut corners; the template's own vertices are simple as they stand
-        parts = [lift(c, d, light) for c, d in zip(template.curves, depth.depths, strict=True)]
-        shadows = list(template.curves)
-    if not simple_curves(shadows):
-        raise SceneError(
-            "the filling template",
-            "its curves cross each other",
-            "This is a fault of knotfab: please report the picture",
-        )
-    account.template = (
-        "simple and disjoint seen from the light: an unlink of unknots, by inspection"
-    )
-    account.types = ("unknot",) * len(parts)
-    if problem.knot != "unknot":
-        parts = _tied(problem, parts, limits, account)
-    return np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts)), depth
-
-
-def _circled(
-    problem: Problem, template: Template, limits: Limits, account: Account
-) -> tuple[Array, Rings]:
-    """A circle for each of the template's curves: unknots that are not linked."""
-    if problem.knot != "unknot":
-        raise SceneError(
-            "scene key [search] network_start",
-            f"a circle is an unknot, and a {problem.knot} is asked for",
-            'Use network_start = "filling", which has the knot tied in',
-        )
-    parts = circles(template.curves, limits.radius, 2.0 * limits.separation)
-    account.template = "one circle a knot, in parallel planes: an unlink of unknots, by inspection"
-    account.types = ("unknot",) * len(parts)
-    return np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts))
 
 
 def _warped(
@@ -325,71 +191,6 @@ def _warped(
             "; the invertible network mapped it to where no sampling could be certified"
         )
     return found.points, found.rings, found.iou
-
-
-def _tied(problem: Problem, parts: list[Array], limits: Limits, account: Account) -> list[Array]:
-    """The curves with the knot that is asked for tied into the longest of them."""
-    wanted = knot_name(problem.knot)
-    if not wanted.factors:
-        return parts
-
-    def outside(points: Array) -> float:
-        ahead = np.roll(points, -1, axis=0)
-        return float(tube_outside(points, ahead, limits.region, limits.radius)[1].max())
-
-    room = Room(
-        problem.polygon,
-        problem.view.light_distance_mm,
-        limits.radius,
-        max(0.5 * limits.separation, limits.bend_radius),
-        outside,
-    )
-    tied = tie(tuple(parts), wanted.factors, room)
-    account.types = tuple(
-        wanted.promise if k == tied.component else "unknot" for k in range(len(parts))
-    )
-    account.template += (
-        f"; and a {wanted.promise} tied into knot {tied.component}, before or behind all strands that "
-        "it hides: their connected sum"
-    )
-    return list(tied.curves)
-
-
-def _evened(points: Array, rings: Rings, edge: float, account: Account) -> tuple[Array, Rings]:
-    """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
-    fresh, fresh_rings, verdict = resample(points, rings, edge)
-    if verdict.valid:
-        account.resamplings += 1
-        account.least_margin_mm = min(account.least_margin_mm, verdict.margin)
-        return fresh, fresh_rings
-    account.resamplings_refused += 1
-    return subdivide(points, rings, edge)
-
-
-def _feasible(points: Array, rings: Rings, limits: Limits) -> bool:
-    return not standing(points, rings, limits).violations
-
-
-def _walk(
-    points: Array,
-    rings: Rings,
-    objective: Callable[[Tensor, Neighbours, float], Tensor],
-    limits: Limits,
-    walk: FlowSettings,
-    account: Account,
-    device: str,
-    report: Callable[[float, float], None] | None,
-    done: Callable[[Array], bool] | None = None,
-) -> Array:
-    """One phase of the flow, its certificates entered into the account."""
-    result = flow(
-        points, rings, objective, limits.radius, walk, device, report, done, limits.separation
-    )
-    account.accepted += result.accepted
-    account.shortened += result.shortened
-    account.refused += result.refused
-    account.least_margin_mm = min(account.least_margin_mm, result.least_margin)
-    return result.points
 
 
 def _objective(

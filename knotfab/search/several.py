@@ -22,16 +22,9 @@ from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.search import (
-    Account,
-    Infeasible,
-    Report,
-    SearchResult,
-    _evened,
-    _feasible,
-    _walk,
-)
+from knotfab.search.problem import Account, Infeasible, Report, SearchResult
 from knotfab.search.settings import SearchSettings
+from knotfab.search.walking import evened, feasible, walked
 
 __all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
 
@@ -165,7 +158,7 @@ def _drawn_near(
     """A start that is far from the pictures, brought near by the chamfer distance, certified as ever."""
     shots = [(shot.view, shot.mask) for shot in problem.shots]
     for rate in (0.25, 0.2, 0.12):
-        points, rings = _evened(points, rings, settings.edge_radii * limits.radius, account)
+        points, rings = evened(points, rings, settings.edge_radii * limits.radius, account)
         kept = _objective(
             problem,
             limits,
@@ -181,7 +174,7 @@ def _drawn_near(
         walk = FlowSettings(
             iterations=settings.coarse_iterations, rate=rate, rate_end=0.3 * rate, smoothing=4.0
         )
-        points = _walk(points, rings, far, limits, walk, account, device, None)
+        points = walked(points, rings, far, limits, walk, account, device, None)
     return points, rings
 
 
@@ -244,7 +237,7 @@ def search_several(
             continue
         last = done + iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
-        points, rings = _evened(points, rings, spacing * radius, account)
+        points, rings = evened(points, rings, spacing * radius, account)
         objective = _objective(
             problem, limits, rings, effects, pixels, weights, tau, settings, device
         )
@@ -260,7 +253,7 @@ def search_several(
                 report((base + progress * n) / total, least)
 
         walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        points = _walk(points, rings, objective, limits, walk, account, device, tell)
+        points = walked(points, rings, objective, limits, walk, account, device, tell)
         done += iterations
         ious = objective.ious(points, rings, radius)
     state = standing(points, rings, limits)
@@ -271,14 +264,14 @@ def search_several(
     while state.violations and account.repairs < repairs:
         # the pictures give way: ever less weight on them, ever more on the limits
         account.repairs += 1
-        points, rings = _evened(points, rings, settings.settle_edge_radii * radius, account)
+        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
         weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
         objective = _objective(
             problem, limits, rings, effects, fine, weights, (6.0, 6.0), settings, device
         )
         walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
-        feasible = partial(_feasible, rings=rings, limits=limits)
-        points = _walk(points, rings, objective, limits, walk, account, device, None, feasible)
+        met = partial(feasible, rings=rings, limits=limits)
+        points = walked(points, rings, objective, limits, walk, account, device, None, met)
         state = standing(points, rings, limits)
         ious = objective.ious(points, rings, radius)
         weight *= 0.3
