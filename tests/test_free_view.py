@@ -14,10 +14,11 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Piece, Scene, View
-from knotfab.search.free_search import SETTLE, FreeObjective, free_search
+from knotfab.search.free_search import FreeObjective, free_search
 from knotfab.search.free_view import ALL, Bounds, Unknowns, ViewNumbers, fit_view
 from knotfab.search.neighbours import find_neighbours
 from knotfab.search.objective import Weights
+from knotfab.search.phases import SETTLE
 from knotfab.search.picture import picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.search import Problem, search

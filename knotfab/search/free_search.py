@@ -19,10 +19,11 @@ from knotfab.render.free_frame import Sheet, render_free, turn_matrix, winners_o
 from knotfab.scene.model import View
 from knotfab.search.depth import DepthChoice
 from knotfab.search.feasible import Standing, standing
-from knotfab.search.flow import FlowResult, FlowSettings, flow
+from knotfab.search.flow import FlowResult, flow
 from knotfab.search.free_view import Bounds, Unknowns, ViewNumbers, projected_radius
 from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Weights, iou_of
+from knotfab.search.phases import SETTLE, Phase, repair, three_phases
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.problem import Account, Problem, Report, SearchResult
@@ -32,12 +33,11 @@ from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
 from knotfab.template.filling import Template
 
-__all__ = ["SETTLE", "FreeObjective", "FreeSearch", "free_search"]
+__all__ = ["FreeObjective", "FreeSearch", "free_search"]
 
 Array = NDArray[np.float64]
 _CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
 _SHARP = 12.0  # tau times the projected radius that the view's numbers are judged by
-SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
 _CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
 
 
@@ -163,17 +163,9 @@ class _Walker:
             self.account.resamplings_refused += 1
             self.points, self.rings = subdivide(self.points, self.rings, edge_mm)
 
-    def walk(
-        self,
-        pixels: int,
-        weights: Weights,
-        tau: tuple[float, float],
-        walk: FlowSettings,
-        held: bool,
-        until_feasible: bool = False,
-    ) -> FlowResult:
+    def walk(self, phase: Phase, held: bool, until_feasible: bool = False) -> FlowResult:
         """One phase of the flow."""
-        sheet, target = _sheet(self.problem, pixels)
+        sheet, target = _sheet(self.problem, phase.pixels)
         objective = FreeObjective(
             self.problem,
             self.unknowns,
@@ -181,8 +173,8 @@ class _Walker:
             target,
             self.rings,
             self.effects,
-            weights,
-            tau,
+            phase.weights,
+            phase.tau,
             self.settings.winners_every,
             held,
         )
@@ -194,7 +186,7 @@ class _Walker:
 
         done = feasible if until_feasible else None
         result = flow(
-            self.points, self.rings, objective, radius, walk, done=done, separation=separation
+            self.points, self.rings, objective, radius, phase.walk, done=done, separation=separation
         )
         self.points = result.points
         account = self.account
@@ -260,46 +252,26 @@ def free_search(
     unknowns = Unknowns(start, bounds)
     unknowns.keep(points)
     walker = _Walker(problem, settings, unknowns, effects, points, rings, lifted.account)
-    phases = (
-        (settings.coarse_px, settings.coarse_iterations, Weights(), (1.5, 3.0), (0.15, 0.06)),
-        (
-            settings.fine_px,
-            settings.fine_iterations,
-            Weights(clearance=3.0, bend=0.5),
-            (3.0, 6.0),
-            (0.06, 0.02),
-        ),
-        (
-            settings.fine_px,
-            settings.settle_iterations,
-            SETTLE,
-            (6.0, 6.0),
-            (0.03, 0.01),
-        ),
-    )
-    for number, (pixels, iterations, weights, tau, rates) in enumerate(phases):
+    phases = three_phases(settings)
+    for number, phase in enumerate(phases):
         last = number == len(phases) - 1
         if last:
             walker.round()
         spacing = settings.settle_edge_radii if last else settings.edge_radii
         walker.even(spacing * walker.unknowns.radius_mm)
-        walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        walker.walk(pixels, weights, tau, walk, held=last)
+        walker.walk(phase, held=last)
         if report is not None:
             report((number + 1) / len(phases), None)
-    image = 1.0
-    for _ in range(repairs):
+    while walker.account.repairs < repairs:
         broken = walker.standing(walker.points).broken
         if not broken:
             break
+        phase = repair(settings, walker.account.repairs)
         walker.account.repairs += 1
         for name in broken:
             effects[name].simulated = True
         walker.even(settings.settle_edge_radii * walker.unknowns.radius_mm)
-        weights = Weights(image=image, clearance=40.0, bend=40.0, region=100.0, length=20.0)
-        walk = FlowSettings(iterations=60, rate=0.02 if image == 1.0 else 0.04, rate_end=0.005)
-        walker.walk(settings.fine_px, weights, (6.0, 6.0), walk, held=True, until_feasible=True)
-        image *= 0.3
+        walker.walk(phase, held=True, until_feasible=True)
     return _found(walker, lifted.depth)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from knotfab.effects.base import Decision, Limits
 from knotfab.search.neighbours import Neighbours, find_neighbours
 from knotfab.search.network import CouplingNetwork
-from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.objective import Objective, iou_of
+from knotfab.search.phases import Phase, three_phases
 from knotfab.search.polyline import Rings, dot, rings_of_sizes
 from knotfab.search.sampling_certificate import (
     Curves,
@@ -28,7 +29,7 @@ __all__ = ["ObjectiveAt", "Warped", "circles", "keep_largest", "warp"]
 
 Array = NDArray[np.float64]
 # (points, rings, pixels, weights, tau range) -> objective of polygons like these
-ObjectiveAt = Callable[[Array, Rings, int, Weights, tuple[float, float]], Objective]
+ObjectiveAt = Callable[[Array, Rings, Phase], Objective]
 
 _REFRESH = 40  # iterations between even samplings of the curves
 _EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
@@ -179,10 +180,7 @@ def _descend(
     edge, radius = _EDGE * limits.radius, limits.radius
     total = settings.network_iterations
     first = settings.network_rate_radii * (_FURTHER if settings.network_start == "circle" else 1.0)
-    phases = (
-        (settings.coarse_px, Weights()),
-        (settings.fine_px, Weights(clearance=3.0, bend=0.5)),
-    )
+    phases = [replace(phase, tau=_TAU) for phase in three_phases(settings)[:2]]
     where = curves.knots
     x = np.concatenate(curves.at(where))
     objective: Objective | None = None
@@ -198,7 +196,7 @@ def _descend(
             rings = rings_of_sizes(tuple(len(w) for w in where))
             even = np.concatenate(curves.at(where))
             start = torch.as_tensor(even / size, device=device)
-            objective = objective_at(path(even, 1.0), rings, *phases[phase], _TAU)
+            objective = objective_at(path(even, 1.0), rings, phases[phase])
             near = before = None
         mapped = size * network(start)
         x = mapped.detach().cpu().numpy()
@@ -219,7 +217,7 @@ def _descend(
     where = even_parameters(where, _images(path, curves, where), curves.periods, edge)
     rings = rings_of_sizes(tuple(len(w) for w in where))
     x = np.concatenate(_images(path, curves, where))
-    objective = objective_at(x, rings, *phases[1], _TAU)
+    objective = objective_at(x, rings, phases[1])
     seen = iou_of(x, rings, objective.frame, objective.target, radius)
     if report is not None:
         report(1.0, seen)

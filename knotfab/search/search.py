@@ -12,9 +12,9 @@ from knotfab.effects.base import Decision, Limits, Situation
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
 from knotfab.search.feasible import standing
-from knotfab.search.flow import FlowSettings
 from knotfab.search.inn import keep_largest, warp
-from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.objective import Objective, iou_of
+from knotfab.search.phases import Phase, repair, three_phases
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account, Infeasible, Problem, Report, SearchResult
@@ -60,23 +60,7 @@ def search(
     effects = survey(situation)
     total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
     done = 0
-    phases: tuple[tuple[int, int, Weights, tuple[float, float], tuple[float, float]], ...] = (
-        (settings.coarse_px, settings.coarse_iterations, Weights(), (1.5, 3.0), (0.15, 0.06)),
-        (
-            settings.fine_px,
-            settings.fine_iterations,
-            Weights(clearance=3.0, bend=0.5),
-            (3.0, 6.0),
-            (0.06, 0.02),
-        ),
-        (
-            settings.fine_px,
-            settings.settle_iterations,
-            Weights(clearance=20.0, bend=5.0, region=50.0),
-            (6.0, 6.0),
-            (0.03, 0.01),
-        ),
-    )
+    phases: tuple[Phase, ...] = three_phases(settings)
     seen: float | None = None
     if settings.method != "flow":
         total += settings.network_iterations
@@ -96,60 +80,42 @@ def search(
     if settings.method == "inn":
         phases = phases[:0]
         points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-    for pixels, iterations, weights, tau, rates in phases:
-        if iterations == 0:
+    for phase in phases:
+        if phase.iterations == 0:
             continue
-        last = done + iterations == total and settings.settle_iterations > 0
+        last = done + phase.iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
         points, rings = evened(points, rings, spacing * radius, account)
-        objective = _objective(
-            problem, limits, rings, effects, pixels, weights, tau, settings, device
-        )
+        objective = _objective(problem, limits, rings, effects, phase, settings, device)
 
         def tell(
             progress: float,
             _: float,
             base: int = done,
-            n: int = iterations,
+            n: int = phase.iterations,
             iou: float | None = seen,
         ) -> None:
             if report is not None:
                 report((base + progress * n) / total, iou)
 
-        walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        points = walked(points, rings, objective, limits, walk, account, device, tell)
-        done += iterations
+        points = walked(points, rings, objective, limits, phase.walk, account, device, tell)
+        done += phase.iterations
         if report is not None or done == total:
             seen = iou_of(points, rings, objective.frame, objective.target, radius)
     state = standing(points, rings, limits)
-    weight = 1.0
     if state.violations and repairs > 0:
         # a violation calls for what the bound beforehand did not
         for name in state.broken:
             effects[name].simulated = True
     while state.violations and account.repairs < repairs:
-        # the picture gives way: ever less weight on it, ever more on the limits
+        phase = repair(settings, account.repairs)
         account.repairs += 1
         points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-        weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
-        objective = _objective(
-            problem, limits, rings, effects, settings.fine_px, weights, (6.0, 6.0), settings, device
-        )
-        walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
-        points = walked(
-            points,
-            rings,
-            objective,
-            limits,
-            walk,
-            account,
-            device,
-            None,
-            partial(feasible, rings=rings, limits=limits),
-        )
+        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        met = partial(feasible, rings=rings, limits=limits)
+        points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
         state = standing(points, rings, limits)
         seen = iou_of(points, rings, objective.frame, objective.target, radius)
-        weight *= 0.3
     parts = zip(rings.split(points), account.types, strict=True)
     knots = Knots(tuple(Knot(part, kind) for part, kind in parts), radius)
     result = SearchResult(knots, state, account, effects, depth, seen or 0.0)
@@ -169,12 +135,9 @@ def _warped(
 ) -> tuple[Array, Rings, float]:
     """The network's search from the curves of `situation`: polygons, and their IoU."""
 
-    def objective_at(
-        points: Array, rings: Rings, pixels: int, weights: Weights, tau: tuple[float, float]
-    ) -> Objective:
+    def objective_at(points: Array, rings: Rings, phase: Phase) -> Objective:
         keep_largest(effects, survey(replace(situation, points=points, rings=rings)))
-        limits = situation.limits
-        return _objective(problem, limits, rings, effects, pixels, weights, tau, settings, device)
+        return _objective(problem, situation.limits, rings, effects, phase, settings, device)
 
     found = warp(
         situation.points, situation.rings, objective_at, situation.limits, settings, device, report
@@ -198,15 +161,13 @@ def _objective(
     limits: Limits,
     rings: Rings,
     effects: dict[str, Decision],
-    pixels: int,
-    weights: Weights,
-    tau: tuple[float, float],
+    phase: Phase,
     settings: SearchSettings,
     device: str,
 ) -> Objective:
-    """The objective at a picture of `pixels` on its longer side."""
+    """The objective of one phase."""
     frame, target, pixel_mm = picture_at(
-        problem.view, problem.mask, pixels, effects["perspective"].simulated, device
+        problem.view, problem.mask, phase.pixels, effects["perspective"].simulated, device
     )
     view = problem.view
     magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
@@ -216,8 +177,8 @@ def _objective(
         rings,
         limits,
         effects,
-        weights,
-        tau,
+        phase.weights,
+        phase.tau,
         limits.radius * magnified / pixel_mm,
         settings.winners_every,
     )
