@@ -230,6 +230,34 @@ def test_clear_by_exactly_the_clearance() -> None:
         assert obstacles.clear(beside, but=0)[0]
 
 
+def test_a_strand_that_runs_along_its_own_strut_is_in_the_way() -> None:
+    """By 0.2 mm of air, where 0.4 are wanted, within the joint: it once passed as a part of it."""
+
+    def arc(x: float, y: float, start: float, end: float) -> np.ndarray:
+        t = np.linspace(start, end, 20)[1:]
+        return np.column_stack([x + 2.2 * np.cos(t), y + 2.2 * np.sin(t)])
+
+    right = np.pi / 2
+    beside = np.concatenate([arc(1.0, 2.2, -right, 0.0), arc(5.4, 2.7, 2 * right, right)])
+    for way, free in ((beside, False), (np.array([[20.0, 0.0], [60.0, 0.0]]), True)):
+        corners = np.concatenate([[[-60.0, 0.0], [0.0, 0.0]], way, [[80.0, 4.9], [80.0, -60.0]]])
+        corners = np.concatenate([corners, [[-60.0, -60.0]]])
+        steps = np.linalg.norm(np.diff(corners, axis=0, append=corners[:1]), axis=1)
+        at = np.concatenate([[0.0], np.cumsum(steps)])
+        closed = np.concatenate([corners, corners[:1]])
+        even = np.arange(0.0, at[-1], 0.25)
+        line = np.column_stack([np.interp(even, at, closed[:, k]) for k in (0, 1)])
+        own = knots(np.column_stack([line, np.zeros(len(line))]), ring(8.0, 400.0))
+        sites = sites_of(own, also={0: np.array([240])})
+        joint = int(np.flatnonzero((sites.knot == 0) & (sites.vertex == 240))[0])
+        far = len(sites.knot) - 1
+        assert sites.point[joint] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+        strut = replace(
+            one([0, 0, 0], [0, 40, 0], 1.0), first=np.array([joint]), second=np.array([far])
+        )
+        assert Obstacles(own, sites, 0.4).clear(strut)[0] == free
+
+
 def test_struts_meet_their_tubes_squarely() -> None:
     own = knots(ring(50.0, wave=0.0), ring(30.0, wave=0.0))
     sites = sites_of(own)
@@ -265,6 +293,20 @@ def test_shade_measures_what_shows() -> None:
     shade = Shade(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, half)
     for x, hidden in ((-2.0 - 2 * pixel, True), (-2.0 + pixel, False)):
         assert shade.hidden(one([x, 30, 0], [x, -40, 0], 2.0))[0] == hidden
+
+
+def test_what_is_behind_the_knots_draws_nothing() -> None:
+    """A thin bar along the rays behind a strand, and moved out of its shadow into a dark picture."""
+    strand = np.column_stack([np.full(121, 10.0), np.linspace(30, -30, 121), np.zeros(121)])
+    shade = Shade(
+        knots(np.concatenate([strand, strand[::-1] + [60.0, 0.0, 0.0]])), camera(), ~EMPTY
+    )
+    seen = 520.0 / 500.0  # from z = 0 to z = -20, from the light
+    for aside, behind in ((0.0, True), (0.5, True), (1.5, False), (-1.5, False)):
+        x = (10.0 + aside) * seen
+        bar = one([x, 25 * seen, -20], [x, -25 * seen, -20], 1.0)
+        assert shade.hidden(bar)[0]
+        assert shade.behind_knots(bar)[0] == behind
 
 
 def test_members_can_be_thickened_and_joined() -> None:

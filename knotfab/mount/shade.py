@@ -20,6 +20,7 @@ SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
 HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
 LONGEST_RADII = 20.0  # of a hidden strut
+AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
 
@@ -29,8 +30,9 @@ class Shade:
     Below the frame nothing is picture and all counts as dark; beside and above it all is light.
 
     Attributes:
-        camera: of the frame's fine pixels. before: (H + 2, W + 2), dark by picture or knots, with
-            one row or column around the frame. dark: the same with the members that were added.
+        camera: of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
+            column around the frame. before: dark by picture or knots. dark: the same with the
+            members that were added.
     """
 
     def __init__(self, knots: Knots, camera: Camera, target: Mask) -> None:
@@ -43,11 +45,13 @@ class Shade:
         self.before[1:-1, 1:-1] = target[np.ix_(rows, columns)]
         self.before[-1] = True
         self.magnified = self._magnified()
+        self.own = np.zeros_like(self.before)
         for knot in knots.knots:
             closed = np.concatenate([knot.points, knot.points[:1]])
-            self.before |= self._strips(
+            self.own |= self._strips(
                 closed[:-1], closed[1:], np.full(len(knot.points), knots.radius_mm)
             )
+        self.before |= self.own
         self.dark = self.before.copy()
         self._depth = np.asarray(distance_transform_edt(self.before))
 
@@ -75,6 +79,26 @@ class Shade:
             uv, half = self._seen(start + t * (some.end[left] - start), some.radius[left])
             found[left] = self._depth[self._cell(uv)] >= half + SLACK_PX
         return found
+
+    def behind_knots(self, some: Candidates) -> Mask:
+        """(n,) whether a member's whole shadow lies in that of the knots: it draws nothing itself.
+
+        Looked at no more than a pixel apart along the member.
+        """
+        depth = np.asarray(distance_transform_edt(self.own))
+        a, half_a = self._seen(some.start, some.radius)
+        b, half_b = self._seen(some.end, some.radius)
+        steps = np.ceil(np.linalg.norm(b - a, axis=1)).astype(np.int64) + 1
+        light = np.zeros(len(some), dtype=bool)
+        for some_at_once in np.array_split(np.arange(len(some)), len(some) // AT_ONCE + 1):
+            n = np.repeat(some_at_once, steps[some_at_once])
+            ends = np.cumsum(steps[some_at_once])
+            number = np.arange(len(n)) - np.repeat(ends - steps[some_at_once], steps[some_at_once])
+            t = number / np.maximum(steps[n] - 1, 1)
+            there = a[n] + t[:, None] * (b[n] - a[n])
+            half = half_a[n] + t * (half_b[n] - half_a[n])
+            light[n[depth[self._cell(there)] < half + SLACK_PX / 2]] = True
+        return ~light
 
     def cost(
         self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS

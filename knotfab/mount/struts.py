@@ -32,6 +32,7 @@ SITE_RADII = 1.5  # between sites along a tube
 SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
 JOINT_RADII = 3.5  # of arc on each side of a member's end that belong to its joint
+LEAST_OPENING = 0.5  # of the way between a strand and its member, per mm along the strand
 SHORTEST_RADII = 2.5  # of a strut between two centre lines
 LEAN_MM = 1.0  # by which leaning roots come nearer to each other than their middles say
 ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
@@ -183,6 +184,11 @@ class Obstacles:
             owner.append(np.full(len(at), k))
             arcs.append(at)
         self.points, self.owner, self.arc = (np.concatenate(x) for x in (points, owner, arcs))
+        counts = np.array([len(a) for a in arcs])
+        first = np.repeat(np.cumsum(counts) - counts, counts)
+        place, around = np.arange(len(self.arc)) - first, np.repeat(counts, counts)
+        # the samples next along the same strand: one back, one ahead
+        self.beside = np.stack([first + (place - 1) % around, first + (place + 1) % around])
         self.tree = cKDTree(self.points)
         # between two samples a strand comes nearer by no more than this
         self.slack = step**2 / (8 * (knots.radius_mm + clearance_mm))
@@ -213,10 +219,13 @@ class Obstacles:
         touched = np.linalg.norm(to - t[:, None] * unit[i], axis=1) < gap + some.radius[i]
         for site in (some.first[i], some.second[i]):
             perimeter = self.sites.perimeter[self.owner[j]]
-            apart = np.abs(self.arc[j] - self.sites.arc[site])
+            apart = (self.arc[j] - self.sites.arc[site]) % perimeter
+            ahead = apart <= perimeter / 2
             apart = np.minimum(apart, perimeter - apart)
             own = (site != GROUND) & (self.sites.knot[site] == self.owner[j])
-            touched &= ~(own & (apart <= JOINT_RADII * self.tube))
+            joint = np.flatnonzero(own & touched & (apart <= JOINT_RADII * self.tube))
+            if len(joint):
+                touched[joint] = self._narrow(some, i[joint], j[joint], ahead[joint], unit, length)
         foot = np.linalg.norm(self.points[j] - some.end[i], axis=1)
         touched |= post[i] & (foot < gap + root[i])
         free[i[touched]] = False
@@ -235,6 +244,26 @@ class Obstacles:
             )
             free &= ok.reshape(n, m).all(axis=1)
         return free
+
+    def _narrow(
+        self, some: Candidates, i: Ints, j: Ints, ahead: Mask, unit: Array, length: Array
+    ) -> Mask:
+        """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back.
+
+        Where the two have come apart, but by less than the clearance, the way between them must
+        open along the strand: else it is a gap that the printer closes, and no crease.
+        """
+        onward = self.beside[np.where(ahead, 1, 0), j]
+
+        def distance(of: Ints) -> Array:
+            to = self.points[of] - some.start[i]
+            t = np.clip(np.einsum("ij,ij->i", to, unit[i]), 0.0, length[i])
+            return np.asarray(np.linalg.norm(to - t[:, None] * unit[i], axis=1))
+
+        here, there = distance(j), distance(onward)
+        step = np.linalg.norm(self.points[onward] - self.points[j], axis=1)
+        parted = here >= self.tube + some.radius[i]
+        return np.asarray(parted & (there - here < LEAST_OPENING * step))
 
 
 def segment_gap(a: Array, b: Array, c: Array, d: Array) -> Array:

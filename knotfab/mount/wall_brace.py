@@ -39,8 +39,8 @@ def hidden_braces(
 
     A light ray to the wall is often barred by a strand behind; a strut to that strand is not. And a
     peg along a ray only bends, where one that leans is pulled or pressed, which it resists many
-    times better. A member whose whole shadow lies in that of picture and knots shows as little as a
-    peg along a ray does.
+    times better. A member whose whole shadow lies in that of the knots shows as little as a peg along a
+    ray does, and draws nothing that the knots do not.
 
     Args:
         target: (H, W) the picture's silhouette. rays, chosen: the pegs.
@@ -70,6 +70,7 @@ def hidden_braces(
             _leaning(sites, shade, camera, knots.radius_mm),
         ]
     )
+    pool = pool.of(shade.behind_knots(pool))
     # no stiffer than the cone: what is found must hold in the finer model too
     given = pegs(np.sqrt(top * foot[chosen]))
     none = np.zeros(len(pool), dtype=bool)
