@@ -7,15 +7,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 from torch import Tensor
 
+from examples.side_view import side_view
 from knotfab.design import problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
@@ -97,7 +100,7 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
     found = []
     for points in stages:
         left = _shadow(points, rings, frame, radius, wanted)
-        right = _side(rings.split(points), radius, reach, left.height)
+        right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
         both = Image.new("RGB", (left.width + right.width, left.height), "white")
         both.paste(left, (0, 0))
         both.paste(right, (left.width, 0))
@@ -119,29 +122,6 @@ def _shadow(
     image[cast & ~wanted] = (224, 122, 62)
     image[wanted & ~cast] = (120, 170, 214)
     return Image.fromarray(image)
-
-
-def _side(parts: Sequence[Array], radius: float, reach: float, size: int) -> Image.Image:
-    """The tube from the side, painted from the back to the front, lighter the further away."""
-    large, a = 2 * size, np.deg2rad(TURN_DEG)
-    sheet = Image.new("RGB", (large, large), "white")
-    draw = ImageDraw.Draw(sheet)
-    scale = 0.5 * large / reach
-    strokes = []
-    for part in parts:
-        x, z = part[:, 0] * np.cos(a) - part[:, 2] * np.sin(a), part[:, 0] * np.sin(a)
-        z = z + part[:, 2] * np.cos(a)
-        at = np.column_stack([0.5 * large + scale * x, 0.5 * large - scale * part[:, 1]])
-        ahead = np.roll(at, -1, axis=0)
-        strokes += list(zip(z.tolist(), at.tolist(), ahead.tolist(), strict=True))
-    for z, (u, v), (s, t) in sorted(strokes):
-        near = 0.5 + 0.5 * z / reach
-        for share, wide in ((0.45, 1.0), (1.0, 0.62)):
-            ink = tuple(round(share * c + 60 * (1 - near)) for c in (196, 112, 74))
-            half = radius * scale * wide
-            draw.line([u, v, s, t], fill=ink, width=max(1, round(2 * half)))
-            draw.ellipse([s - half, t - half, s + half, t + half], fill=ink)
-    return sheet.resize((size, size), Image.Resampling.BOX)
 
 
 def main(source: str, path: Path) -> None:

@@ -1,24 +1,32 @@
-"""A walk cycle, drawn: twelve frames of a figure that walks, one arm swings, the other waves.
+"""A walk cycle, drawn and built: twelve frames of a figure that walks, one arm swings, the other waves.
 
-`python examples/walk_cycle.py FOLDER` writes them as frame-01.png, frame-02.png, ... and walk.gif.
+`python -m examples.walk_cycle --out DIR` draws the frames into DIR/frames, builds them as a sequence into
+DIR/parts, prints how the limbs swing and what each part came to, and draws DIR/walk.gif and
+DIR/zoetrope.png. `--draw` stops at the frames.
 """
 
 from __future__ import annotations
 
+import argparse
+import os
+import resource
 import sys
-from math import cos, pi, sin
+import time
+from collections.abc import Sequence
+from math import cos, dist, pi, sin
 from pathlib import Path
-
-if __package__ in (None, ""):
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from typing import Any
 
 from PIL import Image
 
 from examples.pictures import Canvas, Point
+from knotfab.scene.model import Scene
 
-__all__ = ["FRAMES", "walk_cycle"]
+__all__ = ["FRAMES", "main", "swings", "walk_cycle"]
 
 FRAMES = 12
+IOU = 0.97  # to be reached by each part
+_WIDTH, _HEIGHT = 0.86, 1.0
 _THIGH, _SHANK, _FOOT = 0.18, 0.18, 0.045
 _GROUND = 0.925
 _STRIDE = 0.56  # rad, the hip's swing to either side
@@ -26,33 +34,65 @@ _STRIDE = 0.56  # rad, the hip's swing to either side
 
 def walk_cycle(frames: int = FRAMES) -> list[Image.Image]:
     """The frames of one whole cycle (two steps): mode "L", black on white, all of one size."""
-    # the middle of each stretch: in no frame does one leg hide the other
-    return [_walker(2 * pi * (k + 0.5) / frames) for k in range(frames)]
+    return [_walker(phase) for phase in _phases(frames)]
 
 
-def _walker(phase: float) -> Image.Image:
-    """The figure at `phase` of its cycle; it walks to the right."""
-    sheet = Canvas(0.86, 1.0)
+def swings(frames: int = FRAMES) -> dict[str, float]:
+    """How far the end of each limb swings over the cycle, in parts of the frame's longer side."""
+    skeletons = [_skeleton(phase) for phase in _phases(frames)]
+    return {
+        limb: max(dist(a[limb][-1], b[limb][-1]) for a in skeletons for b in skeletons)
+        for limb in ("leg", "other leg", "arm", "other arm")
+    }
+
+
+def _phases(frames: int) -> list[float]:
+    """The middle of each stretch: in no frame does one leg hide the other."""
+    return [2 * pi * (k + 0.5) / frames for k in range(frames)]
+
+
+def _skeleton(phase: float) -> dict[str, list[Point]]:
+    """The joints of each limb, from the body outwards, and of the back, at `phase` of the cycle."""
     legs = [_leg(phase), _leg(phase + pi)]
     # the lower sole is on the ground: the hip bobs twice a cycle
     lowest = max(y for leg in legs for _, y in leg)
     hip = (0.40, _GROUND - 0.03 - lowest)
-    for leg in legs:
-        thigh, shank, foot = ([_moved(hip, p) for p in leg[k : k + 2]] for k in range(3))
-        sheet.stroke(thigh, 0.10, 0.08)
-        sheet.stroke(shank, 0.08, 0.07)
-        sheet.stroke(foot, 0.07, 0.065)
     neck = _moved(hip, (0.035, -0.28))
-    sheet.stroke([hip, _moved(hip, (0.02, -0.14)), _moved(neck, (0.0, 0.02))], 0.13, 0.15)
-    sheet.disc(*_moved(neck, (0.02, -0.125)), 0.082, 0.092)
+    found = {
+        "back": [hip, _moved(hip, (0.02, -0.14)), neck],
+        "leg": [_moved(hip, p) for p in legs[0]],
+        "other leg": [_moved(hip, p) for p in legs[1]],
+    }
     # both arms reach ahead, where they can be seen: the lower one swings, the upper one waves
-    for shoulder, raised, bend in (
-        (neck, 0.95 - 0.30 * cos(phase), 0.20),
-        (_moved(neck, (0.02, 0.0)), 1.95 + 0.15 * sin(phase), 0.35 + 0.4 * sin(phase)),
+    for limb, shoulder, raised, bend in (
+        ("arm", neck, 0.95 - 0.30 * cos(phase), 0.20),
+        (
+            "other arm",
+            _moved(neck, (0.02, 0.0)),
+            1.95 + 0.15 * sin(phase),
+            0.35 + 0.4 * sin(phase),
+        ),
     ):
         elbow = _polar_down(shoulder, 0.16, raised)
+        found[limb] = [shoulder, elbow, _polar_down(elbow, 0.135, raised + bend)]
+    return found
+
+
+def _walker(phase: float) -> Image.Image:
+    """The figure at `phase` of its cycle; it walks to the right."""
+    sheet, body = Canvas(_WIDTH, _HEIGHT), _skeleton(phase)
+    for limb in ("leg", "other leg"):
+        hip, knee, ankle, toe = body[limb]
+        sheet.stroke([hip, knee], 0.10, 0.08)
+        sheet.stroke([knee, ankle], 0.08, 0.07)
+        sheet.stroke([ankle, toe], 0.07, 0.065)
+    hip, waist, neck = body["back"]
+    sheet.stroke([hip, waist, _moved(neck, (0.0, 0.02))], 0.13, 0.15)
+    sheet.disc(*_moved(neck, (0.02, -0.125)), 0.082, 0.092)
+    for limb in ("arm", "other arm"):
+        shoulder, elbow, hand = body[limb]
         sheet.stroke([shoulder, elbow], 0.085, 0.075)
-        sheet.stroke([elbow, _polar_down(elbow, 0.135, raised + bend)], 0.075, 0.07)
+        sheet.stroke([elbow, hand], 0.075, 0.07)
     return sheet.finished()
 
 
@@ -75,14 +115,68 @@ def _moved(at: Point, by: Point) -> Point:
     return at[0] + by[0], at[1] + by[1]
 
 
+def _built(frames: Path, parts: Path) -> tuple[int, dict[str, Any]]:
+    """Build the sequence with its parts posed for printing; exit code and report."""
+    from knotfab.progress import Progress
+    from knotfab.sequence.build import SequenceRequest, build_sequence
+
+    with Progress("quiet") as progress:
+        found = build_sequence(
+            SequenceRequest(Scene(), [str(frames)], parts, printing=True), progress
+        )
+    return found.exit_code, found.report
+
+
+def _print_table(report: dict[str, Any]) -> None:
+    print("frame   IoU    vertices go   at most   began as   steps certified")
+    for view in report["views"]:
+        moved = view["motion"] or {"largest_mm": 0.0, "limit_mm": 0.0}
+        origin = "template" if view["began_as"] is None else f"frame {view['began_as']}"
+        print(
+            f"{view['frame']:5d}  {view['iou']:.4f}  {moved['largest_mm']:8.2f} mm"
+            f"{moved['limit_mm']:8.2f} mm  {origin:9s}  {view['certificate']['accepted']:6d}"
+            f"{'' if view['certificate']['certified'] else '  NOT CERTIFIED'}"
+        )
+    closing = report["settings"]["sequence"]["closing"]
+    print(f"closing        {closing['largest_mm']:8.2f} mm{closing['limit_mm']:8.2f} mm")
+    for check in report["checks"]:
+        if check["required"] and check["status"] != "pass":
+            print(f"{check['name']}: {check['status']}, {check['detail']}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw, build, print; 1 where a figure is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("walk-cycle"))
+    parser.add_argument("--draw", action="store_true")
+    given = parser.parse_args(arguments)
+    frames = given.out / "frames"
+    frames.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(walk_cycle(), start=1):
+        image.save(frames / f"frame-{number:02d}.png", optimize=True)
+    swung = swings()
+    print("swing, of the frame: " + ", ".join(f"{k} {v:.2f}" for k, v in swung.items()))
+    if given.draw:
+        return 0
+    begun, before = time.perf_counter(), os.times()
+    code, report = _built(frames, given.out / "parts")
+    seconds, after = time.perf_counter() - begun, os.times()
+    _print_table(report)
+    searched = sum(report["timings"][k] for k in ("radius", "template", "search"))
+    print(
+        f"{seconds:.0f} s in all: search {searched:.0f} s, beside it verification; CPU seconds: "
+        f"{after.user - before.user:.0f} of the search and the parts, "
+        f"{resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime:.0f} of the verification"
+    )
+    if code == 0:
+        from examples.walk_film import walk_film, zoetrope_picture
+        from knotfab.sequence.gif import write_gif
+
+        write_gif(given.out / "walk.gif", walk_film(given.out / "parts"), 100)
+        zoetrope_picture(given.out / "parts" / "zoetrope.stl", given.out / "zoetrope.png")
+    reached = min(view["iou"] for view in report["views"]) >= IOU and min(swung.values()) >= 0.1
+    return int(code != 0 or not reached)
+
+
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python examples/walk_cycle.py FOLDER")
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    drawn = walk_cycle()
-    for number, image in enumerate(drawn, start=1):
-        image.save(folder / f"frame-{number:02d}.png", optimize=True)
-    small = [image.resize((image.width // 4, image.height // 4)) for image in drawn]
-    small[0].save(folder / "walk.gif", save_all=True, append_images=small[1:], duration=90, loop=0)
-    print(folder)
+    sys.exit(main())

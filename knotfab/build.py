@@ -23,6 +23,7 @@ from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
+    add_binding,
     add_fabrication,
     check_3mf,
     check_certificate,
@@ -42,7 +43,7 @@ from knotfab.slicer.run import Slicing
 from knotfab.target.read import Target, read_target
 from knotfab.verify import Verifier
 
-__all__ = ["Outcome", "Request", "build"]
+__all__ = ["PRINTER_CHECKS", "Outcome", "Request", "build", "require_device"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -91,7 +92,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
     progress = progress or Progress("quiet")
-    _require_device(request.device)
+    require_device(request.device)
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
             targets = _targets(request)
@@ -142,6 +143,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
             add_fabrication(report, part.mounted, sliced, plan, request.printing)
             report["print"]["drawings"] = drawings
+            add_binding(report, made)
             add_bounds(report, made)
             add_posing(report, part, flattening)
             write_report_json(folder.file("report.json"), report)
@@ -261,13 +263,19 @@ def _reject_unbuilt(
         "seconds": {},
     }
     report = report_of(request, made, made.knots, [], verdict, progress)
+    add_binding(report, made)
     write_report_json(folder.file("report.json"), report)
     write_report_html(folder.file("report.html"), report, [], targets[0].name)
     folder.reject()
     return Outcome(1, report, request.out / "rejected")
 
 
-def _require_device(name: str) -> None:
+def require_device(name: str) -> None:
+    """Refuse a device that this machine has not.
+
+    Raises:
+        MachineError: torch finds none of that kind.
+    """
     if name == "cpu":
         return
     import torch

@@ -23,7 +23,8 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 # Files of an earlier build that would contradict a new one that does not write them.
 _OWN = re.compile(
-    r"part\.(stl|3mf|png)|plate-\d+\.3mf|knots\.json"
+    r"part(-\d+)?\.(stl|3mf|png)|plate-\d+\.3mf|knots(-\d+)?\.json"
+    r"|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)"
     r"|region\.stl|bends(-\d+)?\.csv|(bending-templates|drill-template)-\w+\.pdf|setup\.(pdf|svg)"
     r"|(shadow|compare)-[\w-]+\.png|picture-[\w-]+\.\w+"
 )

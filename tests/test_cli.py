@@ -220,7 +220,8 @@ def test_help_and_version() -> None:
         assert word in done.out
     done = knotfab("build", "--help")
     assert done.code == 0
-    for option in ("--print", "--tube-radius", "--depth", "--knots", "--skip", "--time-budget"):
+    options = ("--print", "--sequence", "--tube-radius", "--depth", "--knots", "--skip")
+    for option in (*options, "--time-budget"):
         assert option in done.out
     done = knotfab("--version")
     assert (done.code, done.out.strip(), done.err) == (0, package.__version__, "")

@@ -69,3 +69,26 @@ def test_footholds_are_the_lowest_dips_and_apart() -> None:
     assert 1 < len(chosen) <= 4
     gaps = np.linalg.norm(points[chosen][:, None] - points[chosen][None], axis=2)
     assert gaps[~np.eye(len(chosen), dtype=bool)].min() >= 0.2 * 100.0
+
+
+def test_the_ring_spins_on_the_spindle_of_a_record_player() -> None:
+    from manifold3d import Manifold, Mesh64
+
+    spun = zoetrope([_frame()] * 12, (210.0, 210.0, 200.0))
+    solid = Manifold(Mesh64(spun.mesh[0].copy(), spun.mesh[1].astype(np.uint64)))
+    base = solid.slice(1.2)
+    # four openings between the spokes, and the hole, of a spindle 7.2 mm thick
+    assert base.num_contour() == 1 + 4 + 1
+    middle = 0.5 * (spun.mesh[0][:, :2].min(0) + spun.mesh[0][:, :2].max(0))
+    rings = [np.array(ring) - middle for ring in base.to_polygons()]
+    hole = min(rings, key=lambda ring: float(np.ptp(ring, axis=0).max()))
+    assert np.hypot(*hole.T) == pytest.approx(3.7, abs=0.05)
+
+
+def test_a_tube_that_would_fold_with_fewer_rings_keeps_them_all() -> None:
+    """A regular polygon of 60 corners bends to 10.19 mm; of every fifth, to 9.85 mm."""
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = Knots((Knot(10.2 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)),), 9.9)
+    tight = zoetrope([circle] * 3, ROOM)
+    slim = zoetrope([Knots(circle.knots, 9.0)] * 3, ROOM)
+    assert len(slim.mesh[1]) < 0.5 * len(tight.mesh[1])

@@ -6,6 +6,7 @@ import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from knotfab.search.radius import template_iou
+from knotfab.target.silhouette import polygon_of
 from knotfab.template.filling import even_samples, fill, rings_of, simple_curves
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
@@ -66,3 +67,20 @@ def test_crossing_curves_are_told() -> None:
     assert simple_curves([square, square + 20])
     assert not simple_curves([eight])
     assert not simple_curves([square, square + 5])
+
+
+def test_strands_that_just_touch_have_the_area_they_cover() -> None:
+    """A block's insets lie exactly two radii apart: GEOS once drew them as an invalid polygon."""
+    mask = np.zeros((128, 128), dtype=np.bool_)
+    mask[40:90, 20:60] = True
+    polygon = shapely.transform(polygon_of(mask), lambda p: p * 150 / 128)
+    for radius in (1.5, 1.9472):
+        template = fill(polygon, radius)
+        low_x, low_y, high_x, high_y = polygon.buffer(2 * radius).bounds
+        step = radius / 6
+        x, y = np.meshgrid(np.arange(low_x, high_x, step), np.arange(low_y, high_y, step))
+        at = shapely.points(x.ravel(), y.ravel())
+        lines = shapely.union_all([LinearRing(c) for c in template.curves])
+        tube, inside = shapely.dwithin(lines, at, radius), shapely.contains(polygon, at)
+        counted = (tube & inside).sum() / (tube | inside).sum()
+        assert template_iou(template, polygon) == pytest.approx(counted, abs=0.01)

@@ -5,14 +5,19 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
 from knotfab.errors import InputError, KnotfabError
+
+if TYPE_CHECKING:
+    from knotfab.build import Outcome
 
 __all__ = ["app", "main"]
 
@@ -32,6 +37,7 @@ Skip = Annotated[tuple[str, ...], Parameter(negative="")]
 def build(
     *pictures: str,
     print_: Annotated[bool, Parameter(name="--print", negative="")] = False,
+    sequence: Annotated[bool, Parameter(negative="")] = False,
     out: Path = Path("knotfab-out"),
     scene: Path | None = None,
     accuracy: Literal["draft", "standard", "fine"] | None = None,
@@ -61,6 +67,9 @@ def build(
         are several views of one part, spread about the vertical axis: two at right angles, three at 60°.
     print_
         Check it against the printer too, and pose it for printing.
+    sequence
+        The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
+        the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well.
     out
         The folder to write.
     scene
@@ -124,30 +133,38 @@ def build(
         invert=invert,
     )
     sources = _sources(pictures, [view.picture for view in chosen.views], scene)
-    if len(sources) > len(chosen.views) == 1:
+    if sequence and time_budget is not None:
+        raise InputError(
+            f"--time-budget {time_budget}",
+            "it is for one picture, and a sequence has many",
+            "Leave it out, or use --accuracy draft",
+        )
+    if not sequence and len(sources) > len(chosen.views) == 1:
         from knotfab.hull.frames import spread_views
 
         chosen = spread_views(chosen, len(sources))
     budget = None if time_budget is None else seconds_of(time_budget)
     skipped = skips_of(skip)
     mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
-    from knotfab.build import Request
-    from knotfab.build import build as run
+    command = shlex.join(["knotfab", *sys.argv[1:]])
+    base = base if not pictures else None
+    run: Callable[[Progress], Outcome]
+    if sequence:
+        from knotfab.sequence.build import SequenceRequest, build_sequence
 
-    request = Request(
-        chosen,
-        sources[0],
-        out,
-        base if not pictures else None,
-        print_,
-        device,
-        skipped,
-        budget,
-        shlex.join(["knotfab", *sys.argv[1:]]),
-        sources[1:],
-    )
+        frames = SequenceRequest(chosen, sources, out, base, print_, device, skipped, command)
+        run = partial(build_sequence, frames)
+    else:
+        from knotfab.build import Request
+        from knotfab.build import build as build_one
+
+        first, *more = sources
+        request = Request(
+            chosen, first, out, base, print_, device, skipped, budget, command, tuple(more)
+        )
+        run = partial(build_one, request)
     with Progress(mode) as progress:
-        outcome = run(request, progress)
+        outcome = run(progress)
     failed = [
         c["name"] for c in outcome.report["checks"] if c["status"] == "fail" and c["required"]
     ]

@@ -168,6 +168,13 @@ def files_to_validate(
         part = folder / "part.stl"
         knots = knots or _if_there(folder / "knots.json")
         scene = scene or _if_there(folder / "scene.toml")
+        if (folder / "part-01.stl").is_file() and not part.is_file():
+            raise InputError(
+                str(folder),
+                "it holds a sequence, a part for each frame",
+                f"Name one: knotfab validate {folder / 'part-01.stl'} --knots "
+                f"{folder / 'knots-01.json'} --scene {folder / 'scene-01.toml'}",
+            )
         if not part.is_file():
             raise InputError(
                 str(folder), "it holds no part.stl", "Name a folder that a build wrote"

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from shapely import LinearRing, MultiPolygon
+from numpy.typing import NDArray
+from shapely import LinearRing, MultiPolygon, Polygon
 
 from knotfab.errors import SceneError
 from knotfab.search.search import Problem, search
@@ -25,6 +26,7 @@ _DRAWN = 0.94  # template IoU below which thinner tubes are tried as well
 _HOPELESS = 0.06  # template IoU behind the best that no search makes up for
 _NOTHING = 0.5  # IoU below which there is no picture
 _TRIALS = 5
+_HAIR = 1e-7  # of the radius
 _WORKERS = 2  # trials side by side; their outcome does not depend on it
 _SHORT = {
     "method": "flow",
@@ -59,8 +61,19 @@ class RadiusChoice:
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
     """IoU of the planar tube with the silhouette, exact on polygons."""
-    tube = shapely.union_all([LinearRing(c).buffer(template.radius) for c in template.curves])
+    tube = shapely.union_all([_band(c, template.radius) for c in template.curves])
     return float(tube.intersection(polygon).area / tube.union(polygon).area)
+
+
+def _band(curve: NDArray[np.float64], radius: float) -> Polygon | MultiPolygon:
+    """What a closed planar curve covers, drawn with a pen of this radius.
+
+    Where strands of a picture with straight sides just touch, GEOS gives an invalid polygon of a wrong
+    area, which no union takes, on a grid or off it: a pen that is a hair slimmer leaves gaps instead.
+    """
+    line = LinearRing(curve)
+    band = line.buffer(radius)
+    return band if band.is_valid else line.buffer(radius * (1 - _HAIR)).buffer(0)
 
 
 def choose_radius(

@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from knotfab.design import Design, design, opening_iou, problem_of, resolve_view
-from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
 from knotfab.progress import Progress
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.polyline import rings_of_sizes
+from knotfab.search.problem import Problem, SearchResult
 from knotfab.search.radius import RadiusChoice, choose_radius
-from knotfab.search.search import Problem, SearchResult
-from knotfab.search.settings import SearchSettings, search_settings
+from knotfab.search.settings import search_settings
 from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
-from knotfab.sequence.search import FrameResult, finish, follow
+from knotfab.sequence.require import require_sequence
+from knotfab.sequence.search import FrameResult, finish
+from knotfab.sequence.starts import Following, Likeness
 from knotfab.target.read import Target
 
 __all__ = ["Frame", "chain", "radius_for_all"]
-
-Array = NDArray[np.float64]
 
 _SLACK = 1.1  # length of a frame's knot over the first one's, for a picture of the same area
 _GIVE = (
     0.01  # IoU that a frame's opening may lose against the first one's before the tube is thinner
 )
 _THINNER = 0.93
-_MORE = 2.0  # times the iterations, where a frame did not come out
 
 
 @dataclass(frozen=True)
@@ -39,12 +34,13 @@ class Frame:
     """One frame: its design in scene coordinates, and how it moved there from the frame before.
 
     `motion` is None for the first. `transported`: share of the displacement between the pictures that
-    could be certified; the flow did the rest.
+    could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it began as.
     """
 
     made: Design
     motion: Motion | None
     transported: float
+    origin: int = 0
 
 
 def radius_for_all(scene: Scene, targets: Sequence[Target]) -> tuple[float, RadiusChoice | None]:
@@ -83,17 +79,12 @@ def chain(
     may close, within what the outlines' motion back to the first frame allows.
 
     Args:
-        scene: of one view, as for `design`; `knots` is taken as 1.
+        scene: of one view, as for `design`.
 
     Raises:
         SceneError, InputError: as `design`.
     """
-    if scene.piece.knots not in ("auto", 1):
-        raise InputError(
-            "scene key piece.knots",
-            f"a sequence is of one knot, and {scene.piece.knots} are asked for",
-            "Leave it out, or use 1",
-        )
+    require_sequence(scene)
     progress = progress or Progress("quiet")
     resolved = resolve(scene, [(targets[0].width, targets[0].height)])
     resolved = resolved.model_copy(update={"views": (resolve_view(resolved.views[0], targets[0]),)})
@@ -115,25 +106,29 @@ def chain(
     made = _design_of(first, ended, problems[0], targets[0], False)
     yield Frame(replace(made, radius=choice), None, 1.0)
     length, area = first.knots.knots[0].length_mm, problems[0].polygon.area
-    before, fine, fine_start = start, ended.points, ended.points
+    known, fine, fine_start = [start], ended.points, ended.points
+    alike, closing = Likeness([p.mask for p in problems]), True
     for k in range(1, len(targets)):
-        taut = _SLACK * length * max(1.0, problems[k].polygon.area / area)
-        back = Anchor(start, sum(outlines[k:]) + radius)
+        following = Following(
+            tuple(known),
+            tuple(problems[: k + 1]),
+            rings,
+            radius,
+            first.settings,
+            _SLACK * length * max(1.0, problems[k].polygon.area / area),
+            Anchor(start, sum(outlines[k:]) + radius) if closing else None,
+            outlines[k - 1],
+            device,
+        )
         with progress.stage("search"):
-            found = _followed(
-                before,
-                rings,
-                (problems[k - 1], problems[k]),
-                radius,
-                first.settings,
-                taut,
-                back,
-                device,
+            trial = following.search(
+                alike.before(k),
                 lambda part, _, base=k: progress.update((base + part) / len(targets)),  # type: ignore[misc]
             )
+            found, closing = trial.found, trial.back is not None
             held = [Anchor(fine, outlines[k - 1] + radius)]
-            if back.beyond(found.points) <= 0:
-                held.append(Anchor(fine_start, back.limit_mm))
+            if trial.back is not None:
+                held.append(Anchor(fine_start, trial.back.limit_mm))
             ended = finish(
                 found.points,
                 rings,
@@ -146,28 +141,9 @@ def chain(
             )
         motion = measure(fine, ended.points, outlines[k - 1], radius)
         made = _design_of(first, ended, problems[k], targets[k], scene.accuracy.iou_floor == "auto")
-        yield Frame(made, motion, found.transported)
-        before, fine = found.points, ended.points
-
-
-def _followed(
-    before: Array,
-    rings: Rings,
-    problems: tuple[Problem, Problem],
-    radius: float,
-    settings: SearchSettings,
-    taut: float,
-    back: Anchor,
-    device: str,
-    report: Callable[[float, float], None],
-) -> FrameResult:
-    """The next frame; where it breaks a limit, again with more iterations, and not bound to close."""
-    found = follow(before, rings, problems, radius, settings, taut, [back], device, report)
-    if found.sound:
-        return found
-    more = settings.scaled(_MORE)
-    again = follow(before, rings, problems, radius, more, taut, [], device, report)
-    return again if again.sound else found
+        yield Frame(made, motion, found.transported, trial.origin)
+        known.append(found.points)
+        fine = ended.points
 
 
 def _named(scene: Scene, piece: object, target: Target) -> Scene:

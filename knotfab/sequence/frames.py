@@ -32,8 +32,9 @@ def read_frames(
     """The frames of a sequence, in order, named frame-01, frame-02, …
 
     Args:
-        sources: a folder (its pictures in the order of the numbers in their names), an animation
-            (GIF, PNG or WebP), or several pictures in the order given.
+        sources: a folder (its pictures in the order of the numbers in their names), a pattern such
+            as "walk/frame-*.png" (the same), an animation (GIF, PNG or WebP), or several pictures in
+            the order given.
         invert: swap shape and background in all of them.
         base: folder that relative paths start from.
 
@@ -46,12 +47,10 @@ def read_frames(
     if len(sources) == 1:
         path = Path(sources[0]).expanduser()
         path = path if base is None else base / path
-        if path.is_dir():
-            files = sorted(
-                (p for p in path.iterdir() if p.suffix.lower() in _PICTURES), key=_by_number
-            )
+        if path.is_dir() or "*" in path.name:
+            files = sorted(_files(path, what), key=_by_number)
             _count(what, len(files))
-            found = [read_target(p.absolute(), invert=invert) for p in files]
+            found = [read_target(p, invert=invert) for p in files]
         else:
             found = _of_animation(path, what, invert)
     else:
@@ -67,6 +66,18 @@ def read_frames(
                 "Give all frames one size",
             )
     return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
+
+
+def _files(path: Path, what: str) -> list[Path]:
+    """The pictures of a folder, or the files that a pattern stands for."""
+    try:
+        if path.is_dir():
+            return [p for p in path.iterdir() if p.suffix.lower() in _PICTURES]
+        return [p for p in path.parent.glob(path.name) if p.is_file()]
+    except OSError as error:
+        raise InputError(
+            what, f"it cannot be read ({error.strerror or error})", "Change its permissions."
+        ) from error
 
 
 def _by_number(path: Path) -> tuple[list[int], str]:
@@ -90,6 +101,7 @@ def _count(what: str, count: int) -> None:
 def _of_animation(path: Path, what: str, invert: bool) -> list[Target]:
     """The frames of an animated picture, each as a PNG of its own."""
     read_target(path, invert=invert)  # says what is wrong with a file that is no picture
+    found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd metadata
         try:
@@ -105,4 +117,9 @@ def _of_animation(path: Path, what: str, invert: bool) -> list[Target]:
                 "its frames cannot be read (damaged, or no picture that moves)",
                 "Export the animation again, as GIF or as numbered PNG files.",
             ) from error
-        return [read_target(file, invert=invert) for file in files]
+        for number, file in enumerate(files, start=1):
+            try:
+                found.append(read_target(file, invert=invert))
+            except InputError as error:
+                raise InputError(f"{what}, frame {number}", error.why, error.remedy) from error
+    return found

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Any
 
 from knotfab.progress import Progress
@@ -12,7 +14,14 @@ from knotfab.sequence.chain import Frame
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
 
-__all__ = ["check_closing", "check_motion", "check_zoetrope", "sequence_report"]
+__all__ = [
+    "Ring",
+    "check_closing",
+    "check_motion",
+    "check_ring",
+    "check_slicing",
+    "sequence_report",
+]
 
 Record = dict[str, Any]
 _ORDER = ("fail", "skipped", "pass")
@@ -51,18 +60,71 @@ def check_closing(motion: Motion) -> Record:
     }
 
 
-def check_zoetrope(spun: Zoetrope, printer: Printer) -> Record:
-    """`zoetrope`: whether the ring, as large as the bed holds, has tubes that can be printed."""
+@dataclass(frozen=True)
+class Ring:
+    """The zoetrope as written, or `why` there is none; and the validators' verdict on its file to come."""
+
+    spun: Zoetrope | None
+    why: str
+    answer: Future[Record] | None
+
+
+def check_ring(ring: Ring, printer: Printer) -> list[Record]:
+    """`zoetrope_mesh`: zoetrope.stl is a sound mesh; `zoetrope`: whether the printer can print its tubes.
+
+    The second is not required: the frames are as small as the bed asks, and the parts are there as well.
+    """
+    check: Record = {"name": "zoetrope", "required": False, "unit": "mm"}
+    if ring.spun is None or ring.answer is None:
+        return [{**check, "status": "fail", "measured": None, "limit": None, "detail": ring.why}]
+    spun, least = ring.spun, printer.min_tube_radius_mm
+    found = ring.answer.result()["checks"]
+    wrong = [c for c in found if c["required"] and c["status"] != "pass"]
+    handles = next((c["measured"] for c in found if c["name"] == "mesh_genus"), None)
+    mesh = {
+        "name": "zoetrope_mesh",
+        "status": "fail" if wrong else "pass",
+        "required": True,
+        "measured": len(wrong),
+        "limit": 0,
+        "unit": "checks",
+        "detail": "; ".join(f"{c['name']}: {c['detail']}" for c in wrong)
+        or f"zoetrope.stl is one closed surface that does not cross itself, with {handles} handles",
+    }
+    detail = (
+        f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of {spun.diameter_mm:.1f} mm "
+        f"across, {spun.height_mm:.1f} mm high"
+    )
+    if spun.tube_radius_mm < least:
+        detail += "; thicker with fewer frames, less depth, a larger printer, or resin"
+    if spun.gap_mm < printer.nozzle_mm:
+        detail += (
+            f"; gaps between strands may be as small as {spun.gap_mm:.2f} mm and close in the print: the "
+            "knots are true in the single parts"
+        )
+    status = "pass" if spun.tube_radius_mm >= least else "fail"
+    return [
+        mesh,
+        {
+            **check,
+            "status": status,
+            "measured": spun.tube_radius_mm,
+            "limit": least,
+            "detail": detail,
+        },
+    ]
+
+
+def check_slicing() -> Record:
+    """`slicer`: left to the person who prints: many parts would take it longer than the search."""
     return {
-        "name": "zoetrope",
-        "status": "pass" if spun.tube_radius_mm >= printer.min_tube_radius_mm else "fail",
+        "name": "slicer",
+        "status": "skipped",
         "required": False,
-        "measured": spun.tube_radius_mm,
-        "limit": printer.min_tube_radius_mm,
-        "unit": "mm",
-        "detail": f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of "
-        f"{spun.diameter_mm:.1f} mm across, {spun.height_mm:.1f} mm high; thicker with less depth, a "
-        "larger printer, or resin",
+        "measured": None,
+        "limit": None,
+        "unit": "problems",
+        "detail": "the parts of a sequence are not sliced here: load part-NN.3mf or zoetrope.3mf",
     }
 
 
@@ -94,6 +156,7 @@ def sequence_report(
                     "part": f"part-{number:02d}.stl",
                     "status": report["status"],
                     "motion": None if number == 1 else _motion(motions[number - 2]),
+                    "began_as": None if number == 1 else frame.origin + 1,
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "failed": [
@@ -113,6 +176,7 @@ def sequence_report(
             "tube_radius_mm": spun.tube_radius_mm,
             "diameter_mm": spun.diameter_mm,
             "height_mm": spun.height_mm,
+            "gap_mm": spun.gap_mm,
             "posts": list(spun.posts),
         }
     settings = {

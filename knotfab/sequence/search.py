@@ -17,7 +17,7 @@ from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings
-from knotfab.search.search import Account, Problem
+from knotfab.search.problem import Account, Problem
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
 from knotfab.sequence.doubling import doubled
@@ -93,26 +93,25 @@ def follow(
     radius: float,
     settings: SearchSettings,
     taut_mm: float,
-    anchors: Sequence[Anchor] = (),
+    anchors: Sequence[Anchor],
     device: str = "cpu",
     report: Callable[[float, float], None] | None = None,
 ) -> FrameResult:
-    """The next frame's knot from the one before, `before` (N, 3).
+    """A frame's knot from that of an earlier one, `before` (N, 3).
 
     Transport along the displacement between the two silhouettes, then the flow on the new picture with
     the motion bound in its objective; vertices keep their number and order.
 
     Args:
-        problems: of the frame before and of the next.
+        problems: of the earlier frame and of this one.
         taut_mm: a longer knot is drawn taut: no vertices can be added, and long edges show.
-        anchors: further frames that this one must stay near.
+        anchors: frames that this one must stay near.
     """
     old, new = problems
     # room for the vertices that `finish` adds: the spline bends more than the polygon in places
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
-    account = Account(template="the knot of the frame before")
+    account = Account(template="the knot of an earlier frame")
     outline = outline_motion(old.polygon, new.polygon)
-    held = [Anchor(before, outline + radius), *anchors]
     moved = transport(
         before,
         rings,
@@ -131,7 +130,7 @@ def follow(
         radius,
         settings,
         taut_mm,
-        held,
+        anchors,
         _phases(settings),
         account,
         device,

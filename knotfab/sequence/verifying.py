@@ -27,12 +27,12 @@ _WORKERS = 2
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The written files of one frame, and the folder for its pictures."""
+    """The written files of one frame, and the folder for its pictures; a part may be alone."""
 
     part: Path
-    knots: Path
-    scene: Path
-    pictures: Path
+    knots: Path | None = None
+    scene: Path | None = None
+    pictures: Path | None = None
 
 
 class FrameVerifier:
@@ -50,7 +50,7 @@ class FrameVerifier:
     """
 
     def __init__(self, skip: Collection[str] = (), workers: int = _WORKERS) -> None:
-        self._skip = sorted(skip)
+        self._skip = frozenset(skip)
         self._count = workers
         self._idle: queue.SimpleQueue[subprocess.Popen[str]] = queue.SimpleQueue()
         self._children: list[subprocess.Popen[str]] = []
@@ -86,18 +86,19 @@ class FrameVerifier:
             child.communicate()
         self._children = []
 
-    def submit(self, files: FrameFiles) -> Future[dict[str, Any]]:
+    def submit(self, files: FrameFiles, skip: Collection[str] = ()) -> Future[dict[str, Any]]:
         """Hand over one frame's written files; the answer comes when a child is free."""
-        return self._threads.submit(self._ask, files)
+        return self._threads.submit(self._ask, files, self._skip.union(skip))
 
-    def _ask(self, files: FrameFiles) -> dict[str, Any]:
-        request = {
-            "part": str(files.part),
-            "knots": str(files.knots),
-            "scene": str(files.scene),
-            "pictures_dir": str(files.pictures),
-            "skip": self._skip,
+    def _ask(self, files: FrameFiles, skip: frozenset[str]) -> dict[str, Any]:
+        paths = {
+            "part": files.part,
+            "knots": files.knots,
+            "scene": files.scene,
+            "pictures_dir": files.pictures,
         }
+        request: dict[str, Any] = {k: None if p is None else str(p) for k, p in paths.items()}
+        request["skip"] = sorted(skip)
         child = self._idle.get()
         try:
             line = ""

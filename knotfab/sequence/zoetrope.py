@@ -1,7 +1,8 @@
 """A zoetrope: all frames of a sequence on one ring, upright and facing outwards, as one solid.
 
 Seen from outside, at the scaled distance of the light, each frame shows its picture as it comes to the
-front. Every frame stands on posts below its lowest strands, so that a figure may also leap.
+front. Every frame stands on posts below its lowest strands, so that a figure may also leap. The ring has
+a hub for the spindle of a record player, to spin it under a lamp that flashes.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.knots import Knots
+from knotfab.knots import Knot, Knots
 from knotfab.sweep.tube import sweep, tube_manifold
 
 if TYPE_CHECKING:
@@ -30,6 +31,10 @@ _SIDES = 12  # of a tube, which is scaled down
 _GAP_RADII = 1.5  # tube radii between neighbouring frames
 _MARGIN_RADII = 2.0  # of the ring beyond the frames
 _THICK_MM = 2.4  # of the ring as printed
+_SPINDLE_MM = 7.4  # hole of the hub: a record player's spindle is 7.2 mm thick
+_HUB_MM = 10.0  # radius of the hub
+_SPOKES, _SPOKE_MM = 4, 10.0
+_EDGE_RADII = 0.55  # between the rings of a swept tube
 _POSTS = 4
 _APART = 0.2  # of a frame's width between posts
 _LOW = 0.35  # of its height, within which they stand
@@ -40,12 +45,14 @@ _POST = 0.9  # of the tube's radius: a post ends inside the tube
 class Zoetrope:
     """The solid in print pose (z up, on the bed's positive octant), mm, and what it came to.
 
-    `scale`: of the frames against their parts. `tube_radius_mm`: as printed.
+    `scale`: of the frames against their parts. `tube_radius_mm`: as printed, and `gap_mm`: the smallest
+    between two strands.
     """
 
     mesh: Mesh
     scale: float
     tube_radius_mm: float
+    gap_mm: float
     diameter_mm: float
     height_mm: float
     posts: tuple[int, ...]
@@ -68,17 +75,22 @@ def footholds(points: Array, width: float, height: float) -> list[int]:
     return chosen
 
 
-def zoetrope(frames: Sequence[Knots], build_volume_mm: tuple[float, float, float]) -> Zoetrope:
+def zoetrope(
+    frames: Sequence[Knots],
+    build_volume_mm: tuple[float, float, float],
+    clearance_mm: float = 0.0,
+) -> Zoetrope:
     """All frames at even angles on a ring, as large as the printer holds, at most full size.
 
     Args:
         frames: in scene coordinates, one knot each, all of one radius, in the order of the sequence;
             seen from above they follow each other counter-clockwise.
+        clearance_mm: between strands, which the frames keep.
 
     Raises:
         SceneError: the union is not one closed body.
     """
-    from manifold3d import Error, Manifold
+    from manifold3d import Error
 
     radius = frames[0].radius_mm
     every = np.concatenate([k.points for k in frames])
@@ -93,11 +105,8 @@ def zoetrope(frames: Sequence[Knots], build_volume_mm: tuple[float, float, float
         0.5 * min(build_volume_mm[:2]) / outer,
         (build_volume_mm[2] - _THICK_MM) / float(high[1] - low[1]),
     )
-    thick = _THICK_MM / scale
-    ring = Manifold.cylinder(thick, outer, outer, 256)
-    if inner > 0:
-        ring -= Manifold.cylinder(3 * thick, inner, inner, 256).translate((0.0, 0.0, -thick))
-    solids, posts = [ring.translate((0.0, 0.0, -thick))], []
+    ring = _ring(outer * scale, inner * scale).scale((1 / scale,) * 3)
+    solids, posts = [ring], []
     for number, knots in enumerate(frames):
         body, count = _standing(knots, float(low[1]))
         posts.append(count)
@@ -127,6 +136,7 @@ def zoetrope(frames: Sequence[Knots], build_volume_mm: tuple[float, float, float
         ),
         scale,
         scale * radius,
+        scale * clearance_mm,
         float(size[:2].max()),
         float(size[2]),
         tuple(posts),
@@ -141,13 +151,32 @@ def _distance(count: int, beside: float, nearest: float, radius: float) -> float
     return max(least, beside / tan(pi / count) - nearest)
 
 
+def _ring(outer: float, inner: float) -> Manifold:
+    """The ring with its hub and spokes, in mm as printed, its top at z = 0."""
+    from manifold3d import Manifold
+
+    ring = Manifold.cylinder(_THICK_MM, outer, outer, 256)
+    through = (0.0, 0.0, -_THICK_MM)
+    if inner > 1.5 * _HUB_MM:
+        ring -= Manifold.cylinder(3 * _THICK_MM, inner, inner, 256).translate(through)
+        ring += Manifold.cylinder(_THICK_MM, _HUB_MM, _HUB_MM, 96)
+        spoke = Manifold.cube((0.5 * (outer + inner), _SPOKE_MM, _THICK_MM))
+        spoke = spoke.translate((0.0, -0.5 * _SPOKE_MM, 0.0))
+        for number in range(_SPOKES):
+            ring += spoke.rotate((0.0, 0.0, 360.0 * number / _SPOKES))
+    if outer > _HUB_MM:
+        hole = Manifold.cylinder(3 * _THICK_MM, 0.5 * _SPINDLE_MM, 0.5 * _SPINDLE_MM, 96)
+        ring -= hole.translate(through)
+    return ring.translate((0.0, 0.0, -_THICK_MM))
+
+
 def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
     """A frame's tube with its posts down to the height `ground`, y up; and how many posts."""
     from manifold3d import Manifold
 
     knot, radius = knots.knots[0], knots.radius_mm
     points = knot.points - np.array([0.0, ground, 0.0])
-    body = tube_manifold(*sweep(points, radius, _SIDES), np.pi * radius**2 * knot.length_mm)
+    body = _tube(Knot(points), radius)
     extent = np.ptp(points, axis=0)
     chosen = footholds(points, float(max(extent[0], extent[2])), float(extent[1]))
     for i in chosen:
@@ -156,3 +185,17 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
         # a cylinder stands on z: up is y here
         body = body + post.rotate((-90.0, 0.0, 0.0)).translate((x, -radius, z))
     return body, len(chosen)
+
+
+def _tube(knot: Knot, radius: float) -> Manifold:
+    """The tube with fewer rings where it bends little enough: scaled down, they are fine all the same."""
+    count = len(knot.points)
+    most = max(1, int(_EDGE_RADII * radius * count / knot.length_mm))
+    step = next(k for k in range(most, 0, -1) if count % k == 0)
+    few = Knot(knot.points[::step])
+    try:
+        return tube_manifold(*sweep(few.points, radius, _SIDES), np.pi * radius**2 * few.length_mm)
+    except SceneError:
+        if step == 1:
+            raise
+    return tube_manifold(*sweep(knot.points, radius, _SIDES), np.pi * radius**2 * knot.length_mm)

@@ -1,0 +1,55 @@
+"""What a sequence cannot have, said before any work is done."""
+
+from __future__ import annotations
+
+from knotfab.errors import InputError
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.search.settings import search_settings
+
+__all__ = ["require_sequence"]
+
+
+def require_sequence(scene: Scene) -> None:
+    """Refuse what makes no sense for a sequence, or is not there for it.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if len(scene.views) != 1:
+        raise InputError(
+            "the scene",
+            f"it has {len(scene.views)} views, and a sequence is seen from one side",
+            "Leave one [[views]] in it, or leave out --sequence",
+        )
+    if scene.mount.kind != "none":
+        raise InputError(
+            f"a {scene.mount.kind} mount (--mount {scene.mount.kind})",
+            "the frames of a sequence have no mounts",
+            "Leave it out: the zoetrope holds them",
+        )
+    if scene.piece.knots not in ("auto", 1):
+        raise InputError(
+            f"{scene.piece.knots} knots (--knots {scene.piece.knots})",
+            "a sequence is of one knot",
+            "Leave it out, or use 1",
+        )
+    if resolve(scene).material.process == "wire":
+        raise InputError(
+            f"the material {scene.material.name}",
+            "the frames of a sequence are printed, not bent",
+            "Use a material to print with, such as --material pla",
+        )
+    settings = search_settings(scene.accuracy.name, scene.search)
+    if settings.method != "flow":
+        raise InputError(
+            f"the search {settings.method} (--search {settings.method})",
+            "each frame follows from the one before by the flow alone",
+            "Leave it out, or use --search flow",
+        )
+    if settings.free_view:
+        raise InputError(
+            "a free view (--free view)",
+            "all frames of a sequence are seen from one place",
+            "Leave it out",
+        )

@@ -1,0 +1,122 @@
+"""`knotfab build --sequence`: what it refuses, and that a new result leaves nothing of an older one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import knotfab, picture, square
+from PIL import Image
+
+from knotfab.output import OutputFolder
+
+TWO_VIEWS = "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nazimuth_deg = 90.0\n"
+
+
+def _frames(folder: Path, count: int = 2, size: int = 64) -> Path:
+    """A folder of squares, each a pixel further to the right."""
+    folder.mkdir()
+    for number in range(1, count + 1):
+        picture(folder / f"{number}.png", np.roll(square(size), number, axis=1))
+    return folder
+
+
+def _refused(code: int, *arguments: str | Path) -> str:
+    done = knotfab("build", "--sequence", *arguments)
+    assert done.code == code, done
+    assert done.out == ""
+    assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1, done.err
+    return done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--time-budget", "30"], "it is for one picture"),
+        (["--mount", "wall"], "--mount wall"),
+        (["--mount", "stand", "--print"], "--mount stand"),
+        (["--knots", "2"], "one knot"),
+        (["--search", "inn"], "--search inn"),
+        (["--search", "inn+flow"], "by the flow alone"),
+        (["--free", "view"], "--free view"),
+        (["--material", "steel-wire-2mm"], "printed, not bent"),
+        (["--depth", "9999"], "towards the light"),
+    ],
+)
+def test_what_makes_no_sense_with_a_sequence(tmp_path: Path, options: list[str], why: str) -> None:
+    frames = _frames(tmp_path / "frames")
+    assert why in _refused(2, frames, "--out", tmp_path / "out", *options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(TWO_VIEWS)
+    frames = _frames(tmp_path / "frames")
+    said = _refused(2, frames, "--scene", scene, "--out", tmp_path / "out")
+    assert "2 views" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("one", "one picture"),
+        ("sizes", "frame 3 is 80 x 80 px"),
+        ("blank", "3.png: it is all one colour"),
+        ("blank animation", "frame 2: it is all one colour"),
+        ("missing", "there is no such file"),
+        ("pattern", "no picture"),
+        ("still", "one picture"),
+    ],
+)
+def test_frames_that_are_none(tmp_path: Path, kind: str, why: str) -> None:
+    frames = _frames(tmp_path / "frames", 1 if kind == "one" else 2)
+    if kind == "sizes":
+        picture(frames / "3.png", square(80))
+    elif kind == "blank":
+        picture(frames / "3.png", np.zeros((64, 64), dtype=bool))
+    elif kind == "blank animation":
+        ink = [Image.fromarray(np.where(m, 0, 255).astype(np.uint8)) for m in (square(), square())]
+        ink[1].paste(255, (0, 0, 64, 64))
+        frames = tmp_path / "blank.gif"
+        ink[0].save(frames, save_all=True, append_images=ink[1:])
+    elif kind == "missing":
+        frames = tmp_path / "nowhere.gif"
+    elif kind == "pattern":
+        frames = frames / "step-*.png"
+    elif kind == "still":
+        frames = frames / "1.png"
+    said = _refused(2, frames, "--out", tmp_path / "out")
+    assert why in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_device_that_is_not_there(tmp_path: Path) -> None:
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a CUDA device")
+    frames = _frames(tmp_path / "frames")
+    said = _refused(3, frames, "--out", tmp_path / "out", "--device", "cuda")
+    assert "no CUDA device" in said
+
+
+def test_a_shorter_sequence_leaves_no_frames_of_the_one_before(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    old = ["part-01.stl", "part-02.3mf", "knots-02.json", "scene-02.toml", "zoetrope.stl"]
+    for name in [*old, "sequence.gif", "picture-frame-02.png", "report.json", "my-part-1.stl"]:
+        (out / name).write_text("old")
+    with OutputFolder(out) as folder:
+        folder.write("part-01.stl", "new")
+        folder.write("report.json", "new")
+        folder.commit()
+    assert {p.name for p in out.iterdir()} == {"part-01.stl", "report.json", "my-part-1.stl"}
+
+
+def test_validate_names_the_frames_of_a_sequence(tmp_path: Path) -> None:
+    (tmp_path / "part-01.stl").write_text("")
+    done = knotfab("validate", tmp_path)
+    assert done.code == 2
+    assert "it holds a sequence" in done.err and "scene-01.toml" in done.err
