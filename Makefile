@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier system slicer clean
+.PHONY: demo test lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -81,6 +81,10 @@ mutations: system $(DONE)
 # what accuracy costs in time: presets and points around them, side by side (about 8 min)
 frontier: $(DONE)
 	$(BIN)/python -m examples.frontier
+
+# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry (about 6 min)
+hard-cases: $(DONE)
+	$(BIN)/python -m examples.hard_cases
 
 clean:
 	rm -rf $(VENV) demo-out out

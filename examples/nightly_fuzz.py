@@ -103,7 +103,8 @@ def _tube(rng: np.random.Generator) -> str:
     if not np.isfinite(vertices).all():
         return "the tube is not finite"
     off = abs(mesh_volume(vertices, faces) / wanted - 1)
-    return "" if off < 1e-3 else f"the volume is off by {off:.2g}"
+    # a triangle that turns between two rings loses some of its prism
+    return "" if off < (5e-3 if sides == 3 else 1e-3) else f"the volume is off by {off:.2g}"
 
 
 KINDS: dict[str, Callable[[np.random.Generator], str]] = {

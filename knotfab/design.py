@@ -17,7 +17,9 @@ from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
+from knotfab.search.feasible import Standing
 from knotfab.search.free_start import free_start, freed
+from knotfab.search.price import Price, prices, sparser
 from knotfab.search.radius import RadiusChoice, choose_radius
 from knotfab.search.search import Infeasible, Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
@@ -39,7 +41,9 @@ DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow 
 class Design:
     """A finished search: knots in scene coordinates, and the scene with every value resolved.
 
-    Where a limit could not be met, `result.standing.violations` says which and where.
+    Where the picture's own filling could not meet a limit, `unmet` says which and where, and the result is
+    the best that meets them all, or if there is none the one that broke them. `binding` says which
+    limits keep the picture from its IoU.
     """
 
     scene: Scene
@@ -49,6 +53,8 @@ class Design:
     opening_iou: float
     settings: SearchSettings
     region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
+    unmet: Standing | None = None
+    binding: tuple[Price, ...] = ()
 
 
 def resolve_view(view: View, target: Target) -> View:
@@ -303,6 +309,7 @@ def design(
                 settings,
                 device,
             )
+    unmet: SearchResult | None = None
     with progress.stage("search"):
         try:
             if settings.free_view:
@@ -314,11 +321,19 @@ def design(
             else:
                 result = search(problem, template, radius, settings, device, progress.update)
         except Infeasible as error:
-            result = error.result
+            result = unmet = error.result
+            if not settings.free_view:
+                result = sparser(problem, radius, count, settings, device) or unmet
     opened = opening_iou(problem.polygon, radius)
     floor = scene.accuracy.iou_floor
     if floor == "auto":
         floor = round(max(0.3, opened - settings.iou_slack), 4)
+    binding: tuple[Price, ...] = ()
+    if not settings.free_view and (unmet is not None or result.iou_estimate < float(floor)):
+        with progress.stage("limits"):
+            roomy, first = _region(Region(), view), unmet or result
+            iou = None if unmet is None else result.iou_estimate
+            binding = prices(problem, template, first, settings, roomy, device, iou)
     limits = problem.limits(radius)
     region, region_stl = problem.region, None
     if region.file is not None:  # the build writes it beside the scene
@@ -342,4 +357,7 @@ def design(
             "search": settings.model_dump(),
         }
     )
-    return Design(resolved, result.knots, result, choice, opened, settings, region_stl)
+    standing = None if unmet is None else unmet.standing
+    return Design(
+        resolved, result.knots, result, choice, opened, settings, region_stl, standing, binding
+    )

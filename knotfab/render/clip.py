@@ -22,18 +22,40 @@ def cut_before_light(
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
     would be hit there. What is not cut comes back to the last bit; what has no part left comes back as
-    it was. Differentiable with respect to `a` and `b`.
+    it was. Where one end is more than twice as deep, the one whose coordinates are smaller comes
+    first: places between are found from the first, and a rounding of the far one would be much.
+    Differentiable with respect to `a` and `b`.
     """
     least = max(NEAREST_RADII * radius, _LEAST_MM)
     near_a, near_b = a[:, 2] < least, b[:, 2] < least
     seen = ~(near_a & near_b)
-    if not bool((near_a | near_b).any()):
-        return a, b, seen
+    if bool((near_a | near_b).any()):
+        a, b = _cut(a, b, near_a, near_b, least)
+    one, two = a.detach(), b.detach()
+    uneven = (two[:, 2] < 0.5 * one[:, 2]) | (one[:, 2] < 0.5 * two[:, 2])
+    # across and along count alike: an end near the light may lie far to the side
+    far_first = seen & uneven & (_size(two) < _size(one))
+    if bool(far_first.any()):
+        swap = far_first[:, None]
+        a, b = torch.where(swap, b, a), torch.where(swap, a, b)
+    return a, b, seen
+
+
+def _size(p: Tensor) -> Tensor:
+    """[n] how far across times how deep."""
+    return p[:, :2].abs().amax(1) * p[:, 2]
+
+
+def _cut(
+    a: Tensor, b: Tensor, near_a: Tensor, near_b: Tensor, least: float
+) -> tuple[Tensor, Tensor]:
+    """Segments with an end at the depth `least` where they cross it."""
     change = b[:, 2] - a[:, 2]
     crossing = near_a ^ near_b
     t = (least - a[:, 2]) / torch.where(crossing, change, 1.0)
-    at = a + t[:, None] * (b - a)
-    at = torch.cat([at[:, :2], at[:, 2:].clamp_min(least)], 1)
+    at = a[:, :2] + t[:, None] * (b - a)[:, :2]
+    # its depth is known: interpolated, it would be off by a rounding of a far end's
+    at = torch.cat([at, torch.full_like(at[:, :1], least)], 1)
     a_cut = torch.where((near_a & crossing)[:, None], at, a)
     b_cut = torch.where((near_b & crossing)[:, None], at, b)
-    return a_cut, b_cut, seen
+    return a_cut, b_cut

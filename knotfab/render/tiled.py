@@ -19,6 +19,7 @@ __all__ = ["CUTOFF", "render_tiled", "winners"]
 CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is 4e-18
 _TILE = 4  # pixels; pairs are found on tiles of twice that
 _COARSE = 2 * _TILE
+_LEAST_REACH_PX = 0.1  # the squared distances of the tiles lose the last few hundredths of a pixel
 _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 
 
@@ -60,6 +61,7 @@ def winners(
 
     Not differentiable.
     """
+    reach_px = max(reach_px, _LEAST_REACH_PX)
     with torch.no_grad():
         a, b, seen = cut_before_light(a, b, radius)
         low, spans = _bounds(a, b, seen, frame, radius, reach_px)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from knotfab.wire.plan import WirePlan
 
 __all__ = [
+    "add_binding",
     "add_fabrication",
     "check_3mf",
     "check_certificate",
@@ -79,8 +80,13 @@ def check_part(why: str) -> dict[str, Any]:
 
 
 def check_limits(made: Design) -> dict[str, Any]:
-    """The search's own measure of its hard limits."""
+    """The search's own measure of its hard limits; failed too where they cost the picture its IoU."""
     broken = made.result.standing.violations
+    detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
+    floor = made.scene.accuracy.iou_floor
+    if made.unmet is not None and not broken and made.result.iou_estimate < float(floor):
+        broken = made.unmet.violations
+        detail = "; ".join(broken) + " in the piece that draws the picture. This one keeps them all"
     return {
         "name": "limits",
         "status": "fail" if broken else "pass",
@@ -88,9 +94,18 @@ def check_limits(made: Design) -> dict[str, Any]:
         "measured": len(broken),
         "limit": 0,
         "unit": "limits broken",
-        "detail": "; ".join(broken)
-        or "bend, clearance, region and length, as the search measured them",
+        "detail": detail,
     }
+
+
+def add_binding(report: dict[str, Any], made: Design) -> None:
+    """Add which limits keep the picture from its IoU, and what each costs, where any does."""
+    if made.unmet is None and not made.binding:
+        return
+    report["binding"] = [price.to_dict() for price in made.binding]
+    said = [price.sentence for price in made.binding]
+    alone = "No limit alone is to blame: without any one of them the picture is drawn no better."
+    report.setdefault("notes", []).extend(said or [alone])
 
 
 def report_of(

@@ -59,7 +59,10 @@ def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeomet
     """Where centre lines may run: the inset, with parts narrower than the tube inset by less."""
     inset = region.buffer(-radius, join_style="mitre")
     opened = inset.buffer(radius * 1.02, join_style="mitre")
-    narrow = region.difference(opened)
+    try:
+        narrow = region.difference(opened)
+    except shapely.errors.GEOSException:  # a mitred inset of fine noise may cross itself
+        narrow = shapely.make_valid(region).difference(shapely.make_valid(opened))
     kept = region.buffer(-radius * thin).intersection(narrow.buffer(radius * 0.5))
     kept = shapely.union_all([p for p in _polygons(kept) if p.length > 3.0 * radius])
     return shapely.make_valid(shapely.union_all([inset, kept]).buffer(0))
