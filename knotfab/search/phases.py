@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from knotfab.effects.base import Decision, Limits
 from knotfab.search.flow import FlowSettings
-from knotfab.search.objective import Weights
+from knotfab.search.objective import Objective, Weights
+from knotfab.search.picture import picture_at
+from knotfab.search.polyline import Rings
+from knotfab.search.problem import Problem
 from knotfab.search.settings import SearchSettings
 
-__all__ = ["SETTLE", "Phase", "repair", "three_phases"]
+__all__ = ["SETTLE", "Phase", "objective_of", "repair", "three_phases"]
 
 SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
 _SHARP = 6.0  # tau times the projected radius, from the end of the fine phase on
@@ -70,3 +74,31 @@ def repair(settings: SearchSettings, number: int) -> Phase:
     weights = Weights(image=0.3**number, clearance=40.0, bend=40.0, region=100.0, length=20.0)
     walk = FlowSettings(iterations=60, rate=0.02 if number == 0 else 0.04, rate_end=0.005)
     return Phase(settings.fine_px, walk, weights, (_SHARP, _SHARP))
+
+
+def objective_of(
+    problem: Problem,
+    limits: Limits,
+    rings: Rings,
+    effects: dict[str, Decision],
+    phase: Phase,
+    settings: SearchSettings,
+    device: str,
+) -> Objective:
+    """The objective of one phase."""
+    frame, target, pixel_mm = picture_at(
+        problem.view, problem.mask, phase.pixels, effects["perspective"].simulated, device
+    )
+    view = problem.view
+    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
+    return Objective(
+        frame,
+        target,
+        rings,
+        limits,
+        effects,
+        phase.weights,
+        phase.tau,
+        limits.radius * magnified / pixel_mm,
+        settings.winners_every,
+    )

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.base import Decision, Situation
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
 from knotfab.search.feasible import standing
 from knotfab.search.inn import keep_largest, warp
 from knotfab.search.objective import Objective, iou_of
-from knotfab.search.phases import Phase, repair, three_phases
-from knotfab.search.picture import frame_mm, picture_at
+from knotfab.search.phases import Phase, objective_of, repair, three_phases
+from knotfab.search.picture import frame_mm
 from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account, Infeasible, Problem, Report, SearchResult
 from knotfab.search.settings import SearchSettings
@@ -86,7 +86,7 @@ def search(
         last = done + phase.iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
         points, rings = evened(points, rings, spacing * radius, account)
-        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
 
         def tell(
             progress: float,
@@ -111,7 +111,7 @@ def search(
         phase = repair(settings, account.repairs)
         account.repairs += 1
         points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
         met = partial(feasible, rings=rings, limits=limits)
         points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
         state = standing(points, rings, limits)
@@ -137,7 +137,7 @@ def _warped(
 
     def objective_at(points: Array, rings: Rings, phase: Phase) -> Objective:
         keep_largest(effects, survey(replace(situation, points=points, rings=rings)))
-        return _objective(problem, situation.limits, rings, effects, phase, settings, device)
+        return objective_of(problem, situation.limits, rings, effects, phase, settings, device)
 
     found = warp(
         situation.points, situation.rings, objective_at, situation.limits, settings, device, report
@@ -154,31 +154,3 @@ def _warped(
             "; the invertible network mapped it to where no sampling could be certified"
         )
     return found.points, found.rings, found.iou
-
-
-def _objective(
-    problem: Problem,
-    limits: Limits,
-    rings: Rings,
-    effects: dict[str, Decision],
-    phase: Phase,
-    settings: SearchSettings,
-    device: str,
-) -> Objective:
-    """The objective of one phase."""
-    frame, target, pixel_mm = picture_at(
-        problem.view, problem.mask, phase.pixels, effects["perspective"].simulated, device
-    )
-    view = problem.view
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-    return Objective(
-        frame,
-        target,
-        rings,
-        limits,
-        effects,
-        phase.weights,
-        phase.tau,
-        limits.radius * magnified / pixel_mm,
-        settings.winners_every,
-    )

@@ -14,7 +14,8 @@ from knotfab.effects.survey import survey
 from knotfab.search.feasible import Standing, standing
 from knotfab.search.flow import FlowSettings, flow
 from knotfab.search.neighbours import Neighbours
-from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.objective import Objective, iou_of
+from knotfab.search.phases import Phase, objective_of, repair, three_phases
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account, Problem
@@ -24,7 +25,7 @@ from knotfab.sequence.doubling import doubled
 from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.transport import transport
 
-__all__ = ["FrameResult", "Phase", "finish", "follow"]
+__all__ = ["FrameResult", "finish", "follow"]
 
 Array = NDArray[np.float64]
 
@@ -32,17 +33,6 @@ _HOLD = 4.0  # weight of the motion bound in the objective
 _REPAIRS = 6
 _ROOM = 1.04  # times the bend radius that the part must keep
 _TAUT = 0.05  # weight of the length beyond what the picture's area calls for
-
-
-@dataclass(frozen=True)
-class Phase:
-    """One stretch of the flow on a new picture."""
-
-    pixels: int
-    iterations: int
-    weights: Weights
-    tau: tuple[float, float]
-    rates: tuple[float, float]
 
 
 @dataclass
@@ -65,24 +55,14 @@ class FrameResult:
 
 def _phases(settings: SearchSettings) -> tuple[Phase, ...]:
     """Half as many iterations as from a template: the transport has done the rest."""
-    half = settings.scaled(0.5)
-    return (
-        Phase(settings.coarse_px, half.coarse_iterations, Weights(), (1.5, 3.0), (0.12, 0.06)),
-        Phase(
-            settings.fine_px,
-            half.fine_iterations,
-            Weights(clearance=3.0, bend=0.5),
-            (3.0, 6.0),
-            (0.06, 0.02),
-        ),
-        Phase(
-            settings.fine_px,
-            half.settle_iterations,
-            Weights(clearance=20.0, bend=5.0, region=50.0),
-            (6.0, 6.0),
-            (0.03, 0.01),
-        ),
-    )
+    return three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
+
+
+def _repair(settings: SearchSettings, number: int) -> Phase:
+    """Few vertices take all of a step that is measured over all: short ones end where they should."""
+    rate = 0.01 * 0.7**number
+    walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
+    return replace(repair(settings, number), walk=walk)
 
 
 @one_thread()
@@ -184,22 +164,12 @@ def _flowed(
     for name in ("bend", "clearance"):
         effects[name].simulated = True
     seen = None
-    repairs = [
-        Phase(
-            settings.fine_px,
-            60,
-            Weights(image=0.3**k, clearance=40.0, bend=40.0, region=100.0, length=20.0),
-            (6.0, 6.0),
-            # few vertices take all of a step that is measured over all: short ones end where they should
-            (0.01 * 0.7**k, 0.001 * 0.7**k),
-        )
-        for k in range(_REPAIRS)
-    ]
+    repairs = [_repair(settings, k) for k in range(_REPAIRS)]
     for number, phase in enumerate([*phases, *repairs]):
         last = number >= len(phases)
         if last and not _wanting(points, rings, limits, anchors):
             break
-        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
         hold = _HOLD * (phase.weights.clearance if last else 1.0)
 
         def held(
@@ -217,11 +187,10 @@ def _flowed(
             taut: Tensor = loss + _TAUT * excess**2
             return taut
 
-        walk = FlowSettings(
-            iterations=phase.iterations, rate=phase.rates[0], rate_end=phase.rates[1]
-        )
         done = (lambda x: not _wanting(x, rings, limits, anchors)) if last else None
-        walked = flow(points, rings, held, radius, walk, device, report, done, limits.separation)
+        walked = flow(
+            points, rings, held, radius, phase.walk, device, report, done, limits.separation
+        )
         points = walked.points
         account.accepted += walked.accepted
         account.shortened += walked.shortened
@@ -243,30 +212,3 @@ def _wanting(points: Array, rings: Rings, limits: Limits, anchors: Sequence[Anch
     if any(a.beyond(points) > 0 for a in anchors):
         return True
     return bool(standing(points, rings, limits).violations)
-
-
-def _objective(
-    problem: Problem,
-    limits: Limits,
-    rings: Rings,
-    effects: dict[str, Decision],
-    phase: Phase,
-    settings: SearchSettings,
-    device: str,
-) -> Objective:
-    view = problem.view
-    frame, target, pixel_mm = picture_at(
-        view, problem.mask, phase.pixels, effects["perspective"].simulated, device
-    )
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-    return Objective(
-        frame,
-        target,
-        rings,
-        limits,
-        effects,
-        phase.weights,
-        phase.tau,
-        limits.radius * magnified / pixel_mm,
-        settings.winners_every,
-    )
