@@ -83,6 +83,7 @@ def print_summary(outcome: Outcome) -> None:
         read = view["legibility"].get("45")
         console.print(
             f"  {escape(view['name'])}: IoU {view['iou']:.4f}"
+            + (f" (at best {view['bound']:.4f} without spill)" if "bound" in view else "")
             + (f", legibility at 45° {read:.2f}" if read is not None else "")
         )
     piece, knots = report["print"], report["knots"]
