@@ -40,6 +40,7 @@ EXCUSES: dict[tuple[str, str], str] = {
             "HOPELESS",
             "FEWEST",
             "MANY_PAIRS",
+            "MOST_A_FACE",
             "MOST_ACROSS",
             "MOST_AT_ONCE",
             "MOST_BATCHES",
