@@ -32,7 +32,7 @@ SITE_RADII = 1.5  # between sites along a tube
 SAMPLE_RADII = 0.35  # between samples of the centre lines
 LEAST_SINE = 0.65  # between tube and member: one that leaves along its tube would graze it
 JOINT_RADII = 3.5  # of arc on each side of a member's end that belong to its joint
-LEAST_OPENING = 0.5  # of the way between a strand and its member, per mm along the strand
+LEAST_OPENING = 0.62  # of the way between a strand and its member, mm per mm along the strand
 SHORTEST_RADII = 2.5  # of a strut between two centre lines
 LEAN_MM = 1.0  # by which leaning roots come nearer to each other than their middles say
 ROOT_SHARE = 1.5  # of a post's radius, where it meets the base
@@ -250,8 +250,8 @@ class Obstacles:
     ) -> Mask:
         """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back.
 
-        Where the two have come apart, but by less than the clearance, the way between them must
-        open along the strand: else it is a gap that the printer closes, and no crease.
+        From just before the two come apart until they are clear of each other, the way between them
+        must open along the strand: else it is a gap that the printer closes, and no crease.
         """
         onward = self.beside[np.where(ahead, 1, 0), j]
 
@@ -262,7 +262,7 @@ class Obstacles:
 
         here, there = distance(j), distance(onward)
         step = np.linalg.norm(self.points[onward] - self.points[j], axis=1)
-        parted = here >= self.tube + some.radius[i]
+        parted = here >= self.tube + some.radius[i] - 0.5 * self.clearance
         return np.asarray(parted & (there - here < LEAST_OPENING * step))
 
 
