@@ -1,7 +1,8 @@
-"""The catalogue's other groups as tables: losses, network, flow, geometry, and scenes that cannot be met."""
+"""The catalogue's other groups as tables: large images, losses, network, flow, geometry, scenes."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import pi
@@ -18,7 +19,9 @@ from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
 from knotfab.template.filling import fill
 from tests.hard_cases.curves import circle, hard_knots
+from tests.hard_cases.measure import sampled_error
 from tests.hard_cases.pictures import hard_pictures
+from tests.hard_cases.rendering import large_cases
 from tests.hard_cases.values import ValueCase, loss_cases, network_cases, value_error
 
 __all__ = ["GROUPS", "Line", "groups"]
@@ -46,6 +49,15 @@ def _value(case: ValueCase) -> Line:
         good &= found.double <= 1e-6 and found.single <= 1e-3
     cells = (f"{found.condition:.0e}", f"{found.error:.0e}", f"{found.share:.3f}", gradient)
     return Line(case.name, case.why, cells, good)
+
+
+def _images() -> Iterator[Line]:
+    for case in large_cases():
+        start = time.process_time()
+        error, share = sampled_error(case)
+        spent = time.process_time() - start
+        cells = (str(len(case.edges)), f"{error:.0e}", f"{share:.3f}", f"{spent:.0f}")
+        yield Line(case.name, case.why, cells, share <= 1 and error <= 1e-3)
 
 
 def _losses() -> Iterator[Line]:
@@ -128,6 +140,7 @@ def _scenes() -> Iterator[Line]:
 
 
 GROUPS = {
+    "Large images": (("case", "N", "single, px", "share", "CPU s"), _images),
     "Losses": (("case", "condition", "single", "share", "gradient"), _losses),
     "Network": (("case", "condition", "single", "share", "gradient"), _network),
     "Flow": (("case", "steps", "accepted", "would cross", "crossed"), _flow),

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from examples.two_views import draw_case
 from knotfab.build import Outcome, Request, build
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
@@ -85,6 +86,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--start", choices=["filling", "circle"], default="circle")
+    parser.add_argument(
+        "--picture", type=Path, help="draw the three views and the part here, a PNG"
+    )
     given = parser.parse_args()
     begun, spent = time.perf_counter(), time.process_time()
     outcome = rebuild(given.out, given.start)
@@ -95,6 +99,8 @@ def main() -> None:
     checks = {c["name"]: c["status"] for c in outcome.report["checks"]}
     print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
     print(f"{time.perf_counter() - begun:.0f} s ({time.process_time() - spent:.0f} CPU s)")
+    if given.picture:
+        draw_case(outcome, given.picture)
 
 
 if __name__ == "__main__":

@@ -185,7 +185,7 @@ def _designed(
         return design(request.scene, targets[0], request.device, progress, budget_s)
     from knotfab.design_several import design_several, require_several
 
-    require_several(request.scene, request.printing)
+    require_several(request.scene)
     return design_several(request.scene, targets, request.device, progress, budget_s)
 
 

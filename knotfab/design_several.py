@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon
 
 from knotfab.design import Design, opening_iou, silhouette_polygon
@@ -36,7 +37,6 @@ _THICKEST = 0.022
 _RADII = 4
 _OPEN_GIVE = 0.006  # opening IoU that a thicker tube may cost
 _START_GIVE = 0.012  # the start's IoU that a thicker tube may cost
-_MORE = 2.0  # iterations against those for one view
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SeveralDesign(Design):
     start_ious: tuple[float, ...] = ()
 
 
-def require_several(scene: Scene, printing: bool) -> None:
+def require_several(scene: Scene) -> None:
     """Refuse what makes no sense for several views, or is not there for them.
 
     Raises:
@@ -81,7 +81,7 @@ def require_several(scene: Scene, printing: bool) -> None:
             "several views need a plain region",
             "Use box, cylinder or sphere",
         )
-    if printing and scene.mount.kind != "none":
+    if scene.mount.kind != "none":
         raise InputError(
             "scene key mount.kind",
             f"a {scene.mount.kind} mount hides from one light alone, and this piece has several views",
@@ -122,6 +122,7 @@ def _radius_and_start(
     scene: Scene,
     problem: SeveralProblem,
     polygons: Sequence[MultiPolygon],
+    drawable: Sequence[MultiPolygon],
     settings: SearchSettings,
     progress: Progress,
 ) -> tuple[float, Start]:
@@ -135,7 +136,7 @@ def _radius_and_start(
                 f"{given:g} mm is thinner than {scene.printer.name} prints",
                 f"Use at least {thinnest:g} mm, or another printer",
             )
-        return given, start_of(problem.shots, polygons, given, settings)
+        return given, start_of(problem.shots, polygons, given, settings, drawable)
     if settings.network_start == "circle":
         raise InputError(
             "scene key piece.tube_radius_mm",
@@ -156,7 +157,7 @@ def _radius_and_start(
     why: SceneError | None = None
     for done, r in enumerate(allowed, start=1):
         try:
-            starts[r] = start_of(problem.shots, polygons, r, settings)
+            starts[r] = start_of(problem.shots, polygons, r, settings, drawable)
         except SceneError as error:
             why = error
         progress.update(done / len(allowed), None)
@@ -187,15 +188,32 @@ def _fine_enough(
     )
 
 
-def _own_polygon(view: View, target: Target) -> MultiPolygon:
+def _level_polygon(view: View, target: Target) -> MultiPolygon:
     """The silhouette in the plane through the middle of the piece, along the view's own axes, mm."""
     own = view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
-    polygon = silhouette_polygon(own, target)
+    return silhouette_polygon(own, target)
+
+
+def _own_polygon(view: View, target: Target) -> MultiPolygon:
+    """The same, and an error where there is nothing left of it."""
+    polygon = _level_polygon(view, target)
     if polygon.is_empty:
         raise InputError(
             f"picture {target.name}", "its silhouette vanishes when traced", "Use a bolder picture"
         )
     return polygon
+
+
+def _left_by_others(view: View, target: Target, bound: HullBound) -> MultiPolygon:
+    """What of the silhouette lies in the hull's shadow, as `_level_polygon` gives it."""
+    cell = max(1.0, max(target.mask.shape) / max(bound.covered.shape))
+    wide = binary_dilation(bound.covered, np.ones((3, 3)))  # an edge where nothing is missing stays
+    rows, columns = (
+        np.minimum(((np.arange(n) + 0.5) / cell).astype(int), m - 1)
+        for n, m in zip(target.mask.shape, wide.shape, strict=True)
+    )
+    left = target.mask & wide[np.ix_(rows, columns)]
+    return _level_polygon(view, replace(target, mask=left)) if left.any() else MultiPolygon()
 
 
 def design_several(
@@ -220,7 +238,9 @@ def design_several(
     )
     settings = search_settings(scene.accuracy.name, scene.search)
     if "coarse_iterations" not in scene.search:  # a build's own scene has them resolved already
-        settings = settings.scaled(_MORE)
+        settings = settings.scaled(
+            len(views)
+        )  # each view adds wishes that pull against the others'
     masks = [t.mask for t in targets]
     with progress.stage("hull"):
         cameras = [camera_of(v, t.width, t.height) for v, t in zip(views, targets, strict=True)]
@@ -228,6 +248,9 @@ def design_several(
         for line in contradictions(views, bounds):
             progress.say(line)
         polygons = [_own_polygon(v, t) for v, t in zip(views, targets, strict=True)]
+        drawable = [
+            _left_by_others(v, t, b) for v, t, b in zip(views, targets, bounds, strict=True)
+        ]
     shots = tuple(Shot(v, m) for v, m in zip(views, masks, strict=True))
     bend = scene.material.min_bend_radius_mm
     region = _region(scene.region, bounds, scene.printer.min_tube_radius_mm)
@@ -239,7 +262,7 @@ def design_several(
         region,
     )
     with progress.stage("template"):
-        radius, start = _radius_and_start(scene, problem, polygons, settings, progress)
+        radius, start = _radius_and_start(scene, problem, polygons, drawable, settings, progress)
     limits = problem.limits(radius)
     settings = _fine_enough(
         settings, radius, limits.bend_radius, views, scene.accuracy.max_outline_error_px

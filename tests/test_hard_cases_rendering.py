@@ -56,9 +56,10 @@ def test_double_precision_is_within_its_condition_of_fifty_digits(name: str) -> 
 @pytest.mark.parametrize("name", CASES)
 def test_gradients_are_those_of_the_image(name: str) -> None:
     case = case_of(name)
-    found = gradient_error(case)
+    well = case.smooth and gradient_condition(case) < 1e-4
+    found = gradient_error(case, 2 if well else 0)
     assert found.finite
-    if case.smooth and gradient_condition(case) < 1e-4:
+    if well:
         assert found.double <= 1e-6
         assert found.single <= 1e-3
 

@@ -16,6 +16,7 @@ from knotfab.design import design
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
 from knotfab.scene.model import Scene
+from knotfab.search.price import SHORT
 from knotfab.search.radius import template_iou
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
@@ -61,11 +62,16 @@ def test_noise_whose_inset_once_crossed_itself_is_filled() -> None:
 
 def test_a_template_that_crosses_itself_has_an_iou() -> None:
     comb = polygon_of(next(c for c in hard_pictures() if c.name == "comb").draw())
-    for radius in (1.5, 2.0, 2.5, 3.0, 4.0):
+    for radius in (2.0, 3.0):
         assert 0 <= template_iou(fill(comb, radius), comb) <= 1
 
 
-def test_a_length_budget_below_need_is_named_with_its_price() -> None:
+def test_a_length_budget_below_need_is_named_with_its_price(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few = {"coarse_px": 96, "fine_px": 96, "coarse_iterations": 12, "settle_iterations": 8}
+    for name, value in {**few, "fine_iterations": 4, "depth_candidates": 1}.items():
+        monkeypatch.setitem(SHORT, name, value)
     given = {
         "schema": 1,
         "piece": {"tube_radius_mm": 5.0},

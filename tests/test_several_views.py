@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,19 @@ from PIL import Image
 from shapely import MultiPolygon, Point, box
 
 from knotfab.build import Request, build
-from knotfab.design_several import require_several
+from knotfab.design_several import _left_by_others, require_several
 from knotfab.errors import InputError, SceneError
+from knotfab.hull.bound import HullBound
 from knotfab.scene.camera import camera_of
+from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Mount, Piece, Region, Scene, View
 from knotfab.search.chamfer import TENSION, chamfer_of
+from knotfab.search.deep_start import deep_curves
+from knotfab.search.flow import FlowSettings
 from knotfab.search.neighbours import find_neighbours
-from knotfab.search.objective import Objective, Weights
+from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.phases import Phase
+from knotfab.search.picture import picture_at
 from knotfab.search.polyline import rings_of_sizes
 from knotfab.search.settings import PRESETS
 from knotfab.search.several import (
@@ -31,7 +38,9 @@ from knotfab.search.several import (
     view_axes,
 )
 from knotfab.search.several_start import start_of
-from knotfab.template.filling import fill, simple_curves
+from knotfab.search.spill import spill_of
+from knotfab.target.read import Target
+from knotfab.template.filling import even_samples, fill, simple_curves
 from knotfab.template.several import laid_on, rows_of, sheet_of
 from knotfab_validators.view import view_geometry
 
@@ -139,6 +148,70 @@ def test_the_start_is_simple_and_nearly_there() -> None:
     assert edges.max() < 1.5 * QUICK.edge_radii * 3.0
 
 
+HOLED = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(-14, 12).buffer(9.0))])
+FORKED = MultiPolygon([LEGS.geoms[0].difference(box(-5, 20, 5, 41))])
+
+
+@pytest.mark.parametrize("radius", [1.6, 3.0])
+def test_pictures_with_holes_and_gaps_have_a_sheet_without_a_crossing(radius: float) -> None:
+    sheet = sheet_of(HOLED, FORKED, radius)
+    plane = [even_samples(c, 0.1 * radius) for c in fill(sheet.shape, radius, 1).curves]
+    for spread in (1.0, 4.0):
+        laid = [laid_on(sheet, c, radius, spread * radius) for c in plane]
+        assert simple_curves([np.column_stack([c[:, 0] + c[:, 1], c[:, 2]]) for c in laid])
+    problem = asked([HOLED, FORKED], 0.0, 90.0)
+    assert min(start_of(problem.shots, [HOLED, FORKED], radius, QUICK).ious) > 0.75
+
+
+def test_depths_leave_one_view_alone_and_draw_the_others() -> None:
+    polygons, radius = [DISC, HOLED, SQUARE], 2.5
+    problem = asked(polygons, 0.0, 60.0, 120.0)
+    curves = deep_curves(problem.shots, polygons, 1, radius, 1.0, 60.0)
+    assert curves is not None
+    right, up, towards = view_axes(problem.shots[1].view)
+    rays = [1.0 - c @ towards / 500.0 for c in curves]
+    seen = [
+        np.column_stack([c @ right, c @ up]) / r[:, None] for c, r in zip(curves, rays, strict=True)
+    ]
+    assert simple_curves(seen)
+    tube = shapely.union_all([shapely.LinearRing(c).buffer(radius) for c in seen])
+    assert tube.intersection(HOLED).area / tube.union(HOLED).area > 0.93
+    flat = fill(HOLED, radius, 1).curves
+    drawn = drawn_of(problem, curves, radius)
+    level = drawn_of(problem, [c[:, :1] * right + c[:, 1:] * up for c in flat], radius)
+    assert min(drawn) > 0.85
+    assert drawn[0] > level[0] + 0.05 and drawn[2] > level[2] + 0.05
+
+
+def drawn_of(problem: SeveralProblem, curves: list[Array], radius: float) -> list[float]:
+    points, rings = np.concatenate(curves), rings_of_sizes(tuple(len(c) for c in curves))
+    found = []
+    for shot in problem.shots:
+        frame, target, _ = picture_at(shot.view, shot.mask, 160, True, "cpu")
+        found.append(iou_of(points, rings, frame, target, radius))
+    return found
+
+
+def test_the_pull_on_spill_is_the_distance_outside() -> None:
+    (view,) = views(30.0)
+    spill = spill_of(view, picture(DISC), 2.0)
+    right, up, towards = view_axes(view)
+    angle = np.linspace(0, 2 * np.pi, 50)[:, None]
+    inside = 37.0 * (np.cos(angle) * right + np.sin(angle) * up)
+    assert float(spill(torch.tensor(inside), 1.0)) == 0.0
+    outside = torch.tensor(50.0 / 37.0 * inside, requires_grad=True)
+    total = spill(outside, 1.0)
+    # 10 mm outside are 5 radii, and a length of 1 mm is half a radius
+    assert float(total.detach()) / 50 == pytest.approx(2.5, rel=0.06)
+    (gradient,) = torch.autograd.grad(total, outside)
+    pull = (gradient.numpy() * inside / 37.0).sum(1)
+    assert pull == pytest.approx(np.full(50, 0.25), rel=0.35)
+    assert np.abs(gradient.numpy() @ towards).max() < 0.05
+    way = np.random.default_rng(1).normal(size=inside.shape)
+    ends = [float(spill(torch.tensor(50.0 / 37.0 * inside + s * 1e-6 * way), 1.0)) for s in (1, -1)]
+    assert (gradient.numpy() * way).sum() == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4)
+
+
 def test_silhouettes_without_a_common_height_have_no_start() -> None:
     low, high = MultiPolygon([box(-30, -40, 30, -10)]), MultiPolygon([box(-30, 10, 30, 40)])
     problem = asked([low, high], 0.0, 90.0)
@@ -159,7 +232,8 @@ def test_the_objective_is_the_sum_of_its_views() -> None:
     limits = problem.limits(4.0)
     effects = _survey(problem, limits, points, rings, QUICK)
     weights = Weights(clearance=0.0, bend=0.0, region=0.0, length=0.0)
-    both = _objective(problem, limits, rings, effects, 96, weights, (2.0, 2.0), QUICK, "cpu")
+    phase = Phase(96, FlowSettings(), weights, (2.0, 2.0))
+    both = _objective(problem, limits, rings, effects, phase, QUICK, "cpu")
     near = find_neighbours(points, rings, 12.0, 6)
 
     def loss_and_gradient(each: list[Objective]) -> tuple[float, Array]:
@@ -174,6 +248,17 @@ def test_the_objective_is_the_sum_of_its_views() -> None:
     apart = [loss_and_gradient([one]) for one in (both.first, *both.others)]
     assert float(loss.detach()) == pytest.approx(sum(a[0] for a in apart), rel=1e-5)
     assert gradient.numpy() == pytest.approx(sum(a[1] for a in apart), abs=1e-5)
+    off = points + np.array([0.0, 30.0, 0.0])
+    spill = tuple(spill_of(s.view, s.mask, 4.0) for s in problem.shots)
+    x, pulled = torch.tensor(off), replace(both, spills=spill)
+    sums = []
+    for asked_of in (pulled, both):
+        for each in (both.first, *both.others):
+            each.calls = 0  # the points have moved: look for the winners again
+        sums.append(float(asked_of(x, near, 0.0)))
+    more = sums[0] - sums[1]
+    edge = float(np.linalg.norm(np.roll(off, -1, 0) - off, axis=1).mean())
+    assert more == pytest.approx(0.5 * sum(float(s(x, edge)) for s in spill), rel=1e-4)
     # neither view is deaf: the first pulls across x, the second across z
     assert np.abs(apart[0][1][:, 0]).max() > 1e-3 and np.abs(apart[1][1][:, 2]).max() > 1e-3
 
@@ -194,13 +279,40 @@ def test_two_views_end_feasible_certified_and_drawn() -> None:
         (Scene(piece=Piece(depth="flat")), "piece.depth"),
         (Scene(piece=Piece(knot="trefoil")), "piece.knot"),
         (Scene(mount=Mount(kind="wall")), "mount.kind"),
+        (Scene(mount=Mount(kind="stand")), "mount.kind"),
         (Scene(search={"method": "inn"}), "method"),
     ],
 )
 def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: str) -> None:
     with pytest.raises(InputError, match=key):
-        require_several(scene, printing=True)
-    require_several(Scene(), printing=True)
+        require_several(scene)
+    require_several(Scene())
+
+
+@pytest.mark.parametrize("printing", [False, True])
+def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
+    tmp_path: Path, printing: bool
+) -> None:
+    Image.fromarray(~picture(DISC)).save(tmp_path / "a.png")
+    file = str(tmp_path / "a.png")
+    scene = Scene(views=tuple(views(0.0, 90.0)), mount=Mount(kind="wall"))
+    with pytest.raises(InputError, match="mount"):
+        build(Request(scene, file, tmp_path / "o", printing=printing, more=(file,)))
+
+
+def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
+    (view,) = views(0.0)
+    mask = picture(DISC)
+    target = Target("disc", mask, b"", 200, 200, ".png")
+    wanted = mask[::2, ::2]
+    upper = np.arange(100)[:, None] < 50
+    for covered, area in ((wanted, DISC.area), (wanted & upper, 0.5 * DISC.area)):
+        bound = HullBound(covered, wanted, 1.0, np.zeros(3), np.zeros(3))
+        left = _left_by_others(view, target, bound)
+        assert left.area == pytest.approx(area, rel=0.04)
+        assert left.difference(DISC.buffer(0.6)).is_empty
+    nothing = HullBound(wanted & False, wanted, 0.0, np.zeros(3), np.zeros(3))
+    assert _left_by_others(view, target, nothing).is_empty
 
 
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
@@ -217,10 +329,10 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
         Image.fromarray(~picture(polygon)).save(tmp_path / f"{name}.png")
     front, side = views(0.0, 90.0)
     scene = Scene(
-        piece=Piece(tube_radius_mm=5.0),
+        piece=Piece(tube_radius_mm=7.0),
         views=(front, side.model_copy(update={"kind": "eye"})),
-        accuracy=Accuracy(name="draft"),
-        search={"coarse_iterations": 50, "fine_iterations": 30, "settle_iterations": 20},
+        accuracy=Accuracy(name="draft", max_outline_error_px=1.5),
+        search={"coarse_iterations": 40, "fine_iterations": 20, "settle_iterations": 20},
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render"})
@@ -234,6 +346,20 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     assert len(report["settings"]["start_ious"]) == 2
     for name in ("picture-v0.png", "picture-v1.png"):
         assert (tmp_path / "out" / name).is_file()
+    written = load_scene(tmp_path / "out" / "scene.toml")
+    again = build(
+        Request(
+            written,
+            written.views[0].picture,
+            tmp_path / "again",
+            tmp_path / "out",
+            skip=skip,
+            more=(written.views[1].picture,),
+        )
+    )
+    assert again.exit_code == 0
+    parts = [(tmp_path / folder / "part.stl").read_bytes() for folder in ("out", "again")]
+    assert parts[0] == parts[1]
 
 
 def test_a_circle_start_is_simple_as_one_view_sees_it_and_bends_to_the_others() -> None:
@@ -259,7 +385,8 @@ def test_the_chamfer_pull_has_the_slope_that_it_says() -> None:
     limits = problem.limits(3.0)
     effects = _survey(problem, limits, points, rings, QUICK)
     none = Weights(image=0.0, clearance=0.0, bend=0.0, region=0.0, length=0.0)
-    kept = _objective(problem, limits, rings, effects, 32, none, (1.0, 1.0), QUICK, "cpu").first
+    phase = Phase(32, FlowSettings(), none, (1.0, 1.0))
+    kept = _objective(problem, limits, rings, effects, phase, QUICK, "cpu").first
     far = chamfer_of([(s.view, s.mask) for s in problem.shots], kept, 3.0)
     near = find_neighbours(points, rings, 12.0, 6)
     x = torch.tensor(points, requires_grad=True)

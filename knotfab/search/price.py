@@ -35,6 +35,7 @@ _NEAR = 0.05  # a limit that is kept by less than this share of itself binds
 _GAIN = 0.005  # IoU below which a limit costs nothing
 _USUAL_CLEARANCE = 0.4  # mm, a scene's default
 _WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands that are tried, in tube radii
+_RINGS = (1.1, 1.3, 1.6)  # a last ring's size in the least that may be bent
 _KEYS = {  # of a limit: its key, its name, and what the knots found without it have
     "bend": ("[material] min_bend_radius_mm", "the bend limit", "bends to {} mm"),
     "clearance": ("[piece] clearance_mm", "the clearance", "leaves gaps of {} mm"),
@@ -209,8 +210,8 @@ def sparser(
     """The best piece that keeps every limit, where the picture's own filling cannot: fewer strands.
 
     The picture is filled as by ever thicker tubes, whose strands lie further apart and bend less, at
-    the piece's depth and then flat; the first result that is feasible is taken. The last try is a
-    circle. None where there is none.
+    the piece's depth and then flat; the first result that is feasible is taken. The last tries
+    are rings. None where there is none.
     """
     limits = problem.limits(radius)
     least = max(0.5 * limits.separation, limits.bend_radius) / radius
@@ -223,7 +224,8 @@ def sparser(
     ]
     flat = replace(problem, depth_mm=None)
     tries = [(t, asked, SHORT) for t in templates for asked in (problem, flat)]
-    tries.append((_ring(problem, 1.1 * least * radius, radius), flat, _STILL))
+    # a ring whose edges were evened bends more than a circle: the first size that serves
+    tries += [(_ring(problem, w * least * radius, radius), flat, _STILL) for w in _RINGS]
     for template, asked, steps in tries:
         if not simple_curves(list(template.curves)):
             continue

@@ -20,16 +20,22 @@ from knotfab.search.feasible import standing
 from knotfab.search.flow import FlowSettings
 from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.phases import Phase, repair, three_phases
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.problem import Account, Infeasible, Report, SearchResult
 from knotfab.search.settings import SearchSettings
+from knotfab.search.spill import Spill, spill_of
 from knotfab.search.walking import evened, feasible, walked
 
 __all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_SPILL = (
+    0.5  # of a strand that stands a tube radius outside, against one tube radius squared of image
+)
 
 
 @dataclass(frozen=True)
@@ -64,11 +70,15 @@ class SeveralObjective:
 
     first: Objective
     others: tuple[Objective, ...]
+    spills: tuple[Spill, ...] = ()
 
     def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
         loss = self.first(points, near, progress)
         for other in self.others:
             loss = loss + other.weights.image * other.image_term(points, progress)
+        spacing = float((points[self.first.following] - points).detach().norm(dim=-1).mean())
+        for spill in self.spills:
+            loss = loss + _SPILL * self.first.weights.image * spill(points, spacing)
         return loss
 
     def ious(self, points: Array, rings: Rings, radius: float) -> tuple[float, ...]:
@@ -115,18 +125,16 @@ def _objective(
     limits: Limits,
     rings: Rings,
     effects: dict[str, Decision],
-    pixels: int,
-    weights: Weights,
-    tau: tuple[float, float],
+    phase: Phase,
     settings: SearchSettings,
     device: str,
 ) -> SeveralObjective:
-    """The objective at pictures of `pixels` on their longer sides."""
+    """The objective of one phase, under the pictures of all views."""
     each = []
     for n, shot in enumerate(problem.shots):
         view = shot.view
         frame, target, pixel_mm = picture_at(
-            view, shot.mask, pixels, effects["perspective"].simulated, device
+            view, shot.mask, phase.pixels, effects["perspective"].simulated, device
         )
         magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
         each.append(
@@ -136,8 +144,8 @@ def _objective(
                 rings,
                 limits,
                 effects if n == 0 else {},
-                weights,
-                tau,
+                phase.weights,
+                phase.tau,
                 limits.radius * magnified / pixel_mm,
                 settings.winners_every,
             )
@@ -157,24 +165,16 @@ def _drawn_near(
 ) -> tuple[Array, Rings]:
     """A start that is far from the pictures, brought near by the chamfer distance, certified as ever."""
     shots = [(shot.view, shot.mask) for shot in problem.shots]
+    weights = Weights(image=0.0, clearance=60.0, bend=30.0)
     for rate in (0.25, 0.2, 0.12):
-        points, rings = evened(points, rings, settings.edge_radii * limits.radius, account)
-        kept = _objective(
-            problem,
-            limits,
-            rings,
-            effects,
-            32,
-            Weights(image=0.0, clearance=60.0, bend=30.0),
-            (1.0, 1.0),
-            settings,
-            device,
-        )
-        far = chamfer_of(shots, kept.first, limits.radius, device)
         walk = FlowSettings(
             iterations=settings.coarse_iterations, rate=rate, rate_end=0.3 * rate, smoothing=4.0
         )
-        points = walked(points, rings, far, limits, walk, account, device, None)
+        near = Phase(32, walk, weights, (1.0, 1.0))
+        points, rings = evened(points, rings, settings.edge_radii * limits.radius, account)
+        kept = _objective(problem, limits, rings, effects, near, settings, device)
+        far = chamfer_of(shots, kept.first, limits.radius, device)
+        points = walked(points, rings, far, limits, near.walk, account, device, None)
     return points, rings
 
 
@@ -186,7 +186,7 @@ def search_several(
     settings: SearchSettings,
     device: str = "cpu",
     report: Report | None = None,
-    repairs: int = 5,
+    repairs: int = 10,
     kind: str = "unknot",
 ) -> SeveralResult:
     """The flow from `curves` to knots that draw every picture and keep the limits.
@@ -207,74 +207,52 @@ def search_several(
     points = np.concatenate(list(curves))
     rings = rings_of_sizes(tuple(len(c) for c in curves))
     effects = _survey(problem, limits, points, rings, settings)
-    coarse, fine = settings.coarse_px, settings.fine_px
-    phases: tuple[tuple[int, int, Weights, tuple[float, float], tuple[float, float]], ...] = (
-        (coarse, settings.coarse_iterations, Weights(), (1.0, 3.0), (0.2, 0.08)),
-        (
-            fine,
-            settings.fine_iterations,
-            Weights(clearance=3.0, bend=0.5),
-            (3.0, 6.0),
-            (0.08, 0.03),
-        ),
-        (
-            fine,
-            settings.settle_iterations,
-            Weights(clearance=20.0, bend=5.0, region=50.0),
-            (6.0, 6.0),
-            (0.03, 0.01),
-        ),
-    )
-    total, done = sum(phase[1] for phase in phases), 0
+    phases = three_phases(settings, softest=1.0, rates=(0.2, 0.08, 0.03))
+    total, done = sum(phase.iterations for phase in phases), 0
     if settings.network_start == "circle":
         points, rings = _drawn_near(
             problem, points, rings, limits, effects, settings, account, device
         )
     ious: tuple[float, ...] = ()
     objective = None
-    for pixels, iterations, weights, tau, rates in phases:
-        if iterations == 0:
+    for phase in phases:
+        if phase.iterations == 0:
             continue
-        last = done + iterations == total and settings.settle_iterations > 0
+        last = done + phase.iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
         points, rings = evened(points, rings, spacing * radius, account)
-        objective = _objective(
-            problem, limits, rings, effects, pixels, weights, tau, settings, device
-        )
+        objective = _objective(problem, limits, rings, effects, phase, settings, device)
+        if phase is phases[0]:  # later a spill may stay that draws as much elsewhere
+            objective.spills = tuple(
+                spill_of(s.view, s.mask, radius, device) for s in problem.shots
+            )
 
         def tell(
             progress: float,
             _: float,
             base: int = done,
-            n: int = iterations,
+            n: int = phase.iterations,
             least: float | None = min(ious, default=None),
         ) -> None:
             if report is not None:
                 report((base + progress * n) / total, least)
 
-        walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        points = walked(points, rings, objective, limits, walk, account, device, tell)
-        done += iterations
+        points = walked(points, rings, objective, limits, phase.walk, account, device, tell)
+        done += phase.iterations
         ious = objective.ious(points, rings, radius)
     state = standing(points, rings, limits)
-    weight = 1.0
     if state.violations and repairs > 0:
         for name in state.broken:
             effects[name].simulated = True
     while state.violations and account.repairs < repairs:
-        # the pictures give way: ever less weight on them, ever more on the limits
+        phase = repair(settings, account.repairs // 2)
         account.repairs += 1
         points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-        weights = Weights(image=weight, clearance=40.0, bend=40.0, region=100.0, length=20.0)
-        objective = _objective(
-            problem, limits, rings, effects, fine, weights, (6.0, 6.0), settings, device
-        )
-        walk = FlowSettings(iterations=60, rate=0.02 if weight == 1.0 else 0.04, rate_end=0.005)
+        objective = _objective(problem, limits, rings, effects, phase, settings, device)
         met = partial(feasible, rings=rings, limits=limits)
-        points = walked(points, rings, objective, limits, walk, account, device, None, met)
+        points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
         state = standing(points, rings, limits)
         ious = objective.ious(points, rings, radius)
-        weight *= 0.3
     parts = zip(rings.split(points), account.types, strict=True)
     knots = Knots(tuple(Knot(part, name) for part, name in parts), radius)
     least = min(ious) if ious else 0.0

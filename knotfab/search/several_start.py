@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from shapely import MultiPolygon
 
 from knotfab.errors import SceneError
+from knotfab.search.deep_start import deep_curves
 from knotfab.search.objective import iou_of
 from knotfab.search.picture import picture_at
 from knotfab.search.polyline import rings_of_sizes
@@ -27,6 +28,9 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 5  # of following the rays of both lights to one point
 _SEEN_PX = 160
+_SPREADS = (0.0, 0.5, 1.0, 2.0, 4.0)  # of the sheet's jumps, in tube radii of height
+_REACH = 1.2  # how deep strands may go, against how far from the axes silhouettes reach
+_BETWEEN = "simple and disjoint seen from between two views: an unlink of unknots, by inspection"
 _WAVES, _OUTLINE, _FITS = 4, 300, 30  # of a circle bent in depth
 
 
@@ -40,14 +44,22 @@ class Start:
 
 
 def start_of(
-    shots: Sequence[Shot], polygons: Sequence[MultiPolygon], radius: float, settings: SearchSettings
+    shots: Sequence[Shot],
+    polygons: Sequence[MultiPolygon],
+    radius: float,
+    settings: SearchSettings,
+    drawable: Sequence[MultiPolygon] | None = None,
 ) -> Start:
-    """The sheet between the two views nearest to a right angle, filled; of its two diagonals the better.
+    """The start that draws the picture it draws worst best.
+
+    Tried are the sheets between views nearest to a right angle, filled, with both diagonals; and each
+    view's own filling with depths that draw the others.
 
     Args:
         shots: two views or more.
         polygons: their silhouettes in the plane through the origin, along their own axes, mm.
         radius: tube radius, mm.
+        drawable: what the others leave of each (the visual hull's shadows); None: all of it.
 
     Raises:
         SceneError: the silhouettes have no height in common, or every such curve crosses itself.
@@ -60,30 +72,36 @@ def start_of(
         for p in combinations(range(len(shots)), 2)
     }
     pairs = [p for p, along in apart.items() if along < min(apart.values()) + 0.1]
-    best: Start | None = None
+    step = settings.edge_radii * radius
+    found: list[Start] = []
+    shared = len(shots) > 2
     for (one, other), mirrored in product(pairs, (False, True)):
-        found = _laid(shots, polygons, axes, one, other, radius, mirrored)
-        if not found:
+        laid = _laid(shots, polygons, axes, one, other, radius, mirrored)
+        if laid is None:
             continue
-        step = settings.edge_radii * radius
-        curves, seen = found
-        if not simple_curves([_seen(even_samples(c, step), seen) for c in curves]):
-            continue
-        curves = [even_samples(c, step) for c in curves]
-        ious = _ious(shots, curves, radius)
-        if best is None or min(ious) > min(best.ious):
-            best = Start(
-                tuple(curves),
-                "simple and disjoint seen from between two views: an unlink of unknots, by inspection",
-                ious,
-            )
-    if best is None:
-        raise SceneError(
-            "the pictures",
-            f"no curve about {radius:g} mm thick runs through the heights that their silhouettes share",
-            "Use bolder pictures of equal height, or give a smaller radius (--tube-radius)",
-        )
-    return best
+        shared = True
+        curves = [even_samples(c, step) for c in laid[0]]
+        if simple_curves([_seen(c, laid[1]) for c in curves]):
+            found.append(Start(tuple(curves), _BETWEEN, _ious(shots, curves, radius)))
+    if not shared:
+        raise _nothing(radius)
+    reach = _REACH * max(float(np.abs(p.bounds).max()) for p in polygons)
+    for facing in range(len(shots)):
+        deep = deep_curves(shots, drawable or polygons, facing, radius, step, reach)
+        if deep is not None:
+            why = f"simple and disjoint as view {shots[facing].view.name} sees it: an unlink of unknots"
+            found.append(Start(tuple(deep), why, _ious(shots, deep, radius)))
+    if not found:
+        raise _nothing(radius)
+    return max(found, key=lambda s: min(s.ious))
+
+
+def _nothing(radius: float) -> SceneError:
+    return SceneError(
+        "the pictures",
+        f"no curve about {radius:g} mm thick runs through the heights that their silhouettes share",
+        "Use bolder pictures of equal height, or give a smaller radius (--tube-radius)",
+    )
 
 
 def _circle(
@@ -199,22 +217,24 @@ def _laid(
     solve = np.linalg.inv(np.stack([*across, common]))
     lights = [(axes[n][2], shots[n].view.light_distance_mm) for n in (one, other)]
     seen = np.stack([across[0] + across[1], common])
-    curves = []
-    for curve in filled.curves:
-        plane = laid_on(sheet, curve, radius)
-        points = plane @ solve.T
-        for _ in range(_ROUNDS):
-            # what a light throws to the plane through the origin stands nearer to its axis before it
-            near = [1.0 - points @ d / light for d, light in lights]
-            scaled = plane * np.column_stack([near[0], near[1], 0.5 * (near[0] + near[1])])
-            points = scaled @ solve.T
-        step = 0.25 * radius
-        curves.append(even_samples(points, step))
-    for sigma in (2.0, 1.0):
-        rounded = [smooth_closed(c, sigma) for c in curves]
-        if simple_curves([_seen(c, seen) for c in rounded]):
-            return rounded, seen
-    return curves, seen
+    first: tuple[list[Array], Array] | None = None
+    for spread in _SPREADS:
+        curves = []
+        for curve in filled.curves:
+            plane = laid_on(sheet, even_samples(curve, 0.1 * radius), radius, spread * radius)
+            points = plane @ solve.T
+            for _ in range(_ROUNDS):
+                # what a light throws to the plane through the origin stands nearer to its axis before it
+                near = [1.0 - points @ d / light for d, light in lights]
+                scaled = plane * np.column_stack([near[0], near[1], 0.5 * (near[0] + near[1])])
+                points = scaled @ solve.T
+            curves.append(even_samples(points, 0.25 * radius))
+        for sigma in (2.0, 1.0):
+            rounded = [smooth_closed(c, sigma) for c in curves]
+            if simple_curves([_seen(c, seen) for c in rounded]):
+                return rounded, seen
+        first = first or (curves, seen)
+    return first
 
 
 def _ious(shots: Sequence[Shot], curves: Sequence[Array], radius: float) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, map_coordinates
 from shapely import MultiPolygon
 
 from knotfab.target.silhouette import polygon_of
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 _SNAP = 0.22  # gaps of both silhouettes at fractions this close are one gap
 _SMALLEST = 6.0  # area in squared radii of a piece that is drawn
 _PITCH = 0.25  # of the sheet's grid, in tube radii
+_OUTSIDE = 0.05  # how fast the sheet goes on beyond a row's ends, against the plane
 
 
 @dataclass(frozen=True)
@@ -167,21 +169,31 @@ def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Sheet:
     return Sheet(rows, low, pitch, MultiPolygon(parts))
 
 
-def laid_on(sheet: Sheet, curve: Array, radius: float) -> Array:
-    """A curve (n, 2) of the sheet's plane as (n, 3): across one view, across the other, height."""
-    where = np.clip((curve[:, 1] - sheet.low) / sheet.pitch - 0.5, 0, len(sheet.rows) - 1)
+def laid_on(sheet: Sheet, curve: Array, radius: float, spread: float = 0.0) -> Array:
+    """A curve (n, 2) of the sheet's plane as (n, 3): across one view, across the other, height.
+
+    Along each row both go forwards, and so does any mean of rows: the plane is bent without a fold.
+    `spread`, in mm of height, evens out the jumps between rows, and with them what they pack
+    together, at the cost of some spill.
+    """
+    low = min(float(curve[:, 0].min()), *(float(r.left[0]) for r in sheet.rows if r)) - sheet.pitch
+    high = max(float(curve[:, 0].max()), *(float(r.right[-1]) for r in sheet.rows if r))
+    at = np.arange(low, high + 2 * sheet.pitch, sheet.pitch)
     known = np.flatnonzero([row is not None for row in sheet.rows])
-    out = np.empty((len(curve), 3))
-    for n, (x, k) in enumerate(zip(curve[:, 0].tolist(), where.tolist(), strict=True)):
-        near = int(known[np.argmin(np.abs(known - k))])
-        row = sheet.rows[near]
-        assert row is not None
-        out[n] = *_across(row, x, radius), curve[n, 1]
-    return out
+    across = np.stack([_across(row, at, radius) for row in sheet.rows if row is not None])
+    nearest = np.abs(np.arange(len(sheet.rows))[:, None] - known).argmin(1)
+    across = across[nearest]
+    if spread > 0:
+        across = gaussian_filter1d(across, spread / sheet.pitch, axis=0, mode="nearest")
+    where = np.stack(
+        [(curve[:, 1] - sheet.low) / sheet.pitch - 0.5, (curve[:, 0] - low) / sheet.pitch]
+    )
+    one, other = (map_coordinates(across[:, :, k], where, order=1, mode="nearest") for k in (0, 1))
+    return np.column_stack([one, other, curve[:, 1]])
 
 
-def _across(row: Row, x: float, radius: float) -> tuple[float, float]:
-    """Where the plane's x lies across both views, a radius inside each piece where it has that room."""
+def _across(row: Row, x: Array, radius: float) -> Array:
+    """(n, 2) where the plane's x lie across both views, a radius inside each piece that has that room."""
     knots: list[float] = []
     one: list[float] = []
     other: list[float] = []
@@ -193,4 +205,7 @@ def _across(row: Row, x: float, radius: float) -> tuple[float, float]:
             # never the same place twice, or strands in a thin part would run into each other
             room = min(radius, 0.4 * (ends[1] - ends[0]))
             into += [ends[0] + 0.7 * room, ends[0] + room, ends[1] - room, ends[1] - 0.7 * room]
-    return float(np.interp(x, knots, one)), float(np.interp(x, knots, other))
+    far = 1e3 * radius
+    knots = [knots[0] - far, *knots, knots[-1] + far]
+    laid = [[v[0] - _OUTSIDE * far, *v, v[-1] + _OUTSIDE * far] for v in (one, other)]
+    return np.stack([np.interp(x, knots, v) for v in laid], axis=1)

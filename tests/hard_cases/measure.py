@@ -27,6 +27,7 @@ __all__ = [
     "gradient_condition",
     "gradient_error",
     "image",
+    "sampled_error",
     "subgradient_excess",
 ]
 
@@ -68,19 +69,21 @@ def _ends(case: RenderCase, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     return p[e[:, 0]], p[e[:, 1]]
 
 
-def _rays(case: RenderCase, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+def _rays(
+    case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     frame = frame_at(case, dtype)
-    pixel = torch.arange(case.width * case.height)
+    pixel = torch.arange(case.width * case.height) if pixels is None else pixels
     u, v = pixel % case.width, pixel // case.width
     return (u.to(dtype) + frame.u0) * frame.step, (v.to(dtype) + frame.v0) * frame.step
 
 
-def distances(case: RenderCase, dtype: torch.dtype) -> Distances:
-    """Every pixel against every capsule in this precision."""
+def distances(case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None) -> Distances:
+    """Every pixel, or those of these flat indices, against every capsule in this precision."""
     frame = frame_at(case, dtype)
     starts, ends = _ends(case, dtype)
     a, b, seen = cut_before_light(frame.local(starts), frame.local(ends), case.radius)
-    qx, qy = _rays(case, dtype)
+    qx, qy = _rays(case, dtype, pixels)
     at_once = max(1, 400_000 // len(a))
     found, who = [], []
     for x, y in zip(qx.split(at_once), qy.split(at_once), strict=True):
@@ -91,7 +94,7 @@ def distances(case: RenderCase, dtype: torch.dtype) -> Distances:
     return Distances(torch.cat(found), torch.cat(who))
 
 
-def _condition(case: RenderCase, winner: Tensor) -> Tensor:
+def _condition(case: RenderCase, winner: Tensor, pixels: Tensor | None = None) -> Tensor:
     """[P] sum over all inputs of |ds/dx| |x|, px: what one relative rounding of each can do.
 
     The largest of the place itself and two places within single precision of it, since a singular place
@@ -100,7 +103,7 @@ def _condition(case: RenderCase, winner: Tensor) -> Tensor:
     frame = frame_at(case, torch.float64)
     starts, ends = _ends(case, torch.float64)
     one, two = starts[winner], ends[winner]
-    qx, qy = _rays(case, torch.float64)
+    qx, qy = _rays(case, torch.float64, pixels)
     generator = torch.Generator().manual_seed(1)
     worst = torch.zeros(len(winner), dtype=torch.float64)
     for jitter in (0.0, 1e-7, 1e-7):
@@ -163,6 +166,34 @@ def forward_error(case: RenderCase) -> ForwardError:
         float(image_share),
         finite and same and agree,
     )
+
+
+def sampled_error(case: RenderCase, count: int = 2000) -> tuple[float, float]:
+    """Of an image too large for every pixel against every capsule: `count` pixels anywhere, `count` on edges.
+
+    Returns the largest error of the tiled single precision image in px (at the slope of an edge), and
+    the largest share of its bound, as in `ForwardError.image_share`. Infinite where a pixel or the
+    gradient is not finite.
+    """
+    starts, ends = _ends(case, torch.float32)
+    starts = starts.requires_grad_()
+    frame = frame_at(case, torch.float32)
+    shown = render_tiled(starts, ends, frame, case.radius, case.tau, _CUTOFF).flatten()
+    (gradient,) = torch.autograd.grad(shown.sum(), starts)
+    shown = shown.detach()
+    if not bool(gradient.isfinite().all() and shown.isfinite().all()):
+        return np.inf, np.inf
+    generator = torch.Generator().manual_seed(5)
+    edge = ((shown > 0.01) & (shown < 0.99)).nonzero()[:, 0]
+    picked = (torch.randint(n, (count,), generator=generator) for n in (len(shown), len(edge)))
+    anywhere, on_edge = picked
+    pixels = torch.cat([anywhere, edge[on_edge]])
+    exact = distances(case, torch.float64, pixels)
+    epsilon = torch.finfo(torch.float32).eps
+    bound = EPSILONS * epsilon * _condition(case, exact.winner, pixels)
+    away = (shown[pixels].double() - torch.sigmoid(case.tau * exact.s)).abs()
+    slope = 0.25 * case.tau
+    return float(away.max()) / slope, float((away / (slope * bound + 4 * epsilon)).max())
 
 
 def double_error(case: RenderCase, count: int = 5) -> float:
@@ -240,15 +271,15 @@ def _ways(points: Tensor, count: int) -> list[Tensor]:
     return found
 
 
-def gradient_error(case: RenderCase) -> GradientError:
-    """Of a fixed weighted sum of the image, along smooth random motions of the points."""
+def gradient_error(case: RenderCase, ways: int = 3) -> GradientError:
+    """Of a fixed weighted sum of the image, along `ways` smooth random motions of the points."""
     points = torch.as_tensor(case.points)
     g = _gradient(lambda p: _loss(case, p, torch.float64), points)
     single = _gradient(lambda p: _loss(case, p, torch.float32), points.float())
     pixel = _pixel_mm(case)
     least = 1e-4 / max(case.tau, 1.0) * pixel
     double_off, single_off = 0.0, 0.0
-    for v in _ways(points, 3):
+    for v in _ways(points, ways):
         # the step that suits: rounding spoils a small one, curvature a large one
         slopes = []
         for h in (least, 10 * least):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knotfab.render.frame import Frame
 
-__all__ = ["RenderCase", "frame_at", "render_cases", "ring"]
+__all__ = ["RenderCase", "frame_at", "large_cases", "render_cases", "ring"]
 
 Array = NDArray[np.float64]
 STEP = 2.0**-10  # x/z per pixel: 1024 px of focal length, and pixel centres are exact numbers
@@ -214,6 +214,26 @@ def render_cases() -> tuple[RenderCase, ...]:
             "40 strands anywhere at all depths",
             *_tangle(40, 8),
             radius=1.0,
+            real=True,
+        ),
+    )
+
+
+def large_cases() -> tuple[RenderCase, ...]:
+    """Images that only the tiled renderer can draw."""
+    thin, many = _closed(ring(60)), _closed(ring(20_000, waves=40))
+    why = "67 million pixels: no pass over every pixel and every capsule"
+    return (
+        RenderCase("8192 x 8192", why, *thin, 0.1, 1.0, 8192, 8192, 2.0**-17, real=True),
+        RenderCase(
+            "8192 x 8192, N = 20,000",
+            "capsules far shorter than they are wide, at that size",
+            *many,
+            0.1,
+            1.0,
+            8192,
+            8192,
+            2.0**-17,
             real=True,
         ),
     )
