@@ -125,12 +125,12 @@ GROUPS_OPENING = """
 ## The other groups
 
 Large images: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half of
-them on edges. Losses and network: the relative condition number sum |df/dx| |x| over |f|,
-the relative error of single precision, its share of 16 machine epsilons times that, and the
-gradient as above. Flow: adversarial steps, those that the certificate let pass, those found to carry a strand through another, and those of
-them that it let pass. Geometry: the swept volume against the exact one, or what an outline gave. Scenes
-that cannot be met: whether the piece keeps every limit, its IoU, the limit that binds, and the IoU
-that a short search reaches without it.
+them on edges. Losses and network: the relative condition number sum |df/dx| |x| over |f|, the relative
+error of single precision, its share of 16 machine epsilons times that, and the gradient as above.
+Flow: adversarial steps, those that the certificate let pass, those found to carry a strand through
+another, and those of them that it let pass. Geometry: the swept volume against the exact one, or
+what an outline gave. Scenes that cannot be met: whether the piece keeps every limit, its IoU, the
+limit that binds, and the IoU that a short search reaches without it.
 """
 
 Group = tuple[str, Sequence[str], list[Line]]

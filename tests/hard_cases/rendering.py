@@ -182,7 +182,7 @@ def render_cases() -> tuple[RenderCase, ...]:
             real=True,
         ),
         RenderCase("one row", "a picture of 1 x 4096", *chain, width=4096, height=1, step=2.0**-16),
-        RenderCase("one column", "a picture of 4096 x 1", *chain, width=1, height=64, real=True),
+        RenderCase("one column", "a picture of one column", *chain, width=1, height=64, real=True),
         RenderCase(
             "millionth",
             "everything scaled by 1e-6: squares near 1e-12",
