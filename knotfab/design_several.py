@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 _VERIFIED_PX = 1024
 _THINNEST = 0.0125  # tube radius over the longest frame side, where the pictures ask for no less
 _THICKEST = 0.022
+_OF_MANY = 0.01056  # with three views or more, and no thicker: more is asked of every strand
 _RADII = 4
 _OPEN_GIVE = 0.006  # opening IoU that a thicker tube may cost
 _START_GIVE = 0.012  # the start's IoU that a thicker tube may cost
@@ -146,8 +147,10 @@ def _radius_and_start(
     side = max(
         max(s.view.frame_width_mm or 0.0, s.view.frame_height_mm or 0.0) for s in problem.shots
     )
-    usual = max(thinnest, _THINNEST * side)
+    many = len(problem.shots) > 2
+    usual = max(thinnest, (_OF_MANY if many else _THINNEST) * side)
     radii = np.geomspace(usual, max(_THICKEST * side, 1.2 * usual), _RADII).round(4).tolist()
+    radii = radii[:1] if many else radii
     opened = {r: _opening(polygons, r) for r in radii}
     if opened[radii[0]] < 0.95 and thinnest < usual:
         radii = [*np.geomspace(thinnest, usual, 4)[:-1].round(4).tolist(), *radii]
