@@ -82,7 +82,7 @@ mutations: system $(DONE)
 frontier: $(DONE)
 	$(BIN)/python -m examples.frontier
 
-# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry (about 6 min)
+# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)
 	$(BIN)/python -m examples.hard_cases
 

@@ -12,11 +12,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from examples.hard_groups import Line, groups
+from examples.hard_sheets import draw_image, sheet
 from tests.hard_cases.measure import (
     ForwardError,
     double_error,
@@ -126,36 +128,24 @@ GROUPS_OPENING = """
 
 Large images: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half of
 them on edges. Losses and network: the relative condition number sum |df/dx| |x| over |f|, the relative
-error of single precision, its share of 16 machine epsilons times that, and the gradient as above.
+error of single precision (absolute where f is 0), its share of 16 machine epsilons times that, and the
+gradient as above; "finite" where the value itself jumps, so that there are no slopes to hold a gradient
+against. A loss is drawn with the way it pulls its points, the network with a disc before and after.
 Flow: adversarial steps, those that the certificate let pass, those found to carry a strand through
 another, and those of them that it let pass. Geometry: the swept volume against the exact one, or
-what an outline gave. Scenes that cannot be met: whether the piece keeps every limit, its IoU, the
-limit that binds, and the IoU that a short search reaches without it.
+what an outline gave, drawn with the curves that fill it. Scenes that cannot be met: whether the piece
+keeps every limit, its IoU, the limit that binds, and the IoU that a short search reaches without it;
+drawn as the target with the piece's shadow over it.
 """
 
 Group = tuple[str, Sequence[str], list[Line]]
 
 
 def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    columns = 6
-    figure, axes = pyplot.subplots(
-        -(-len(rows) // columns), columns, figsize=(12, 2.1 * -(-len(rows) // columns))
-    )
-    for place, row in zip(axes.flat, rows, strict=False):
-        shown = image(row.case, torch.float32).numpy()
-        wide = row.case.height >= 3 and row.case.width >= 3
-        place.imshow(1 - shown, cmap="gray", vmin=0, vmax=1, aspect="equal" if wide else "auto")
-        place.set_title(row.case.name, fontsize=8)
-    for place in axes.flat:
-        place.axis("off")
-    figure.tight_layout()
-    figure.savefig(folder / "hard-cases.png", dpi=80, metadata={"Software": None})
-    pyplot.close(figure)
+    drawn = [
+        (row.case.name, partial(draw_image, image=image(row.case, torch.float32))) for row in rows
+    ]
+    sheet(folder / "hard-cases.png", drawn)
     lines = [
         OPENING,
         "![a picture of each case](hard-cases.png)\n",
@@ -169,7 +159,10 @@ def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
     lines.append(f"\nThe closed forms as printed fail in {bad} of the {count} cases they apply to.")
     lines.append(GROUPS_OPENING)
     for title, heads, found in others:
-        lines += [f"### {title}\n", "| " + " | ".join((*heads, "why it is hard")) + " |"]
+        picture = f"hard-cases-{title.split()[0].lower()}.png"
+        sheet(folder / picture, [(one.name, one.draw) for one in found])
+        lines += [f"### {title}\n", f"![{title.lower()}]({picture})\n"]
+        lines += ["| " + " | ".join((*heads, "why it is hard")) + " |"]
         lines.append("|" + "---|" * (len(heads) + 1))
         lines += ["| " + " | ".join((one.name, *one.cells, one.why)) + " |" for one in found]
         lines.append("")
@@ -187,7 +180,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--only", default="", help="cases, or other groups, whose name holds this word"
     )
-    parser.add_argument("--write", type=Path, help="folder for hard-cases.md and hard-cases.png")
+    parser.add_argument("--write", type=Path, help="folder for hard-cases.md and its pictures")
     asked = parser.parse_args(argv)
     widths = (26, 13, 10, 5, 13, 14, 11, 11, 18)
     print("  ".join(head.ljust(n) for head, n in zip(HEADS, widths, strict=True)))

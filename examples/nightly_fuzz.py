@@ -1,4 +1,4 @@
-"""New hard cases for half an hour: random capsules, noisy pictures, adversarial steps, tubes at their limit.
+"""New hard cases for half an hour: capsules, noisy pictures, adversarial steps, tubes, losses, networks.
 
     python -m examples.nightly_fuzz [--minutes 30] [--seed 0]
 
@@ -14,6 +14,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -27,7 +28,9 @@ from knotfab.target.silhouette import polygon_of
 from knotfab.template.filling import fill
 from tests.hard_cases.curves import hard_knots
 from tests.hard_cases.measure import forward_error, image
+from tests.hard_cases.random_values import random_loss, random_network, round_trip_share
 from tests.hard_cases.rendering import RenderCase, frame_at
+from tests.hard_cases.value_error import value_error
 
 __all__ = ["KINDS", "main", "one_round"]
 
@@ -107,11 +110,33 @@ def _tube(rng: np.random.Generator) -> str:
     return "" if off < (5e-3 if sides == 3 else 1e-3) else f"the volume is off by {off:.2g}"
 
 
+def _losses(rng: np.random.Generator) -> str:
+    """A loss of random polygons with points that coincide, at any scale."""
+    case = random_loss(rng)
+    found = value_error(case)
+    if not found.finite:
+        return f"{case.name}: not finite"
+    return "" if found.share <= 1 else f"{case.name}: {found.share:.2g} of its bound"
+
+
+def _network(rng: np.random.Generator) -> str:
+    """A network of random weights: its value, and its way there and back."""
+    network, case = random_network(rng)
+    found = value_error(replace(case, smooth=False))
+    if not found.finite:
+        return "not finite"
+    shares = (found.share, *round_trip_share(network, case.inputs[0]))
+    told = ", ".join(f"{share:.2g}" for share in shares)
+    return "" if max(shares) <= 1 else f"{told} of the bound (value, there and back)"
+
+
 KINDS: dict[str, Callable[[np.random.Generator], str]] = {
     "capsules": _capsules,
     "picture": _picture,
     "steps": _steps,
     "tube": _tube,
+    "losses": _losses,
+    "network": _network,
 }
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from examples.side_view import side_view
+from examples.side_view import beside, side_view
 from knotfab.design import problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
@@ -26,18 +26,19 @@ from knotfab.render.frame import Frame
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.depth import choose_depth, lift
-from knotfab.search.flow import FlowSettings, flow
-from knotfab.search.legibility import stretched
 from knotfab.search.neighbours import Neighbours
-from knotfab.search.objective import Objective, Weights
+from knotfab.search.objective import Objective
+from knotfab.search.phases import objective_of, three_phases
 from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.search import Problem
+from knotfab.search.polyline import Rings
+from knotfab.search.problem import Account, Problem
+from knotfab.search.settings import PRESETS
+from knotfab.search.start import lifted
 from knotfab.search.threads import one_thread
+from knotfab.search.walking import walked
 from knotfab.sequence.gif import write_gif
 from knotfab.target.read import read_target
-from knotfab.template.filling import even_samples, fill
+from knotfab.template.filling import fill
 
 __all__ = ["film", "watched"]
 
@@ -48,35 +49,30 @@ EVERY = 5  # iterations between pictures
 SHARE = 0.0125  # tube radius, of the frame's width
 TURN_DEG = 60.0
 LAST = 12  # times that the last picture is held
-_PHASES = (
-    (160, 70, Weights(), (1.5, 3.0), (0.15, 0.06)),
-    (256, 70, Weights(clearance=3.0, bend=0.5), (3.0, 6.0), (0.06, 0.02)),
-    (256, 40, Weights(clearance=20.0, bend=5.0, region=50.0), (6.0, 6.0), (0.03, 0.01)),
+_SETTINGS = PRESETS["draft"].model_copy(
+    update={
+        "coarse_iterations": 70,
+        "fine_iterations": 70,
+        "settle_iterations": 40,
+        "depth_candidates": 40,
+        "tolerance_px": 0.25,
+    }
 )
 
 
 @one_thread()
 def watched(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
-    light = problem.view.light_distance_mm
-    limits = problem.limits(radius)
-    template = fill(problem.polygon, radius)
-    extent = problem.depth_mm or 3.0 * radius
-    depth = choose_depth(
-        template.curves, radius, light, extent, stretched(problem.mask), 40, seed=0
-    )
-    parts = [
-        even_samples(lift(curve, z, light), 0.45 * radius)
-        for curve, z in zip(template.curves, depth.depths, strict=True)
-    ]
-    points, rings = np.concatenate(parts), rings_of_sizes(tuple(len(p) for p in parts))
+    limits, account = problem.limits(radius), Account()
+    points, rings, _ = lifted(problem, fill(problem.polygon, radius), limits, _SETTINGS, account)
     seen = [points]
-    for pixels, iterations, weights, tau, rates in _PHASES:
-        pixel_mm = max(frame_mm(problem.view)) / pixels
-        effects = survey(Situation(problem.view, limits, points, rings, pixel_mm, 0.25))
-        frame, target, _ = picture_at(problem.view, problem.mask, pixels, True, "cpu")
-        objective = Objective(
-            frame, target, rings, limits, effects, weights, tau, radius / pixel_mm, 3
+    for phase in three_phases(_SETTINGS):
+        pixel_mm = max(frame_mm(problem.view)) / phase.pixels
+        effects = survey(
+            Situation(problem.view, limits, points, rings, pixel_mm, _SETTINGS.tolerance_px)
+        )
+        objective = objective_of(
+            problem.view, problem.mask, limits, rings, effects, phase, _SETTINGS, "cpu"
         )
 
         def watch(
@@ -86,8 +82,7 @@ def watched(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[A
                 seen.append(x.detach().numpy().copy())
             return base(x, near, progress)
 
-        walk = FlowSettings(iterations=iterations, rate=rates[0], rate_end=rates[1])
-        points = flow(points, rings, watch, radius, walk, separation=limits.separation).points
+        points = walked(points, rings, watch, limits, phase.walk, account, "cpu", None)
     return [*seen, points], rings
 
 
@@ -101,10 +96,7 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
     for points in stages:
         left = _shadow(points, rings, frame, radius, wanted)
         right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
-        both = Image.new("RGB", (left.width + right.width, left.height), "white")
-        both.paste(left, (0, 0))
-        both.paste(right, (left.width, 0))
-        found.append(both)
+        found.append(beside(left, right))
     return found + found[-1:] * LAST
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-__all__ = ["side_view"]
+__all__ = ["beside", "side_view"]
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,14 @@ _LIGHT = np.array([-0.42, 0.55, 0.72])  # from above to the left, in the viewer'
 _COLOR = np.array([206.0, 124.0, 82.0])
 _PAPER = 255.0
 _HAZE = 0.45  # of the paper's colour on what is furthest away
+
+
+def beside(left: Image.Image, right: Image.Image) -> Image.Image:
+    """Two pictures as one, on white, as high as the left one."""
+    both = Image.new("RGB", (left.width + right.width, left.height), "white")
+    both.paste(left, (0, 0))
+    both.paste(right, (left.width, 0))
+    return both
 
 
 def side_view(

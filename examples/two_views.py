@@ -33,6 +33,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "knight-face": ("knight", "face"),
     "heart-teapot-by-eye": ("heart", "teapot"),
     "heart-face-teapot": ("heart", "face", "teapot"),
+    "knight-cat-bird": ("knight", "cat", "bird"),
+    "anchor-wheel-plane": ("anchor", "wheel", "plane"),
 }
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageChops, ImageOps
 
-from examples.side_view import side_view
+from examples.side_view import beside, side_view
 from knotfab.report.pictures import draw_part
 from knotfab.scene.load import load_scene
 from knotfab.sequence.gif import write_gif
@@ -51,10 +51,7 @@ def walk_film(folder: Path) -> list[Image.Image]:
         shadow = shadow.resize(
             (round(SIZE * shadow.width / shadow.height), SIZE), Image.Resampling.BOX
         )
-        both = Image.new("RGB", (shadow.width + SIZE, SIZE), "white")
-        both.paste(shadow, (0, 0))
-        both.paste(side_view([knot], radius, reach, SIZE, TURN_DEG), (shadow.width, 0))
-        found.append(both)
+        found.append(beside(shadow, side_view([knot], radius, reach, SIZE, TURN_DEG)))
     return found
 
 

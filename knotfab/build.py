@@ -101,7 +101,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
-            if request.printing and request.scene.mount.kind != "none":
+            if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
             made = _designed(request, targets, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:

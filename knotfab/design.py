@@ -17,22 +17,22 @@ from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
+from knotfab.search.budget import within
 from knotfab.search.feasible import Standing
+from knotfab.search.fineness import VERIFIED_PX, fine_enough
 from knotfab.search.free_start import free_start, freed
 from knotfab.search.price import Price, prices, sparser
 from knotfab.search.radius import RadiusChoice, choose_radius
 from knotfab.search.search import Infeasible, Problem, SearchResult, search
 from knotfab.search.settings import SearchSettings, search_settings
-from knotfab.sweep.tube import sides_for
 from knotfab.target.read import Target
 from knotfab.target.silhouette import polygon_of
-from knotfab.template.filling import Template, fill
+from knotfab.template.filling import fill
 
 __all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon"]
 
 Array = NDArray[np.float64]
 
-_VERIFIED_PX = 1024  # longer side of the frame on which the outline is verified
 REGION_FILE = "region.stl"
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 
@@ -103,7 +103,7 @@ def _region(region: Region, view: View) -> Region:
     if region.size_mm != "auto":
         return region
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    shrink = view.light_distance_mm / (view.light_distance_mm + view.wall_distance_mm)
+    shrink = 1.0 / view.magnification
     deep = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
     wide, high = 1.25 * shrink * view.frame_width_mm, 1.25 * shrink * view.frame_height_mm
     if region.kind == "box":
@@ -184,64 +184,13 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     return float(opened.intersection(polygon).area / polygon.union(opened).area)
 
 
-def _fine_enough(
-    settings: SearchSettings,
-    radius: float,
-    bend_mm: float,
-    view: View,
-    deep: float,
-    limit_px: float,
-) -> SearchSettings:
-    """The settings with facets and vertices close enough for the outline to pass its check.
-
-    A ring of m corners stands out from the round tube by r a² / 12, a = 2 pi / m, and a mitre between
-    edges e that turn by the most a bend radius R allows, tan(angle / 2) = e / 2R, by
-    r (sqrt(1 + (e / 2R)²) - 1). Of the outline's limit, seen where the shadow is largest, the first
-    may take a quarter and the second a half; the rest is for edges that are not quite even.
-    """
+def _allowed_mm(view: View, radius: float, deep: float, limit_px: float) -> float:
+    """How far the outline's limit is on the piece, where the shadow is largest."""
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    pixel = max(view.frame_width_mm, view.frame_height_mm) / _VERIFIED_PX
+    pixel = max(view.frame_width_mm, view.frame_height_mm) / VERIFIED_PX
     light = view.light_distance_mm
     largest = (light + view.wall_distance_mm) / max(light - 0.5 * deep - radius, 0.1 * light)
-    allowed = limit_px * pixel / largest
-    edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed / radius) ** 2 - 1.0))
-    return settings.model_copy(
-        update={
-            "mesh_sides": max(settings.mesh_sides, sides_for(radius, 0.25 * allowed)),
-            "settle_edge_radii": min(settings.settle_edge_radii, max(0.1, round(edge / radius, 4))),
-        }
-    )
-
-
-def _within(
-    seconds: float,
-    problem: Problem,
-    template: Template,
-    radius: float,
-    settings: SearchSettings,
-    device: str,
-) -> SearchSettings:
-    """The settings with as many iterations as the seconds allow on this machine, by a short run."""
-    few = settings.model_copy(
-        update={
-            "coarse_iterations": 6,
-            "fine_iterations": 6,
-            "settle_iterations": 3,
-            "network_iterations": 6,
-        }
-    )
-
-    def iterations(of: SearchSettings) -> int:
-        network = 0 if of.method == "flow" else of.network_iterations
-        flow = of.coarse_iterations + of.fine_iterations + of.settle_iterations
-        return network + (0 if of.method == "inn" else flow)
-
-    begun = time.perf_counter()
-    search(problem, template, radius, few, device, repairs=0)
-    each = (time.perf_counter() - begun) / iterations(few)
-    total = iterations(settings)
-    factor = (seconds - 16 * each) / (each * total)
-    return settings.scaled(float(np.clip(factor, 0.2, 5.0)))
+    return limit_px * pixel / largest
 
 
 def design(
@@ -298,16 +247,14 @@ def design(
     problem = replace(problem, depth_mm=depth)
     bend = problem.limits(radius).bend_radius
     outline = scene.accuracy.max_outline_error_px
-    settings = _fine_enough(settings, radius, bend, view, depth or 0.0, outline)
+    allowed = _allowed_mm(view, radius, depth or 0.0, outline)
+    settings = fine_enough(settings, radius, bend, allowed)
     if budget_s is not None:
         with progress.stage("calibrate"):
-            settings = _within(
+            settings = within(
                 budget_s - (time.perf_counter() - begun),
-                problem,
-                template,
-                radius,
                 settings,
-                device,
+                lambda few: search(problem, template, radius, few, device, repairs=0),
             )
     unmet: SearchResult | None = None
     with progress.stage("search"):
@@ -316,7 +263,8 @@ def design(
                 found, settings = freed(scene, problem, template, radius, settings, progress.update)
                 result, view, radius = found.result, found.view, found.knots.radius_mm
                 problem = replace(problem, view=view, polygon=silhouette_polygon(view, target))
-                fine = _fine_enough(settings, radius, bend, view, depth or 0.0, outline)
+                allowed = _allowed_mm(view, radius, depth or 0.0, outline)
+                fine = fine_enough(settings, radius, bend, allowed)
                 settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
             else:
                 result = search(problem, template, radius, settings, device, progress.update)
@@ -327,7 +275,7 @@ def design(
     opened = opening_iou(problem.polygon, radius)
     floor = scene.accuracy.iou_floor
     if floor == "auto":
-        floor = round(max(0.3, opened - settings.iou_slack), 4)
+        floor = settings.floor(opened)
     binding: tuple[Price, ...] = ()
     if not settings.free_view and (unmet is not None or result.iou_estimate < float(floor)):
         with progress.stage("limits"):

@@ -20,18 +20,19 @@ from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene, View
+from knotfab.search.budget import within
+from knotfab.search.fineness import VERIFIED_PX, fine_enough
+from knotfab.search.price import Price, prices_several
 from knotfab.search.search import Infeasible
 from knotfab.search.settings import SearchSettings, search_settings
 from knotfab.search.several import SeveralProblem, SeveralResult, Shot, search_several
 from knotfab.search.several_start import Start, start_of
-from knotfab.sweep.tube import sides_for
 from knotfab.target.read import Target
 
 __all__ = ["SeveralDesign", "design_several", "require_several"]
 
 Array = NDArray[np.float64]
 
-_VERIFIED_PX = 1024
 _THINNEST = 0.0125  # tube radius over the longest frame side, where the pictures ask for no less
 _THICKEST = 0.022
 _OF_MANY = 0.01056  # with three views or more, and no thicker: more is asked of every strand
@@ -172,23 +173,11 @@ def _radius_and_start(
     return radius, starts[radius]
 
 
-def _fine_enough(
-    settings: SearchSettings, radius: float, bend_mm: float, views: Sequence[View], limit_px: float
-) -> SearchSettings:
-    """Facets and vertices close enough for every view's outline to pass its check (see design.py)."""
-    allowed = np.inf
-    for view in views:
-        pixel = max(view.frame_width_mm or 0.0, view.frame_height_mm or 0.0) / _VERIFIED_PX
-        light = view.light_distance_mm
-        magnified = (light + view.wall_distance_mm) / max(0.8 * light, 1e-6)
-        allowed = min(allowed, limit_px * pixel / magnified)
-    edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed / radius) ** 2 - 1.0))
-    return settings.model_copy(
-        update={
-            "mesh_sides": max(settings.mesh_sides, sides_for(radius, 0.25 * allowed)),
-            "settle_edge_radii": min(settings.settle_edge_radii, max(0.1, round(edge / radius, 4))),
-        }
-    )
+def _allowed_mm(views: Sequence[View], limit_px: float) -> float:
+    """How far the outline's limit is on the piece, in the view where that is least (see design.py)."""
+    pixels = [max(v.frame_width_mm or 0.0, v.frame_height_mm or 0.0) / VERIFIED_PX for v in views]
+    each = zip(pixels, views, strict=True)
+    return min(0.8 * limit_px * pixel / v.magnification for pixel, v in each)
 
 
 def _level_polygon(view: View, target: Target) -> MultiPolygon:
@@ -263,17 +252,23 @@ def design_several(
         None if bend == "auto" else float(bend),
         scene.material.max_length_mm,
         region,
+        # a third picture leaves the others little room; two are drawn best as equals
+        tuple(b.iou for b in bounds) if len(views) > 2 else None,
     )
     with progress.stage("template"):
         radius, start = _radius_and_start(scene, problem, polygons, drawable, settings, progress)
     limits = problem.limits(radius)
-    settings = _fine_enough(
-        settings, radius, limits.bend_radius, views, scene.accuracy.max_outline_error_px
-    )
+    allowed = _allowed_mm(views, scene.accuracy.max_outline_error_px)
+    settings = fine_enough(settings, radius, limits.bend_radius, allowed)
     if budget_s is not None:
         with progress.stage("calibrate"):
-            left = budget_s - (time.perf_counter() - begun)
-            settings = _within(left, problem, start, radius, settings, device)
+            settings = within(
+                budget_s - (time.perf_counter() - begun),
+                settings,
+                lambda few: search_several(
+                    problem, start.curves, start.why, radius, few, device, repairs=0
+                ),
+            )
     with progress.stage("search"):
         try:
             result = search_several(
@@ -285,8 +280,14 @@ def design_several(
     opened = _opening(polygons, radius)
     floor = scene.accuracy.iou_floor
     if floor == "auto":
-        reachable = min(opened, *(b.iou for b in bounds))
-        floor = round(max(0.3, reachable - settings.iou_slack), 4)
+        floor = settings.floor(min(opened, *(b.iou for b in bounds)))
+    binding: tuple[Price, ...] = ()
+    if result.standing.violations or result.iou_estimate < float(floor):
+        with progress.stage("limits"):
+            roomy = _region(Region(), bounds, radius)
+            binding = prices_several(
+                problem, start.curves, start.why, result, settings, roomy, device
+            )
     resolved = scene.model_copy(
         update={
             "views": views,
@@ -308,25 +309,7 @@ def design_several(
         None,
         opened,
         settings,
+        binding=binding,
         bounds=bounds,
         start_ious=start.ious,
     )
-
-
-def _within(
-    seconds: float,
-    problem: SeveralProblem,
-    start: Start,
-    radius: float,
-    settings: SearchSettings,
-    device: str,
-) -> SearchSettings:
-    """The settings with as many iterations as the seconds allow on this machine, by a short run."""
-    few = settings.model_copy(
-        update={"coarse_iterations": 6, "fine_iterations": 6, "settle_iterations": 3}
-    )
-    begun = time.perf_counter()
-    search_several(problem, start.curves, start.why, radius, few, device, repairs=0)
-    each = (time.perf_counter() - begun) / 15
-    total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
-    return settings.scaled(float(np.clip((seconds - 16 * each) / (each * total), 0.2, 5.0)))

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Collection
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NoReturn
 
 from knotfab.errors import InputError, MachineError
@@ -49,12 +48,7 @@ class Verifier:
             self._children.append(child)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for child in self._children:
             child.kill()
             child.communicate()

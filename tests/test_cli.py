@@ -249,8 +249,9 @@ def gone(process: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs the process table of Linux")
-def test_ctrl_c_in_the_middle_of_the_search(tmp_path: Path) -> None:
-    """Interrupted: code 130, the earlier result as it was, no folder and no process left over."""
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_in_the_middle_of_the_search(tmp_path: Path, asked: signal.Signals) -> None:
+    """By Ctrl-C or kill: code 130, the earlier result as it was, no folder and no process left over."""
     out = tmp_path / "out"
     out.mkdir()
     (out / "part.stl").write_text("earlier")
@@ -275,7 +276,7 @@ def test_ctrl_c_in_the_middle_of_the_search(tmp_path: Path) -> None:
         assert children, "the verifier was to start before the search"
         assert len(list(out.iterdir())) == 2  # the earlier part, and the hidden folder
         for _ in range(6):  # Python drops one that arrives while it frees something: press again
-            build.send_signal(signal.SIGINT)
+            build.send_signal(asked)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 printed, err = build.communicate(timeout=15)
                 break

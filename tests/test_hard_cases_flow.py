@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hard_cases.crossing import linking_number, passes_through
-from hard_cases.curves import HardKnot, circle, hard_knots
 from torch import Tensor
 
 from examples.isotopy_fuzz import fuzz, types_of
@@ -14,6 +12,8 @@ from knotfab.search.certificate import certify
 from knotfab.search.flow import FlowSettings, flow
 from knotfab.search.neighbours import Neighbours, find_neighbours
 from knotfab.search.polyline import rings_of_sizes
+from tests.hard_cases.crossing import linking_number, passes_through
+from tests.hard_cases.curves import HardKnot, circle, hard_knots
 
 
 @pytest.mark.parametrize("case", hard_knots(), ids=lambda case: case.name)

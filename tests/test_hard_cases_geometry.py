@@ -7,13 +7,13 @@ from math import pi
 import numpy as np
 import pytest
 import shapely
-from hard_cases.curves import circle
-from hard_cases.pictures import HardPicture, hard_pictures
 
 from knotfab.errors import SceneError
 from knotfab.sweep.tube import _transport, mesh_volume, sweep
 from knotfab.target.silhouette import polygon_of
 from knotfab.template.filling import fill
+from tests.hard_cases.curves import circle
+from tests.hard_cases.pictures import HardPicture, hard_pictures
 
 # those whose outlines alone take seconds are left to `examples.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
@@ -21,7 +21,7 @@ SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "
 
 def _bend(count: int, radius: float) -> float:
     """MinRad of a regular polygon: min edge / (2 tan(theta / 2)), its inner radius."""
-    return radius * np.cos(pi / count)
+    return radius * float(np.cos(pi / count))
 
 
 @pytest.mark.parametrize("share", [0.9, 0.99, 0.999])

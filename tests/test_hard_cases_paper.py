@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hard_cases.measure import distances
-from hard_cases.paper_rendering import applies, paper_error, printed_corners, printed_fails
-from hard_cases.rendering import render_cases
 
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.network.rigid import rotation
+from tests.hard_cases.measure import distances
+from tests.hard_cases.paper_rendering import applies, paper_error, printed_corners, printed_fails
+from tests.hard_cases.rendering import render_cases
 
 CASES = {case.name: case for case in render_cases() if applies(case)}
 

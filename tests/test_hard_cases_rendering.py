@@ -8,7 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hard_cases.measure import (
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from knotfab.render.dense import render_dense
+from knotfab.render.frame import Frame
+from knotfab.render.tiled import render_tiled, winners
+from tests.hard_cases.measure import (
     distances,
     double_error,
     forward_error,
@@ -17,12 +23,7 @@ from hard_cases.measure import (
     image,
     subgradient_excess,
 )
-from hard_cases.rendering import RenderCase, frame_at, render_cases
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from knotfab.render.dense import render_dense
-from knotfab.render.tiled import render_tiled
+from tests.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
 
 CASES = {case.name: case for case in render_cases()}
 
@@ -96,6 +97,39 @@ def test_scaled_scenes_give_the_same_picture() -> None:
         assert torch.allclose(distances(case_of(name), torch.float64).s, plain, atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int) -> None:
+    # around a corner of a polygon whose edges are far longer than wide: squares lose most of a pixel
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(8, 3)) * (30, 30, 10) + (0, 0, 600)
+    a = torch.as_tensor(corners, dtype=torch.float32)
+    step = 2.0**-14
+    u0, v0 = (corners[0, :2] / corners[0, 2] / step).round() - (100, 60)
+    frame = Frame(torch.eye(3), torch.zeros(3), float(u0), float(v0), step, 200, 120)
+    dense = render_dense(a, a.roll(-1, 0), frame, 0.01, 0.1)
+    assert float(dense.max()) > 0.4
+    tiled = render_tiled(a, a.roll(-1, 0), frame, 0.01, 0.1)
+    assert float((tiled - dense).abs().max()) <= 2e-7
+
+
+def test_winners_are_the_same_whatever_the_threads() -> None:
+    # neighbours share their ends, so that many pixels have two nearest capsules
+    points = torch.as_tensor(ring(40))
+    frame = Frame(
+        torch.eye(3).double(), torch.zeros(3).double(), -255.5, -255.5, 2.0**-14, 512, 512
+    )
+    threads = torch.get_num_threads()
+    try:
+        found = []
+        for count in (1, 4, 4, 4):
+            torch.set_num_threads(count)
+            found.append(winners(points, points.roll(-1, 0), frame, 2.0, 40.0))
+    finally:
+        torch.set_num_threads(threads)
+    for pixel, capsule in found[1:]:
+        assert torch.equal(pixel, found[0][0]) and torch.equal(capsule, found[0][1])
+
+
 finite = st.floats(-1.0, 1.0, allow_subnormal=True)
 point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
 
@@ -108,6 +142,8 @@ point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
     log_tau=st.floats(0, 6),
     dtype=st.sampled_from([torch.float32, torch.float64]),
 )
+# both ends nearly in the light: once an endless slope times nothing
+@example([(0.0, 0.0, 0.0), (0.0, 0.0, 1e-30)], 0, 0.0, 0.0, torch.float32)
 def test_any_points_give_a_finite_picture_and_gradient(
     points: list[tuple[float, float, float]],
     log_scale: int,

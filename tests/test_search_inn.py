@@ -24,7 +24,7 @@ from knotfab.search.sampling_certificate import (
     refined,
     same_type,
 )
-from knotfab.search.search import Problem, search
+from knotfab.search.search import Problem, SearchResult, search
 from knotfab.search.settings import PRESETS, SearchSettings, search_settings
 from knotfab.target.read import read_target
 from knotfab.template.filling import fill
@@ -51,6 +51,22 @@ def problem() -> Problem:
     scene = resolve(Scene(), [(target.width, target.height)])
     scene = scene.model_copy(update={"views": (resolve_view(scene.views[0], target),)})
     return problem_of(scene, target)
+
+
+def _searched(
+    problem: Problem, settings: SearchSettings, repairs: int = 0
+) -> tuple[SearchResult, list[float], list[float]]:
+    """The result, and the shares done and the IoU that were reported on the way."""
+    shares: list[float] = []
+    seen: list[float] = []
+
+    def report(share: float, iou: float | None) -> None:
+        shares.append(share)
+        seen.append(iou or 0.0)
+
+    template = fill(problem.polygon, RADIUS)
+    result = search(problem, template, RADIUS, settings, repairs=repairs, report=report)
+    return result, shares, seen
 
 
 def _trefoil(count: int, mirror: bool = False) -> np.ndarray:
@@ -145,15 +161,7 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
 
 
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
-    seen: list[float] = []
-    result = search(
-        problem,
-        fill(problem.polygon, RADIUS),
-        RADIUS,
-        QUICK,
-        repairs=0,
-        report=lambda part, iou: seen.append(iou or 0.0),
-    )
+    result, _, seen = _searched(problem, QUICK)
     assert result.account.certified
     assert result.account.accepted > 3
     assert "invertible network" in result.account.template
@@ -162,16 +170,8 @@ def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) 
 
 
 def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) -> None:
-    seen: list[float] = []
-    settings = QUICK.model_copy(update={"network_start": "circle"})
-    result = search(
-        problem,
-        fill(problem.polygon, RADIUS),
-        RADIUS,
-        settings,
-        repairs=0,
-        report=lambda part, iou: seen.append(iou or 0.0),
-    )
+    circle = QUICK.model_copy(update={"network_start": "circle"})
+    result, _, seen = _searched(problem, circle)
     assert result.account.certified
     assert "circle" in result.account.template
     assert result.depth is None
@@ -180,14 +180,7 @@ def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) 
 
 def test_network_then_flow_ends_feasible(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"method": "inn+flow", "network_iterations": 30})
-    fractions: list[float] = []
-    result = search(
-        problem,
-        fill(problem.polygon, RADIUS),
-        RADIUS,
-        settings,
-        report=lambda part, iou: fractions.append(part),
-    )
+    result, fractions, _ = _searched(problem, settings, repairs=4)
     assert result.standing.violations == []
     assert result.account.certified
     assert result.iou_estimate > 0.97
@@ -197,8 +190,7 @@ def test_network_then_flow_ends_feasible(problem: Problem) -> None:
 
 def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     short = QUICK.model_copy(update={"network_iterations": 5})
-    template = fill(problem.polygon, RADIUS)
-    one, two = (search(problem, template, RADIUS, short, repairs=0).knots.points for _ in range(2))
+    one, two = (_searched(problem, short)[0].knots.points for _ in range(2))
     assert (one == two).all()
 
 
@@ -213,7 +205,7 @@ def test_what_cannot_be_proved_is_not_called_certified(
 
     monkeypatch.setattr(inn, "carry", stuck)
     short = QUICK.model_copy(update={"network_iterations": 3})
-    result = search(problem, fill(problem.polygon, RADIUS), RADIUS, short, repairs=0)
+    result = _searched(problem, short)[0]
     assert not result.account.certified
     assert "no sampling could be certified" in result.account.template
     assert len(tried) >= 3
@@ -227,16 +219,16 @@ def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(search_module, "warp", explode)
     flow = QUICK.model_copy(update={"method": "flow", "coarse_iterations": 2})
     flow = flow.model_copy(update={"fine_iterations": 0, "settle_iterations": 0})
-    search(problem, fill(problem.polygon, RADIUS), RADIUS, flow, repairs=0)
+    _searched(problem, flow)
     with pytest.raises(AssertionError, match="none is asked for"):
-        search(problem, fill(problem.polygon, RADIUS), RADIUS, QUICK, repairs=0)
+        _searched(problem, QUICK)
 
 
 def test_a_circle_cannot_be_a_trefoil(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"network_start": "circle"})
     tied = replace(problem, knot="trefoil")
     with pytest.raises(SceneError, match="a trefoil is asked for"):
-        search(tied, fill(problem.polygon, RADIUS), RADIUS, settings)
+        _searched(tied, settings)
 
 
 def test_effects_are_judged_again_but_never_forgotten() -> None:

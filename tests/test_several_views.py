@@ -332,7 +332,13 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
         piece=Piece(tube_radius_mm=7.0),
         views=(front, side.model_copy(update={"kind": "eye"})),
         accuracy=Accuracy(name="draft", max_outline_error_px=1.5),
-        search={"coarse_iterations": 40, "fine_iterations": 20, "settle_iterations": 20},
+        search={
+            "coarse_px": 96,
+            "fine_px": 128,
+            "coarse_iterations": 30,
+            "fine_iterations": 15,
+            "settle_iterations": 20,
+        },
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -341,6 +342,8 @@ def main(arguments: list[str] | None = None) -> None:
     # many small products: threads that wait for each other cost more than they bring, and up to
     # ten times on a shared machine; read when numpy is first imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # asked to end, tidy up as after Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except KnotfabError as error:

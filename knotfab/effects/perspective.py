@@ -20,8 +20,7 @@ def magnitude(situation: Situation) -> float:
     across = float(np.abs(situation.points[:, :2]).max())
     depth = float(np.abs(situation.points[:, 2]).max()) + situation.limits.radius
     light = view.light_distance_mm
-    magnified = (light + view.wall_distance_mm) / light
-    return across * magnified * depth / max(light - depth, 1e-6) / situation.pixel_mm
+    return across * view.magnification * depth / max(light - depth, 1e-6) / situation.pixel_mm
 
 
 PERSPECTIVE = Effect(

@@ -52,7 +52,7 @@ def brace(
     given: Candidates,
     stiffness: Stiffness,
     *,
-    most: int = 60,
+    most: int = 100,
     settled: bool = False,
 ) -> Braced:
     """Add members, or thicken those that show, until nothing sags more than `max_sag_mm` (gravity: -y).

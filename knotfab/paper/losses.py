@@ -96,7 +96,9 @@ def mobius_loss(
     counts = (d < 2 * radius) & ~(same & (g <= least)) & ~beside
     same, g, d = same[counts], g[counts], d[counts]
     apart = d.clamp_min(least)
-    gap = (g - apart) * (g + apart) / (apart * torch.where(same, g, 1.0)) ** 2
+    both = apart * torch.where(same, g, 1.0)
+    # one factor at a time: the square of the product would underflow
+    gap = (g - apart) / both * ((g + apart) / both)
     energy = torch.where(same, gap.clamp_min(0.0), 1 / apart**2)
     return (energy * (2 * radius - d)).sum() / len(u)
 

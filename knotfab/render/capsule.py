@@ -15,6 +15,7 @@ __all__ = ["BEHIND", "capsule_distance", "ray_miss"]
 
 BEHIND = -1e9  # the signed distance (px) of what lies behind the light
 _TINY = 1e-30
+_NEAREST = 1e-12  # mm; what is seen is deeper (clip.py), and the square of the inverse is a number
 
 
 def _moment(p: Tensor, qx: Tensor, qy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -65,6 +66,6 @@ def capsule_distance(
     form; equals the paper's capsule silhouette, sec. 3.3, in sign everywhere).
     """
     miss, depth = ray_miss(a, b, qx, qy)
-    ahead = depth > _TINY
+    ahead = depth > _NEAREST
     # the depth that is not used must not overflow either: its gradient, infinite times zero, would be NaN
     return torch.where(ahead, (radius - miss) * (focal_px / torch.where(ahead, depth, 1.0)), BEHIND)

@@ -2,7 +2,8 @@
 
 sigmoid(tau s) is monotone, so the maximum over capsules is the sigmoid of the largest s, and its gradient
 flows through that capsule alone. Candidates come from square tiles that a capsule's shadow, grown
-by the reach of the sigmoid, can touch.
+by the reach of the sigmoid, can touch. Cheap bounds decide between most of them; the rest are compared
+by the formula of the image itself, so that single precision finds the winner of the dense formula.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.capsule import capsule_distance, ray_miss
+from knotfab.render.capsule import BEHIND, capsule_distance, ray_miss
 from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame
 
@@ -20,6 +21,8 @@ CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is
 _TILE = 4  # pixels; pairs are found on tiles of twice that
 _COARSE = 2 * _TILE
 _LEAST_REACH_PX = 0.1  # the squared distances of the tiles lose the last few hundredths of a pixel
+_MIDDLE, _FARTHEST = 5, 2.8285  # a tile's pixel (1, 1), and how far its others are from it at most
+_LOST = 8.0  # machine epsilons
 _CHUNK = 1 << 15  # (capsule, tile) pairs evaluated at once, to stay in cache
 
 
@@ -70,8 +73,9 @@ def winners(
         first = torch.cumsum(counts, 0) - counts
         k = torch.arange(len(capsule), device=a.device) - first[capsule]
         wide = spans[capsule, 0]
-        tile_u = low[capsule, 0] + k % wide
-        tile_v = low[capsule, 1] + k // wide
+        row = k // wide
+        tile_u = low[capsule, 0] + (k - row * wide)
+        tile_v = low[capsule, 1] + row
         keep = _may_win(a, b, frame, radius, reach_px, capsule, tile_u, tile_v, _COARSE)
         capsule, tile_u, tile_v = capsule[keep], tile_u[keep], tile_v[keep]
         # tighter bounds on the four quarters of each tile
@@ -88,31 +92,68 @@ def winners(
             (columns * rows, _TILE * _TILE), -reach_px, dtype=a.dtype, device=a.device
         )
         quadratics = _quadratics(a, b, frame)
-        slots, values = [], []
+        bounds = []
         for first_pair in range(0, len(capsule), _CHUNK):
             part = slice(first_pair, first_pair + _CHUNK)
             c, tu, tv = capsule[part], tile_u[part], tile_v[part]
-            s = _tile_distance((a, b), quadratics, c, tu, tv, frame, radius)
+            least, doubt = _tile_distance((a, b), quadratics, c, tu, tv, frame, radius)
             slot = tv * columns + tu
-            best.scatter_reduce_(0, slot[:, None].expand_as(s), s, "amax")
-            slots.append(slot)
-            values.append(s)
+            best.scatter_reduce_(0, slot[:, None].expand_as(least), least, "amax")
+            bounds.append((c, slot, least, doubt))
+        places, rivals = [], []
+        for c, slot, least, doubt in bounds:
+            pair, offset = (least.add_(doubt[:, None]) >= best[slot]).nonzero(as_tuple=True)
+            places.append(slot[pair] * (_TILE * _TILE) + offset)
+            rivals.append(c[pair])
         winner = torch.full((best.numel(),), -1, dtype=torch.long, device=a.device)
-        done = 0
-        for slot, s in zip(slots, values, strict=True):
-            pair, offset = (s == best[slot]).nonzero(as_tuple=True)
-            winner[slot[pair] * (_TILE * _TILE) + offset] = capsule[pair + done]
-            done += len(slot)
+        if places:
+            _settle(winner, torch.cat(places), torch.cat(rivals), a, b, frame, radius, columns)
         found = (winner >= 0).nonzero()[:, 0]
-        tile, inner = found // (_TILE * _TILE), found % (_TILE * _TILE)
-        u = (tile % columns) * _TILE + inner % _TILE
-        v = (tile // columns) * _TILE + inner // _TILE
+        u, v = _pixel(found, columns)
         inside = (u < frame.width) & (v < frame.height)
         return (v * frame.width + u)[inside], winner[found][inside]
 
 
-def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor]:
+def _settle(
+    winner: Tensor,  # [p], filled in
+    place: Tensor,  # [k]
+    rival: Tensor,  # [k]
+    a: Tensor,
+    b: Tensor,
+    frame: Frame,
+    radius: float,
+    columns: int,
+) -> None:
+    """The winner of each place among its rivals: where there are several, by the image's own formula."""
+    winner[place] = rival
+    other = (winner[place] != rival).nonzero()[:, 0]
+    place, rival = place[other], rival[other]
+    u, v = _pixel(place, columns)
+    qx, qy = (u.to(a.dtype) + frame.u0) * frame.step, (v.to(a.dtype) + frame.v0) * frame.step
+    both = torch.stack([winner[place], rival])
+    held, found = capsule_distance(a[both], b[both], qx, qy, radius, frame.focal_px)
+    top = torch.full((len(winner),), BEHIND, dtype=a.dtype, device=a.device)
+    top.scatter_reduce_(0, place, torch.maximum(held, found), "amax")
+    most = top[place]
+    winner[place[held < most]] = -1
+    # of equals the last one, whatever the order in which threads wrote them
+    equal = found == most
+    winner.scatter_reduce_(0, place[equal], rival[equal], "amax")
+
+
+def _pixel(place: Tensor, columns: int) -> tuple[Tensor, Tensor]:
+    """(u, v) of places in the list of all tiles' pixels, `columns` tiles a row."""
+    # tiles are 4 x 4: shifts are much faster than divisions
+    tile, inner = place >> 4, place & 15
+    row = tile // columns
+    return ((tile - row * columns) << 2) + (inner & 3), (row << 2) + (inner >> 2)
+
+
+def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor, Tensor]:
     """Each capsule's reference pixel [n, 2] and the coefficients [n, 3, 6] of three quadratics there.
+
+    And what rounding can take from a square: [n, 2] at the reference, and more by so much times the
+    square of the way from there in pixels.
 
     The moment D x p of a pixel's ray about an end p is linear in the pixel, so the squares that the
     distance is made of (start . start, start . change, change . change, with the change from one
@@ -146,21 +187,29 @@ def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor]:
         return torch.stack([term.sum(0) for term in terms], 1)
 
     squares = (product(start, start), product(start, change), product(change, change))
-    return reference, torch.stack(squares, 1)
+    # all terms of a square are at most of this size
+    size = squares[0] + squares[2]
+    lost = torch.stack([size[:, 0], size[:, [3, 5]].amax(1)], 1)
+    return reference, torch.stack(squares, 1), _LOST * torch.finfo(a.dtype).eps * lost
 
 
 def _tile_distance(
     ends: tuple[Tensor, Tensor],
-    quadratics: tuple[Tensor, Tensor],
+    quadratics: tuple[Tensor, Tensor, Tensor],
     capsule: Tensor,
     tile_u: Tensor,
     tile_v: Tensor,
     frame: Frame,
     radius: float,
-) -> Tensor:
-    """`capsule_distance` of [m] capsules at the [m, 16] pixels of their tiles, with few operations."""
+) -> tuple[Tensor, Tensor]:
+    """Bounds of `capsule_distance` of [m] capsules at the [m, 16] pixels of their tiles, by few operations.
+
+    Returns the lower bounds, and how far [m] the upper ones lie above them at most. The squares lose
+    what is small against the way from the reference to the tile and along the capsule, which is much
+    of a distance where a capsule is far longer than it is wide.
+    """
     a, b = ends
-    reference, coefficients = quadratics
+    reference, coefficients, sizes = quadratics
     c0, c1, c2, c3, c4, c5 = coefficients[capsule].unbind(-1)  # [m, 3] each
     u = (tile_u * _TILE).to(a.dtype)
     v = (tile_v * _TILE).to(a.dtype)
@@ -177,18 +226,26 @@ def _tile_distance(
         ],
         -1,
     )
+    lost = torch.addcmul(sizes[capsule, 0], x[:, 0] ** 2 + y[:, 0] ** 2, sizes[capsule, 1])
+    moved[:, 0, 0] += lost
     offset = torch.arange(_TILE * _TILE, device=a.device)
     du, dv = (offset % _TILE).to(a.dtype), (offset // _TILE).to(a.dtype)
     monomials = torch.stack([torch.ones_like(du), du, dv, du * du, du * dv, dv * dv])
     square, cross, extent = (moved @ monomials).unbind(1)
     t = (-cross / extent.clamp_min(1e-30)).clamp_(0.0, 1.0)
     miss = torch.addcmul(square, t, torch.addcmul(2 * cross, t, extent)).clamp_min_(1e-30)
-    px = (u[:, None] + du + frame.u0) * frame.step
-    py = (v[:, None] + dv + frame.v0) * frame.step
-    miss = (miss / torch.addcmul(torch.addcmul(torch.ones_like(px), px, px), py, py)).sqrt_()
-    z0 = a[capsule, 2, None]
-    depth = torch.addcmul(z0, t, b[capsule, 2, None] - z0).clamp_min_(1e-30)
-    return (radius - miss).mul_(frame.focal_px).div_(depth)
+    along = torch.arange(_TILE, device=a.device)
+    px = (u[:, None] + along + frame.u0) * frame.step
+    py = (v[:, None] + along + frame.v0) * frame.step
+    stretch = (1 + py * py)[:, :, None] + (px * px)[:, None, :]
+    miss = miss.div_(stretch.reshape(miss.shape)).sqrt_()
+    z0, z1 = a[capsule, 2], b[capsule, 2]
+    depth = torch.addcmul(z0[:, None], t, (z1 - z0)[:, None]).clamp_min_(1e-30)
+    # sqrt(m + lost) - sqrt(m - lost) <= 2 lost / sqrt(m + lost), whose least in the tile is this at least
+    far = torch.maximum(a.norm(dim=1), b.norm(dim=1))[capsule]
+    least_miss = torch.maximum(miss[:, _MIDDLE] - far * (frame.step * _FARTHEST), lost.sqrt())
+    doubt = 2 * lost / least_miss.clamp_min_(1e-30) * frame.focal_px / torch.minimum(z0, z1)
+    return (radius - miss).mul_(frame.focal_px).div_(depth), doubt
 
 
 def _may_win(
@@ -246,8 +303,9 @@ def render_tiled(
         won = winners(a.detach(), b.detach(), frame, radius, cutoff / tau)
     pixel, capsule = won
     a, b, _ = cut_before_light(a, b, radius)
-    qx = ((pixel % frame.width).to(a.dtype) + frame.u0) * frame.step
-    qy = ((pixel // frame.width).to(a.dtype) + frame.v0) * frame.step
+    row = pixel // frame.width
+    qx = ((pixel - row * frame.width).to(a.dtype) + frame.u0) * frame.step
+    qy = (row.to(a.dtype) + frame.v0) * frame.step
     s = capsule_distance(a[capsule], b[capsule], qx, qy, radius, frame.focal_px)
     image = torch.zeros(frame.width * frame.height, dtype=a.dtype, device=a.device)
     image = image.index_put((pixel,), torch.sigmoid(tau * s))

@@ -101,6 +101,11 @@ class View(_Table):
     elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
     frame_up_mm: Number = 0.0  # of the frame's middle above the axis, on the receiver
 
+    @property
+    def magnification(self) -> float:
+        """By how much the shadow is larger than what stands in the middle of the piece."""
+        return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
+
 
 class Accuracy(_Table):
     """What the verified part must reach."""

@@ -79,8 +79,7 @@ def chamfer_of(
         height, width = mask.shape
         camera = camera_of(view, width, height)
         pixel = float(np.linalg.norm(camera.du))
-        magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-        cells = max(0, round(0.8 * radius * magnified / pixel))
+        cells = max(0, round(0.8 * radius * view.magnification / pixel))
         inner = binary_erosion(mask, iterations=cells) if cells else mask
         at = np.argwhere(inner if inner.sum() > 0.02 * mask.sum() else mask)
         at = at[np.linspace(0, len(at) - 1, min(_SAMPLES, len(at))).astype(int)]

@@ -67,8 +67,7 @@ def _other(shot: Shot, points: Array, radius: float) -> _Other:
     """The view's grids, with all samples at all depths (n, levels, 3) looked up."""
     view = shot.view
     rows, columns = shot.mask.shape
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-    cell_mm = _CELL * radius * magnified
+    cell_mm = _CELL * radius * view.magnification
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
     w = max(8, round(view.frame_width_mm / cell_mm))
     h = max(8, round(view.frame_height_mm / cell_mm))

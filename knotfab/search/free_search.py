@@ -19,7 +19,6 @@ from knotfab.render.free_frame import Sheet, render_free, turn_matrix, winners_o
 from knotfab.scene.model import View
 from knotfab.search.depth import DepthChoice
 from knotfab.search.feasible import Standing, standing
-from knotfab.search.flow import FlowResult, flow
 from knotfab.search.free_view import Bounds, Unknowns, ViewNumbers, projected_radius
 from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Weights, iou_of
@@ -27,10 +26,10 @@ from knotfab.search.phases import SETTLE, Phase, repair, three_phases
 from knotfab.search.picture import frame_mm, picture_at
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.problem import Account, Problem, Report, SearchResult
-from knotfab.search.resample import resample, subdivide
 from knotfab.search.search import search
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
+from knotfab.search.walking import evened, walked
 from knotfab.template.filling import Template
 
 __all__ = ["FreeObjective", "FreeSearch", "free_search"]
@@ -153,17 +152,9 @@ class _Walker:
     account: Account
 
     def even(self, edge_mm: float) -> None:
-        """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
-        fresh, rings, verdict = resample(self.points, self.rings, edge_mm)
-        if verdict.valid:
-            self.account.resamplings += 1
-            self.account.least_margin_mm = min(self.account.least_margin_mm, verdict.margin)
-            self.points, self.rings = fresh, rings
-        else:
-            self.account.resamplings_refused += 1
-            self.points, self.rings = subdivide(self.points, self.rings, edge_mm)
+        self.points, self.rings = evened(self.points, self.rings, edge_mm, self.account)
 
-    def walk(self, phase: Phase, held: bool, until_feasible: bool = False) -> FlowResult:
+    def walk(self, phase: Phase, held: bool, until_feasible: bool = False) -> None:
         """One phase of the flow."""
         sheet, target = _sheet(self.problem, phase.pixels)
         objective = FreeObjective(
@@ -178,23 +169,22 @@ class _Walker:
             self.settings.winners_every,
             held,
         )
-        radius = self.unknowns.radius_mm
-        separation = self.problem.limits(radius).separation
 
         def feasible(points: Array) -> bool:
             return not self.standing(points).violations
 
         done = feasible if until_feasible else None
-        result = flow(
-            self.points, self.rings, objective, radius, phase.walk, done=done, separation=separation
+        self.points = walked(
+            self.points,
+            self.rings,
+            objective,
+            self.limits(),
+            phase.walk,
+            self.account,
+            "cpu",
+            None,
+            done,
         )
-        self.points = result.points
-        account = self.account
-        account.accepted += result.accepted
-        account.shortened += result.shortened
-        account.refused += result.refused
-        account.least_margin_mm = min(account.least_margin_mm, result.least_margin)
-        return result
 
     def limits(self) -> Limits:
         return self.problem.limits(self.unknowns.radius_mm)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from knotfab.effects.base import Decision, Limits
 from knotfab.search.neighbours import Neighbours, find_neighbours
 from knotfab.search.network import CouplingNetwork
-from knotfab.search.objective import Objective, iou_of
+from knotfab.search.objective import Objective
 from knotfab.search.phases import Phase, three_phases
 from knotfab.search.polyline import Rings, dot, rings_of_sizes
 from knotfab.search.sampling_certificate import (
@@ -213,12 +213,12 @@ def _descend(
             group["lr"] = rate
         adam.step()
         if report is not None and iteration % 10 == 0:
-            report(progress, iou_of(x, rings, objective.frame, objective.target, radius))
+            report(progress, objective.iou(x))
     where = even_parameters(where, _images(path, curves, where), curves.periods, edge)
     rings = rings_of_sizes(tuple(len(w) for w in where))
     x = np.concatenate(_images(path, curves, where))
     objective = objective_at(x, rings, phases[1])
-    seen = iou_of(x, rings, objective.frame, objective.target, radius)
+    seen = objective.iou(x)
     if report is not None:
         report(1.0, seen)
     return where, seen

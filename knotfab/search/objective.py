@@ -88,6 +88,10 @@ class Objective:
         image = render_tiled(p, q, self.frame, radius, tau, _CUTOFF, self.won)
         return (((image - self.target) ** 2).sum() / self.radius_px**2).to(points.dtype)
 
+    def iou(self, points: NDArray[np.float64]) -> float:
+        """IoU of the hard silhouette of the tube about these points (N, 3) with the target's."""
+        return iou_of(points, self.rings, self.frame, self.target, self.limits.radius)
+
 
 def iou_of(
     points: NDArray[np.float64], rings: Rings, frame: Frame, target: Tensor, radius: float

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from knotfab.effects.base import Decision, Limits
+from knotfab.scene.model import View
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.picture import picture_at
 from knotfab.search.polyline import Rings
-from knotfab.search.problem import Problem
 from knotfab.search.settings import SearchSettings
 
 __all__ = ["SETTLE", "Phase", "objective_of", "repair", "three_phases"]
+
+Mask = NDArray[np.bool_]
 
 SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
 _SHARP = 6.0  # tau times the projected radius, from the end of the fine phase on
@@ -77,7 +82,8 @@ def repair(settings: SearchSettings, number: int) -> Phase:
 
 
 def objective_of(
-    problem: Problem,
+    view: View,
+    mask: Mask,
     limits: Limits,
     rings: Rings,
     effects: dict[str, Decision],
@@ -85,12 +91,10 @@ def objective_of(
     settings: SearchSettings,
     device: str,
 ) -> Objective:
-    """The objective of one phase."""
+    """The objective of one phase in one view, whose silhouette is `mask` (H, W)."""
     frame, target, pixel_mm = picture_at(
-        problem.view, problem.mask, phase.pixels, effects["perspective"].simulated, device
+        view, mask, phase.pixels, effects["perspective"].simulated, device
     )
-    view = problem.view
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
     return Objective(
         frame,
         target,
@@ -99,6 +103,6 @@ def objective_of(
         effects,
         phase.weights,
         phase.tau,
-        limits.radius * magnified / pixel_mm,
+        limits.radius * view.magnification / pixel_mm,
         settings.winners_every,
     )

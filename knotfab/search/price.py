@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.scene.model import Region
 from knotfab.search.problem import Infeasible, Problem, SearchResult
 from knotfab.search.search import search
 from knotfab.search.settings import SearchSettings
+from knotfab.search.several import SeveralProblem, search_several
 from knotfab.template.filling import Template, fill, simple_curves
 
-__all__ = ["SHORT", "Price", "binding_limits", "prices", "sparser"]
+__all__ = ["SHORT", "Price", "binding_limits", "prices", "prices_several", "sparser"]
+
+Array = NDArray[np.float64]
+Asked = TypeVar("Asked", Problem, SeveralProblem)
 
 SHORT: dict[str, Any] = {
     "method": "flow",
@@ -89,7 +94,7 @@ def _said(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float | int) else str(value)
 
 
-def binding_limits(problem: Problem, result: SearchResult, roomy: Region) -> dict[str, Problem]:
+def binding_limits(problem: Asked, result: SearchResult, roomy: Region) -> dict[str, Asked]:
     """The limits that are broken, or kept by little, each with the problem in which it is loosened.
 
     The tube's own bend limit and the usual clearance are no choice of the scene's, so they are not among
@@ -105,13 +110,19 @@ def binding_limits(problem: Problem, result: SearchResult, roomy: Region) -> dic
         "region": problem.region != roomy and state.outside_mm > -0.25 * limits.radius,
         "length": state.length_mm > (1 - _NEAR) * limits.length,
     }
-    loosened: dict[str, Callable[[Problem], Problem]] = {
-        "bend": lambda p: replace(p, bend_radius=None),
-        "clearance": lambda p: replace(p, clearance=_USUAL_CLEARANCE),
-        "region": lambda p: replace(p, region=roomy),
-        "length": lambda p: replace(p, length=1e9),
+    return {name: _loosened(problem, (name,), roomy) for name, binds in close.items() if binds}
+
+
+def _loosened(problem: Asked, names: Sequence[str], roomy: Region) -> Asked:
+    """The problem without these limits."""
+    bend = "bend_radius" if isinstance(problem, Problem) else "bend"
+    free: dict[str, tuple[str, Any]] = {
+        "bend": (bend, None),
+        "clearance": ("clearance", _USUAL_CLEARANCE),
+        "region": ("region", roomy),
+        "length": ("length", 1e9),
     }
-    return {name: loosened[name](problem) for name, binds in close.items() if binds}
+    return replace(problem, **dict(free[name] for name in names))
 
 
 def prices(
@@ -129,36 +140,70 @@ def prices(
         template: what `result` started from. iou: that of the part that keeps the limits, where it
             is not that of `result`.
     """
+    radius = result.knots.radius_mm
+
+    def searched(free: Problem) -> SearchResult:
+        return _searched(free, template, radius, settings, device)
+
+    return _prices(problem, result, roomy, searched, iou)
+
+
+def prices_several(
+    problem: SeveralProblem,
+    curves: Sequence[Array],
+    template: str,
+    result: SearchResult,
+    settings: SearchSettings,
+    roomy: Region,
+    device: str = "cpu",
+) -> tuple[Price, ...]:
+    """The same for several views, by the IoU of the view that is drawn worst.
+
+    Args:
+        curves: what `result` started from; `template` says why their type is known.
+    """
+    short = settings.model_copy(update=SHORT)
+    radius = result.knots.radius_mm
+
+    def searched(free: SeveralProblem) -> SearchResult:
+        try:
+            return search_several(free, curves, template, radius, short, device)
+        except Infeasible as error:
+            return error.result
+
+    return _prices(problem, result, roomy, searched, None)
+
+
+def _prices(
+    problem: Asked,
+    result: SearchResult,
+    roomy: Region,
+    searched: Callable[[Asked], SearchResult],
+    iou: float | None,
+) -> tuple[Price, ...]:
     candidates = binding_limits(problem, result, roomy)
     here = result.iou_estimate if iou is None else iou
-    found = []
-    for name, free in candidates.items():
-        found.append(_price((name,), problem, free, template, result, settings, here, device))
+    found = [
+        _price((name,), problem, searched(free), result, here) for name, free in candidates.items()
+    ]
     found = [
         p for p in found if p.iou_without > here + _GAIN or (p.met_without and iou is not None)
     ]
     if not found and len(candidates) > 1:
-        free = problem
-        for name, one in candidates.items():
-            field = {"bend": "bend_radius"}.get(name, name)
-            free = replace(free, **{field: getattr(one, field)})
-        both = _price(tuple(candidates), problem, free, template, result, settings, here, device)
+        names = tuple(candidates)
+        both = _price(names, problem, searched(_loosened(problem, names, roomy)), result, here)
         found = [both] if both.iou_without > here + _GAIN else []
     return tuple(sorted(found, key=lambda p: (p.met_without, p.iou_without), reverse=True))
 
 
 def _price(
     names: tuple[str, ...],
-    problem: Problem,
-    free: Problem,
-    template: Template,
+    problem: Problem | SeveralProblem,
+    other: SearchResult,
     result: SearchResult,
-    settings: SearchSettings,
     here: float,
-    device: str,
 ) -> Price:
     radius = result.knots.radius_mm
-    other = _searched(free, template, radius, settings, device)
     points = np.concatenate([k.points for k in other.knots.knots])
     extents = tuple((np.ptp(points, axis=0) + 2 * radius).round(2).tolist())
     limits = result.standing.limits

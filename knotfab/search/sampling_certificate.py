@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from knotfab.search.certificate import Certificate, certify
-from knotfab.search.neighbours import Neighbours, find_neighbours
+from knotfab.search.neighbours import find_neighbours
 from knotfab.search.polyline import Rings, dot, rings_of_sizes
 
 __all__ = ["Carried", "Curves", "carry", "even_parameters", "refined", "same_type"]
@@ -107,9 +107,7 @@ def same_type(
     rings = rings_of_sizes(tuple(len(p) for p in start))
     points = np.concatenate(start)
     step = np.concatenate(end) - points
-    return certify(
-        points, step, rings, find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
-    )
+    return _verdict(points, step, rings)
 
 
 def _reach(points: Array, rings: Rings, step: Array) -> float:
@@ -163,5 +161,5 @@ def carry(
 
 
 def _verdict(points: Array, step: Array, rings: Rings) -> Certificate:
-    near: Neighbours = find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
+    near = find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
     return certify(points, step, rings, near)

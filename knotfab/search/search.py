@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from knotfab.effects.base import Decision, Situation
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
-from knotfab.search.feasible import standing
 from knotfab.search.inn import keep_largest, warp
-from knotfab.search.objective import Objective, iou_of
-from knotfab.search.phases import Phase, objective_of, repair, three_phases
+from knotfab.search.objective import Objective
+from knotfab.search.phases import Phase, objective_of, three_phases
 from knotfab.search.picture import frame_mm
 from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account, Infeasible, Problem, Report, SearchResult
 from knotfab.search.settings import SearchSettings
 from knotfab.search.start import circled, lifted
 from knotfab.search.threads import one_thread
-from knotfab.search.walking import evened, feasible, walked
+from knotfab.search.walking import evened, repaired, through
 from knotfab.template.filling import Template
 
 __all__ = ["Account", "Infeasible", "Problem", "Report", "SearchResult", "search"]
@@ -58,64 +57,47 @@ def search(
     pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
     situation = Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
     effects = survey(situation)
-    total = settings.coarse_iterations + settings.fine_iterations + settings.settle_iterations
-    done = 0
-    phases: tuple[Phase, ...] = three_phases(settings)
-    seen: float | None = None
-    if settings.method != "flow":
-        total += settings.network_iterations
-        share = settings.network_iterations / (
-            settings.network_iterations if settings.method == "inn" else total
+
+    def objective_at(rings: Rings, phase: Phase) -> Objective:
+        return objective_of(
+            problem.view, problem.mask, limits, rings, effects, phase, settings, device
         )
+
+    phases = () if settings.method == "inn" else three_phases(settings)
+    seen: float | None = None
+    begun = 0.0  # share of the search that is over when the flow begins
+    if settings.method != "flow":
+        network = settings.network_iterations
+        begun = network / (network + sum(phase.iterations for phase in phases))
         points, rings, seen = _warped(
-            problem,
+            objective_at,
             situation,
             effects,
             settings,
             account,
             device,
-            None if report is None else lambda part, iou: report(share * part, iou),
+            None if report is None else lambda part, iou: report(begun * part, iou),
         )
-        done = settings.network_iterations
-    if settings.method == "inn":
-        phases = phases[:0]
+    if not phases:
         points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-    for phase in phases:
-        if phase.iterations == 0:
-            continue
-        last = done + phase.iterations == total and settings.settle_iterations > 0
-        spacing = settings.settle_edge_radii if last else settings.edge_radii
-        points, rings = evened(points, rings, spacing * radius, account)
-        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
-
-        def tell(
-            progress: float,
-            _: float,
-            base: int = done,
-            n: int = phase.iterations,
-            iou: float | None = seen,
-        ) -> None:
-            if report is not None:
-                report((base + progress * n) / total, iou)
-
-        points = walked(points, rings, objective, limits, phase.walk, account, device, tell)
-        done += phase.iterations
-        if report is not None or done == total:
-            seen = iou_of(points, rings, objective.frame, objective.target, radius)
-    state = standing(points, rings, limits)
-    if state.violations and repairs > 0:
-        # a violation calls for what the bound beforehand did not
-        for name in state.broken:
-            effects[name].simulated = True
-    while state.violations and account.repairs < repairs:
-        phase = repair(settings, account.repairs)
-        account.repairs += 1
-        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
-        met = partial(feasible, rings=rings, limits=limits)
-        points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
-        state = standing(points, rings, limits)
-        seen = iou_of(points, rings, objective.frame, objective.target, radius)
+    points, rings, drawn = through(
+        points,
+        rings,
+        phases,
+        objective_at,
+        limits,
+        settings,
+        account,
+        device,
+        None if report is None else lambda part, iou: report(begun + (1.0 - begun) * part, iou),
+        seen,
+    )
+    points, rings, state, mended = repaired(
+        points, rings, effects, objective_at, limits, settings, account, device, repairs
+    )
+    last = mended or drawn
+    if last is not None:
+        seen = last.iou(points)
     parts = zip(rings.split(points), account.types, strict=True)
     knots = Knots(tuple(Knot(part, kind) for part, kind in parts), radius)
     result = SearchResult(knots, state, account, effects, depth, seen or 0.0)
@@ -125,7 +107,7 @@ def search(
 
 
 def _warped(
-    problem: Problem,
+    objective_of_polygons: Callable[[Rings, Phase], Objective],
     situation: Situation,
     effects: dict[str, Decision],
     settings: SearchSettings,
@@ -137,7 +119,7 @@ def _warped(
 
     def objective_at(points: Array, rings: Rings, phase: Phase) -> Objective:
         keep_largest(effects, survey(replace(situation, points=points, rings=rings)))
-        return objective_of(problem, situation.limits, rings, effects, phase, settings, device)
+        return objective_of_polygons(rings, phase)
 
     found = warp(
         situation.points, situation.rings, objective_at, situation.limits, settings, device, report

@@ -43,6 +43,17 @@ class SearchSettings(BaseModel):
     free_wall_mm: float = Field(0.0, ge=0)
     free_radius_mm: float = Field(0.0, ge=0)  # 0: a radius that the scene gives stays
 
+    @property
+    def iterations(self) -> int:
+        """Those of all phases that the method has."""
+        network = 0 if self.method == "flow" else self.network_iterations
+        flow = self.coarse_iterations + self.fine_iterations + self.settle_iterations
+        return network + (0 if self.method == "inn" else flow)
+
+    def floor(self, bound: float) -> float:
+        """The IoU that a part must reach where nothing can exceed `bound`."""
+        return round(max(0.3, bound - self.iou_slack), 4)
+
     def scaled(self, factor: float) -> SearchSettings:
         """The same point with `factor` times the iterations (a time budget's answer)."""
         return self.model_copy(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +14,21 @@ from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Region, View
+from knotfab.search.balance import Balance, goals_of
 from knotfab.search.chamfer import chamfer_of
 from knotfab.search.feasible import standing
 from knotfab.search.flow import FlowSettings
+from knotfab.search.mending import mended
 from knotfab.search.neighbours import Neighbours
-from knotfab.search.objective import Objective, Weights, iou_of
-from knotfab.search.phases import Phase, repair, three_phases
-from knotfab.search.picture import frame_mm, picture_at
+from knotfab.search.objective import Objective, Weights
+from knotfab.search.phases import Phase, objective_of, repair, three_phases
+from knotfab.search.picture import frame_mm
 from knotfab.search.polyline import Rings, rings_of_sizes
 from knotfab.search.problem import Account, Infeasible, Report, SearchResult
 from knotfab.search.settings import SearchSettings
 from knotfab.search.spill import Spill, spill_of
-from knotfab.search.walking import evened, feasible, walked
+from knotfab.search.threads import one_thread
+from knotfab.search.walking import evened, repaired, through, walked
 
 __all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
 
@@ -36,6 +38,8 @@ Mask = NDArray[np.bool_]
 _SPILL = (
     0.5  # of a strand that stands a tube radius outside, against one tube radius squared of image
 )
+_LOCAL = 4  # repairs of single stretches, before any of the whole curve
+_BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
 
 
 @dataclass(frozen=True)
@@ -48,13 +52,18 @@ class Shot:
 
 @dataclass(frozen=True)
 class SeveralProblem:
-    """What is asked: silhouettes of several views (frames resolved), and the limits. Lengths in mm."""
+    """What is asked: silhouettes of several views (frames resolved), and the limits. Lengths in mm.
+
+    With `bounds`, the IoU of the hull's own shadow in each view, a view that falls short of its own counts
+    for more than one that does not.
+    """
 
     shots: tuple[Shot, ...]
     clearance: float
     bend: float | None  # None: the tube radius plus half the clearance
     length: float
     region: Region
+    bounds: tuple[float, ...] | None = None
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
@@ -66,25 +75,45 @@ class SeveralProblem:
 
 @dataclass
 class SeveralObjective:
-    """The objective of one view with all its effects, and the pictures of the others."""
+    """The objective of one view with all its effects, and the pictures of the others.
+
+    A `balance`, where there is one, shares the weight of the image out among the views as it goes.
+    """
 
     first: Objective
     others: tuple[Objective, ...]
     spills: tuple[Spill, ...] = ()
+    balance: Balance | None = None
+    image: float = field(init=False)  # the weight of each view's image before it is shared out
+    calls: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self.image = self.first.weights.image
 
     def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
+        if self.balance is not None and self.calls % _BALANCED_EVERY == 0:
+            self._share(points.detach().cpu().numpy(), self.balance)
+        self.calls += 1
         loss = self.first(points, near, progress)
         for other in self.others:
             loss = loss + other.weights.image * other.image_term(points, progress)
         spacing = float((points[self.first.following] - points).detach().norm(dim=-1).mean())
         for spill in self.spills:
-            loss = loss + _SPILL * self.first.weights.image * spill(points, spacing)
+            loss = loss + _SPILL * self.image * spill(points, spacing)
         return loss
 
-    def ious(self, points: Array, rings: Rings, radius: float) -> tuple[float, ...]:
+    def _share(self, points: Array, balance: Balance) -> None:
+        balance.update(self.ious(points))
+        for one, share in zip((self.first, *self.others), balance.shares.tolist(), strict=True):
+            one.weights = replace(one.weights, image=self.image * share)
+
+    def ious(self, points: Array) -> tuple[float, ...]:
         """The hard silhouettes' IoU with the target, view by view."""
-        every = (self.first, *self.others)
-        return tuple(iou_of(points, rings, o.frame, o.target, radius) for o in every)
+        return tuple(one.iou(points) for one in (self.first, *self.others))
+
+    def iou(self, points: Array) -> float:
+        """That of the view that is drawn worst."""
+        return min(self.ious(points))
 
 
 @dataclass
@@ -130,26 +159,10 @@ def _objective(
     device: str,
 ) -> SeveralObjective:
     """The objective of one phase, under the pictures of all views."""
-    each = []
-    for n, shot in enumerate(problem.shots):
-        view = shot.view
-        frame, target, pixel_mm = picture_at(
-            view, shot.mask, phase.pixels, effects["perspective"].simulated, device
-        )
-        magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-        each.append(
-            Objective(
-                frame,
-                target,
-                rings,
-                limits,
-                effects if n == 0 else {},
-                phase.weights,
-                phase.tau,
-                limits.radius * magnified / pixel_mm,
-                settings.winners_every,
-            )
-        )
+    each = [
+        objective_of(shot.view, shot.mask, limits, rings, effects, phase, settings, device)
+        for shot in problem.shots
+    ]
     return SeveralObjective(each[0], tuple(each[1:]))
 
 
@@ -178,6 +191,7 @@ def _drawn_near(
     return points, rings
 
 
+@one_thread()
 def search_several(
     problem: SeveralProblem,
     curves: Sequence[Array],
@@ -208,51 +222,49 @@ def search_several(
     rings = rings_of_sizes(tuple(len(c) for c in curves))
     effects = _survey(problem, limits, points, rings, settings)
     phases = three_phases(settings, softest=1.0, rates=(0.2, 0.08, 0.03))
-    total, done = sum(phase.iterations for phase in phases), 0
     if settings.network_start == "circle":
         points, rings = _drawn_near(
             problem, points, rings, limits, effects, settings, account, device
         )
-    ious: tuple[float, ...] = ()
-    objective = None
-    for phase in phases:
-        if phase.iterations == 0:
-            continue
-        last = done + phase.iterations == total and settings.settle_iterations > 0
-        spacing = settings.settle_edge_radii if last else settings.edge_radii
-        points, rings = evened(points, rings, spacing * radius, account)
+
+    balance = None if problem.bounds is None else Balance(goals_of(problem.bounds))
+
+    def objective_at(rings: Rings, phase: Phase) -> SeveralObjective:
         objective = _objective(problem, limits, rings, effects, phase, settings, device)
         if phase is phases[0]:  # later a spill may stay that draws as much elsewhere
             objective.spills = tuple(
                 spill_of(s.view, s.mask, radius, device) for s in problem.shots
             )
+        else:  # the coarse picture is too soft to say what a view falls short of
+            objective.balance = balance
+        return objective
 
-        def tell(
-            progress: float,
-            _: float,
-            base: int = done,
-            n: int = phase.iterations,
-            least: float | None = min(ious, default=None),
-        ) -> None:
-            if report is not None:
-                report((base + progress * n) / total, least)
-
-        points = walked(points, rings, objective, limits, phase.walk, account, device, tell)
-        done += phase.iterations
-        ious = objective.ious(points, rings, radius)
-    state = standing(points, rings, limits)
-    if state.violations and repairs > 0:
-        for name in state.broken:
+    points, rings, drawn = through(
+        points, rings, phases, objective_at, limits, settings, account, device, report
+    )
+    local = 0  # most often a few bends are left, and the whole curve need not give way for them
+    broken = standing(points, rings, limits).broken
+    if broken and repairs > 0:
+        for name in broken:
             effects[name].simulated = True
-    while state.violations and account.repairs < repairs:
-        phase = repair(settings, account.repairs // 2)
-        account.repairs += 1
-        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-        objective = _objective(problem, limits, rings, effects, phase, settings, device)
-        met = partial(feasible, rings=rings, limits=limits)
-        points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
-        state = standing(points, rings, limits)
-        ious = objective.ious(points, rings, radius)
+        first = repair(settings, 0)
+        points, rings, local = mended(
+            points,
+            rings,
+            lambda rings: objective_at(rings, first),
+            limits,
+            settings.settle_edge_radii * radius,
+            account,
+            device,
+            _LOCAL,
+        )
+        drawn = objective_at(rings, first)
+    points, rings, state, late = repaired(
+        points, rings, effects, objective_at, limits, settings, account, device, repairs, rounds=2
+    )
+    account.repairs += local
+    last = late or drawn
+    ious = last.ious(points) if last is not None else ()
     parts = zip(rings.split(points), account.types, strict=True)
     knots = Knots(tuple(Knot(part, name) for part, name in parts), radius)
     least = min(ious) if ious else 0.0

@@ -19,6 +19,7 @@ from knotfab.search.picture import picture_at
 from knotfab.search.polyline import rings_of_sizes
 from knotfab.search.settings import SearchSettings
 from knotfab.search.several import Shot, view_axes
+from knotfab.search.threads import one_thread
 from knotfab.template.filling import even_samples, fill, simple_curves, smooth_closed
 from knotfab.template.several import laid_on, sheet_of
 
@@ -43,6 +44,7 @@ class Start:
     ious: tuple[float, ...]
 
 
+@one_thread()
 def start_of(
     shots: Sequence[Shot],
     polygons: Sequence[MultiPolygon],

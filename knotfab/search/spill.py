@@ -56,8 +56,7 @@ def spill_of(view: View, mask: NDArray[np.bool_], radius: float, device: str = "
     v = np.minimum(((np.arange(h) + 0.5) / h * rows).astype(int), rows - 1)
     pad_u, pad_v = int(_MARGIN * w), int(_MARGIN * h)
     wanted = np.pad(mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
-    far = distance_transform_edt(~wanted) * (cell / magnified / radius)
+    far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
     camera = camera_of(view, w, h).padded(pad_u, pad_v)
     return Spill(
         torch.as_tensor(camera.projection, device=device),

@@ -91,7 +91,9 @@ def chain(
     with progress.stage("radius"):
         radius, choice = radius_for_all(resolved, targets)
     piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
-    first = design(_named(scene, piece, targets[0]), targets[0], device, progress)
+    view = scene.views[0].model_copy(update={"name": targets[0].name})
+    asked = scene.model_copy(update={"piece": piece, "views": (view,)})
+    first = design(asked, targets[0], device, progress)
     with progress.stage("search"):
         problems = [problem_of(_renamed(first.scene, t), t) for t in targets]
         outlines = [
@@ -146,11 +148,6 @@ def chain(
         fine = ended.points
 
 
-def _named(scene: Scene, piece: object, target: Target) -> Scene:
-    views = (scene.views[0].model_copy(update={"name": target.name}), *scene.views[1:])
-    return scene.model_copy(update={"piece": piece, "views": views})
-
-
 def _renamed(scene: Scene, target: Target) -> Scene:
     """A resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
@@ -169,15 +166,13 @@ def _design_of(
     scene = _renamed(first.scene, target)
     opened = opening_iou(problem.polygon, first.knots.radius_mm)
     if own_floor:
-        floor = round(max(0.3, opened - first.settings.iou_slack), 4)
+        floor = first.settings.floor(opened)
         scene = scene.model_copy(
             update={"accuracy": scene.accuracy.model_copy(update={"iou_floor": floor})}
         )
-    knots = Knots(
-        (Knot(found.points, first.knots.knots[0].type),),
-        first.knots.radius_mm,
-    )
-    found.account.types = (first.knots.knots[0].type,)
+    kind = first.knots.knots[0].type
+    knots = Knots((Knot(found.points, kind),), first.knots.radius_mm)
+    found.account.types = (kind,)
     result = SearchResult(
         knots, found.standing, found.account, found.effects, None, found.iou_estimate
     )

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from knotfab.search.certificate import Certificate, certify
 from knotfab.search.neighbours import find_neighbours
 from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.sampling_certificate import Curves
 
 __all__ = ["doubled"]
 
@@ -29,17 +29,16 @@ def doubled(points: Array, rings: Rings) -> tuple[Array, Rings, Certificate]:
     The new vertices begin in the middles of the edges, which changes nothing, and move to the spline.
     Where that cannot be certified they go half as far, and in the end stay where they are.
     """
-    middles = []
-    for part in rings.split(points):
-        closed = np.concatenate([part, part[:1]])
-        arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-        spline = CubicSpline(arc, closed, bc_type="periodic")
-        middles.append(np.asarray(spline(0.5 * (arc[1:] + arc[:-1]))))
+    curves = Curves.through(rings.split(points))
+    between = tuple(
+        0.5 * (np.append(at[1:], period) + at)
+        for at, period in zip(curves.knots, curves.periods, strict=True)
+    )
     both = rings_of_sizes(tuple(2 * n for n in rings.sizes))
     start = np.empty((2 * len(points), 3))
     start[::2], start[1::2] = points, 0.5 * (points + points[rings.next])
     step = np.zeros_like(start)
-    step[1::2] = np.concatenate(middles) - start[1::2]
+    step[1::2] = np.concatenate(curves.at(between)) - start[1::2]
     edge = np.linalg.norm(points[rings.next] - points, axis=1)
     near = find_neighbours(start, both, 4.0 * float(edge.max()), _SKIP)
     verdict = certify(start, step, both, near)

@@ -12,7 +12,7 @@ from torch import Tensor
 from knotfab.effects.base import Decision, Limits, Situation
 from knotfab.effects.survey import survey
 from knotfab.search.feasible import Standing, standing
-from knotfab.search.flow import FlowSettings, flow
+from knotfab.search.flow import FlowSettings
 from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, iou_of
 from knotfab.search.phases import Phase, objective_of, repair, three_phases
@@ -21,6 +21,7 @@ from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account, Problem
 from knotfab.search.settings import SearchSettings
 from knotfab.search.threads import one_thread
+from knotfab.search.walking import walked
 from knotfab.sequence.doubling import doubled
 from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.transport import transport
@@ -169,7 +170,9 @@ def _flowed(
         last = number >= len(phases)
         if last and not _wanting(points, rings, limits, anchors):
             break
-        objective = objective_of(problem, limits, rings, effects, phase, settings, device)
+        objective = objective_of(
+            problem.view, problem.mask, limits, rings, effects, phase, settings, device
+        )
         hold = _HOLD * (phase.weights.clearance if last else 1.0)
 
         def held(
@@ -188,16 +191,9 @@ def _flowed(
             return taut
 
         done = (lambda x: not _wanting(x, rings, limits, anchors)) if last else None
-        walked = flow(
-            points, rings, held, radius, phase.walk, device, report, done, limits.separation
-        )
-        points = walked.points
-        account.accepted += walked.accepted
-        account.shortened += walked.shortened
-        account.refused += walked.refused
-        account.least_margin_mm = min(account.least_margin_mm, walked.least_margin)
+        points = walked(points, rings, held, limits, phase.walk, account, device, report, done)
         account.repairs += last
-        seen = iou_of(points, rings, objective.frame, objective.target, radius)
+        seen = objective.iou(points)
     if seen is None:
         frame, target, _ = picture_at(problem.view, problem.mask, settings.fine_px, True, device)
         seen = iou_of(points, rings, frame, target, radius)

@@ -15,7 +15,6 @@ from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from knotfab.errors import InputError, MachineError
@@ -73,12 +72,7 @@ class FrameVerifier:
         self._threads = ThreadPoolExecutor(self._count)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for child in self._children:
             child.kill()
         self._threads.shutdown(wait=True, cancel_futures=True)

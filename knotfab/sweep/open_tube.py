@@ -12,8 +12,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.errors import SceneError
-from knotfab.sweep.tube import _place, _require_room, _side_faces, _transport
+from knotfab.sweep.tube import (
+    _checked,
+    _require_room,
+    _require_unfolded,
+    _side_faces,
+    _transport,
+)
 
 __all__ = ["Cap", "open_volume", "sweep_open"]
 
@@ -49,11 +54,7 @@ def sweep_open(
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
-    p = np.asarray(points, dtype=np.float64)
-    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 2 or not np.isfinite(p).all():
-        raise ValueError(f"points must be (n >= 2, 3) and finite, got shape {p.shape}")
-    if not (radius_mm > 0 and np.isfinite(radius_mm)) or sides < 3:
-        raise ValueError(f"radius {radius_mm} and {sides} sides do not make a tube")
+    p = _checked(points, radius_mm, sides, least=2)
     edges = np.diff(p, axis=0)
     lengths = np.sqrt(np.einsum("ij,ij->i", edges, edges))
     _require_room(p, edges, lengths, radius_mm, closed=False)
@@ -73,14 +74,7 @@ def sweep_open(
     slide = slope[:, None] * np.einsum("nsj,nj->ns", section, mitre)
     slide[0] = 0.0
     following = np.concatenate([slide[1:], np.zeros((1, sides))])
-    room = (lengths[:, None] - slide - following).min(axis=1)
-    if room.min() <= 0:
-        i = int(room.argmin())
-        raise SceneError(
-            "the tube's mesh",
-            f"rings {i} and {i + 1} cross near {_place(p[i])}",
-            "Use a thinner tube, more sides, or smooth the line",
-        )
+    _require_unfolded(lengths, slide, following, p)
     rings = [
         p[:-1, None] + section + slide[..., None] * along[:, None],
         p[None, -1:] + section[-1:],

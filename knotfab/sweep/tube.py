@@ -48,12 +48,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
-    p = np.asarray(points, dtype=np.float64)
-    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3 or not np.isfinite(p).all():
-        raise ValueError(f"points must be (n >= 3, 3) and finite, got shape {p.shape}")
-    if not (radius_mm > 0 and np.isfinite(radius_mm)) or sides < 3:
-        raise ValueError(f"radius {radius_mm} and {sides} sides do not make a tube")
-
+    p = _checked(points, radius_mm, sides, least=3)
     edges = np.roll(p, -1, axis=0) - p
     lengths = np.sqrt(np.einsum("ij,ij->i", edges, edges))
     _require_room(p, edges, lengths, radius_mm)
@@ -79,7 +74,10 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
     slope_u = slope * np.einsum("ij,ij->i", u, mitre)
     slope_v = slope * np.einsum("ij,ij->i", v, mitre)
     slide = across * slope_u[:, None] + upward * slope_v[:, None]
-    _require_unfolded(lengths, slide, offset, p)
+    # In the bisecting plane the next ring's corner has slid by as much against this segment as along
+    # the next one.
+    following = np.concatenate([slide[1:], np.roll(slide[:1], -offset, axis=1)])
+    _require_unfolded(lengths, slide, following, p)
 
     rings = np.empty((len(p), sides, 3))
     for axis in range(3):
@@ -142,6 +140,16 @@ def tube_manifold(
     return solid
 
 
+def _checked(points: Array, radius_mm: float, sides: int, least: int) -> Array:
+    """The points as (n, 3) float64, of which there are at least `least`."""
+    p = np.asarray(points, dtype=np.float64)
+    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < least or not np.isfinite(p).all():
+        raise ValueError(f"points must be (n >= {least}, 3) and finite, got shape {p.shape}")
+    if not (radius_mm > 0 and np.isfinite(radius_mm)) or sides < 3:
+        raise ValueError(f"radius {radius_mm} and {sides} sides do not make a tube")
+    return p
+
+
 def _require_room(
     p: Array, edges: Array, lengths: Array, radius_mm: float, closed: bool = True
 ) -> None:
@@ -176,13 +184,12 @@ def _require_room(
         )
 
 
-def _require_unfolded(lengths: Array, slide: Array, offset: int, p: Array) -> None:
+def _require_unfolded(lengths: Array, slide: Array, following: Array, p: Array) -> None:
     """Refuse lines of the surface that run backwards: the corners lie outside the tube's radius.
 
-    In the bisecting plane the next ring's corner has slid by as much against this segment as along
-    the next one.
+    `slide` and `following` (segments, sides): how far the corners at its start and at its end have slid
+    into it.
     """
-    following = np.concatenate([slide[1:], np.roll(slide[:1], -offset, axis=1)])
     least = (lengths[:, None] - slide - following).min(axis=1)
     if least.min() <= 0:
         i = int(least.argmin())

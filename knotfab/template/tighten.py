@@ -50,24 +50,21 @@ def tighten(points: Array) -> Tight:
     from knotfab.effects.bend import BEND
     from knotfab.effects.clearance import CLEARANCE
     from knotfab.search.feasible import bend_radii, strand_gap
-    from knotfab.search.flow import FlowSettings, flow
+    from knotfab.search.flow import FlowSettings
     from knotfab.search.neighbours import Neighbours
     from knotfab.search.polyline import rings_of_sizes
-    from knotfab.search.resample import resample, subdivide
+    from knotfab.search.problem import Account
     from knotfab.search.threads import one_thread
+    from knotfab.search.walking import evened, walked
 
     limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
     clearance, bend = CLEARANCE.term, BEND.term
     assert clearance is not None and bend is not None
-    rings = rings_of_sizes((len(points),))
+    rings, account = rings_of_sizes((len(points),)), Account()
 
     def round_of(n: int, first: float, last: float, edge: float, pull: float) -> float:
         nonlocal points, rings
-        fresh, fresh_rings, verdict = resample(points, rings, edge)
-        if verdict.valid:
-            points, rings = fresh, fresh_rings
-        else:
-            points, rings = subdivide(points, rings, edge)
+        points, rings = evened(points, rings, edge, account)
         following = torch.as_tensor(rings.next)
 
         def objective(p: torch.Tensor, near: Neighbours, _: float) -> torch.Tensor:
@@ -79,7 +76,7 @@ def tighten(points: Array) -> Tight:
             return loss + 3.0 * clearance(state, limits) + 0.5 * bend(state, limits)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
-        points = flow(points, rings, objective, 1.0, walk, separation=limits.separation).points
+        points = walked(points, rings, objective, limits, walk, account, "cpu", None)
         return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
 
     with one_thread():

@@ -66,9 +66,8 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
     a = 2 pi / sides; seen at the piece's middle and in pixels of the yardstick.
     """
     view = problem.view
-    magnified = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
     pixel = max(frame_mm(view)) / YARDSTICK_PX
-    return float(radius * (2 * np.pi / sides) ** 2 / 12 * magnified / pixel)
+    return float(radius * (2 * np.pi / sides) ** 2 / 12 * view.magnification / pixel)
 
 
 def _run(

@@ -62,7 +62,7 @@ def wire_frame(mask: Mask, view: View, material: Material) -> WireFrame:
     """
     assert view.frame_width_mm is not None
     polygon = polygon_of(mask)
-    spread = (view.light_distance_mm + view.wall_distance_mm) / view.light_distance_mm
+    spread = view.magnification
     shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
     width = view.frame_width_mm
     most = _opening_iou(polygon, shadow)

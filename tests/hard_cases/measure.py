@@ -86,7 +86,7 @@ def distances(case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None
     qx, qy = _rays(case, dtype, pixels)
     at_once = max(1, 400_000 // len(a))
     found, who = [], []
-    for x, y in zip(qx.split(at_once), qy.split(at_once), strict=True):
+    for x, y in zip(torch.split(qx, at_once), torch.split(qy, at_once), strict=True):
         s = capsule_distance(a, b, x[:, None], y[:, None], case.radius, frame.focal_px)
         best = torch.where(seen, s, BEHIND).max(1)
         found.append(best.values)

@@ -38,7 +38,7 @@ def hard_pictures() -> tuple[HardPicture, ...]:
         HardPicture("checkerboard", "squares of one pixel: all outline, no area to fill", _checks),
         HardPicture("noise", "every pixel by the toss of a coin: thousands of specks", _noise),
         HardPicture("cantor", "bars of the Cantor set: gaps at every scale", _cantor),
-        HardPicture("koch", "a snowflake's outline is longer at every look", _koch),
+        HardPicture("koch", "Koch's curve turned inwards: it touches itself at every scale", _koch),
         HardPicture("carpet", "Sierpinski's carpet: holes at every scale", _carpet),
         HardPicture("hairline", "one pixel wide: no tube fits", partial(_lines, 1)),
         HardPicture("blank", "nothing to show", partial(_even, False)),
@@ -90,7 +90,7 @@ def _polygon(corners: list[tuple[float, float]], size: int) -> Mask:
 
 
 def _koch() -> Mask:
-    z = 300 + 250 * np.exp(2j * pi * (np.arange(4) / 3 + 0.25))
+    z = 300 + 300j + 250 * np.exp(2j * pi * (np.arange(4) / 3 + 0.25))
     for _ in range(5):
         a, step = z[:-1], np.diff(z) / 3
         z = np.append(

@@ -202,7 +202,6 @@ def render_cases() -> tuple[RenderCase, ...]:
             "denormal",
             "coordinates of 1e-310 (1e-40 in single precision)",
             *_pairs((1e-310, 1e-40, 500), (-1e-40, 8, 510), (1e-40, 1e-310, 480), (7, 0, 490)),
-            smooth=False,
         ),
         RenderCase(
             "far out",

@@ -1,4 +1,4 @@
-"""Hard cases of the losses and of the network: scalar functions of tensors, and how far they are off."""
+"""Hard cases of the losses and of the network: scalar functions of tensors, each with why it is hard."""
 
 from __future__ import annotations
 
@@ -27,100 +27,28 @@ from knotfab.search.network import CouplingNetwork
 from knotfab.search.network.rigid import rotation
 
 from .curves import circle, torus_knot
-from .measure import EPSILONS
 
-__all__ = ["Found", "ValueCase", "loss_cases", "network_cases", "value_error"]
+__all__ = ["Function", "ValueCase", "loss_cases", "network_case", "network_cases"]
 
 Function = Callable[..., Tensor]
 
 
 @dataclass(frozen=True)
 class ValueCase:
-    """`f` of `inputs` (float64), a scalar. `smooth`: differentiable there."""
+    """`f` of `inputs` (float64), a scalar. The first input's rows are points.
+
+    `smooth`: differentiable there. `jumps`: the value itself jumps there, so that it has no slopes.
+    `move`: of a network, where it takes points [..., 3] of order `size`.
+    """
 
     name: str
     why: str
     inputs: tuple[Tensor, ...]
     f: Function
     smooth: bool = True
-
-
-@dataclass(frozen=True)
-class Found:
-    """What is measured; `condition` is relative: sum |df/dx| |x| over |f|."""
-
-    condition: float
-    error: float  # of single precision, over |f| (absolute where f is 0)
-    share: float  # of 16 epsilons times condition
-    double: float  # gradient against central differences, relative
-    single: float  # single precision's gradient against it, relative
-    finite: bool
-
-
-def value_error(case: ValueCase) -> Found:
-    """Single against double precision, both gradients, all that must be finite."""
-    value, slopes = _slopes(case, case.inputs)
-    rough, rough_slopes = _slopes(case, tuple(x.float() for x in case.inputs))
-    finite = all(bool(x.isfinite().all()) for x in (value, rough, *slopes, *rough_slopes))
-    generator = torch.Generator().manual_seed(1)
-    size = sum(float((s.abs() * x.abs()).sum()) for s, x in zip(slopes, case.inputs, strict=True))
-    # a singular place has no gradient that would tell: look beside it
-    for _ in range(0 if case.smooth else 2):
-        near = tuple(
-            x * (1 + 1e-7 * torch.randn(x.shape, generator=generator, dtype=x.dtype))
-            for x in case.inputs
-        )
-        _, beside = _slopes(case, near)
-        size = max(size, sum(float((s * x).abs().sum()) for s, x in zip(beside, near, strict=True)))
-    here = float(value)
-    total = abs(here) + size
-    away = abs(float(rough) - here)
-    scale = abs(here) or 1.0
-    share = away / max(EPSILONS * torch.finfo(torch.float32).eps * total, 1e-300)
-    off = sum(
-        float((r.double() - s).square().sum()) for r, s in zip(rough_slopes, slopes, strict=True)
-    )
-    norm = max(sum(float(s.square().sum()) for s in slopes) ** 0.5, 1e-30)
-    double = _against_differences(case, slopes) if case.smooth else 0.0
-    return Found(total / scale, away / scale, share, double, off**0.5 / norm, finite)
-
-
-def _slopes(case: ValueCase, inputs: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
-    at = [x.detach().clone().requires_grad_() for x in inputs]
-    with torch.autograd.set_detect_anomaly(True):
-        value = case.f(*at)
-        if not value.requires_grad:
-            return value, [torch.zeros_like(x) for x in at]
-        found = torch.autograd.grad(value, at, allow_unused=True)
-    slopes = [torch.zeros_like(x) if g is None else g for x, g in zip(at, found, strict=True)]
-    return value.detach(), slopes
-
-
-def _against_differences(case: ValueCase, slopes: list[Tensor]) -> float:
-    """Along random motions, by central differences of the fourth order."""
-    generator = torch.Generator().manual_seed(3)
-    worst, norm = 0.0, 1e-30
-    for _ in range(2):
-        ways = [
-            torch.randn(x.shape, generator=generator, dtype=x.dtype)
-            * (float(x.abs().mean()) or 1.0)
-            for x in case.inputs
-        ]
-        along = sum(float((s * w).sum()) for s, w in zip(slopes, ways, strict=True))
-        norm = max(norm, abs(along))
-        best = np.inf
-        for h in (1e-4, 1e-5):
-            one, two = (_central(case, ways, k * h) for k in (1, 2))
-            best = min(best, abs((4 * one - two) / 3 - along))
-        worst = max(worst, best)
-    return worst / norm
-
-
-def _central(case: ValueCase, ways: list[Tensor], h: float) -> float:
-    high, low = (
-        case.f(*(x + k * h * w for x, w in zip(case.inputs, ways, strict=True))) for k in (1, -1)
-    )
-    return float(high - low) / (2 * h)
+    jumps: bool = False
+    move: Callable[[Tensor], Tensor] | None = None
+    size: float = 1.0
 
 
 def _knots(points: np.ndarray) -> tuple[Tensor]:
@@ -156,7 +84,7 @@ def loss_cases() -> tuple[ValueCase, ...]:
     edge = knot.copy()
     edge[0] = (0.5, 0.0, 0.0)
     bars = box((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))
-    mesh_box = Region(kind="cylinder", size_mm=(1.5, 0.5, 1.5))
+    pipe = Region(kind="cylinder", size_mm=(1.5, 4.0, 1.5))
     return (
         ValueCase(
             "length",
@@ -207,10 +135,11 @@ def loss_cases() -> tuple[ValueCase, ...]:
         ValueCase("curvature of a line", "no turn: acos at 1", _knots(straight), _curvature, False),
         ValueCase(
             "curvature, doubled point",
-            "an edge without direction",
+            "an edge without direction: moved apart, its ends turn by any angle",
             _knots(doubled),
             _curvature,
             False,
+            jumps=True,
         ),
         ValueCase(
             "curvature, tiny",
@@ -249,12 +178,13 @@ def loss_cases() -> tuple[ValueCase, ...]:
             "region, on the axis",
             "a cylinder's axis has no direction",
             (torch.tensor([[0.0, 0.6, 0.0], [0.9, 0.1, 0.0]], dtype=torch.float64),),
-            lambda p: outside(p, mesh_box, 0.1).clamp_min(0).square().sum(),
+            lambda p: outside(p, pipe, 0.9).clamp_min(0).square().sum(),
+            False,
         ),
     )
 
 
-def _network(
+def network_case(
     name: str,
     why: str,
     depth: int,
@@ -262,11 +192,14 @@ def _network(
     weight: float,
     far: float = 1.0,
     back: bool = False,
-    smooth: bool = True,
-) -> ValueCase:
-    """A weighted sum of where the network takes (or brings back) seven points, of points and weights."""
+    seed: int = 4,
+) -> tuple[ValueCase, CouplingNetwork]:
+    """A weighted sum of where a network takes (or brings back) seven points, of points and weights.
+
+    And the network itself, whose weights are those of a new one plus normal noise times `weight`.
+    """
     network = CouplingNetwork(depth, 6, 3, log_scale=log_scale)
-    generator = torch.Generator().manual_seed(4)
+    generator = torch.Generator().manual_seed(seed)
 
     def noise(like: Tensor) -> Tensor:
         return torch.randn(like.shape, generator=generator, dtype=torch.float64)
@@ -275,6 +208,7 @@ def _network(
     moved = tuple((w.detach() + weight * noise(w)) for w in weights)
     points = far * noise(torch.zeros(7, 3))
     share = noise(points)
+    network.load_state_dict(dict(zip(names, moved, strict=True)), strict=False)
 
     kinds = {}
     for dtype in (torch.float64, torch.float32):
@@ -287,7 +221,20 @@ def _network(
         found: Tensor = functional_call(kinds[p.dtype], fixed, (p,), tie_weights=False)
         return (found * share.to(p.dtype)).sum()
 
-    return ValueCase(name, why, (points, *moved), f, smooth)
+    move = network.inverse if back else network.forward
+    return ValueCase(name, why, (points, *moved), f, move=move, size=far), network
+
+
+def _network(
+    name: str,
+    why: str,
+    depth: int,
+    log_scale: float,
+    weight: float,
+    far: float = 1.0,
+    back: bool = False,
+) -> ValueCase:
+    return network_case(name, why, depth, log_scale, weight, far, back)[0]
 
 
 def network_cases() -> tuple[ValueCase, ...]:
@@ -297,12 +244,13 @@ def network_cases() -> tuple[ValueCase, ...]:
     def turned(turn: Tensor) -> Tensor:
         return (rotation(turn) * shares.to(turn.dtype)).sum()
 
-    def turn(*t: float) -> tuple[Tensor]:
-        return (torch.tensor(t, dtype=torch.float64),)
+    def turning(name: str, why: str, *t: float) -> ValueCase:
+        turn = torch.tensor(t, dtype=torch.float64)
+        return ValueCase(name, why, (turn,), turned, move=lambda p: p @ rotation(turn).T)
 
     return (
         _network("8 layers", "none: what the others are held against", 8, 1.0, 0.1),
-        _network("scale near 0", "each layer shrinks by up to e^-6", 3, 6.0, 2.0, smooth=False),
+        _network("scale near 0", "each layer shrinks by up to e^-6", 3, 6.0, 2.0),
         _network(
             "inverse of scale near 0",
             "each layer grows by up to e^6",
@@ -310,23 +258,14 @@ def network_cases() -> tuple[ValueCase, ...]:
             6.0,
             2.0,
             back=True,
-            smooth=False,
         ),
         _network("64 layers", "roundings and slopes add up", 64, 0.05, 0.02),
         _network("64 layers back", "the inverse, through all of them", 64, 0.05, 0.02, back=True),
-        _network(
-            "weights of 1e3", "tanh is a step, shifts are thousands", 4, 1.0, 1e3, smooth=False
-        ),
+        _network("weights of 1e3", "tanh is a step, shifts are thousands", 4, 1.0, 1e3),
         _network("far away", "points at 1e6", 8, 0.1, 0.1, far=1e6),
         _network("back from far away", "the inverse at 1e6", 8, 0.1, 0.1, far=1e6, back=True),
-        ValueCase(
-            "rotation by pi",
-            "the quaternion's real part vanishes",
-            turn(1e18, -1e18, 1e18),
-            turned,
-            False,
-        ),
-        ValueCase("rotation near pi", "the same, off by 2e-8", turn(1e8, 2e7, -3e7), turned, False),
-        ValueCase("rotation by 0", "no axis", turn(0.0, 0.0, 0.0), turned),
-        ValueCase("rotation", "none", turn(0.3, -0.5, 0.9), turned),
+        turning("rotation by pi", "the quaternion's real part vanishes", 1e18, -1e18, 1e18),
+        turning("rotation near pi", "the same, off by 2e-8", 1e8, 2e7, -3e7),
+        turning("rotation by 0", "no axis", 0.0, 0.0, 0.0),
+        turning("rotation", "none", 0.3, -0.5, 0.9),
     )

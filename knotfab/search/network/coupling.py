@@ -19,8 +19,7 @@ class Perceptron(nn.Module):
         self, width: int, gain: float, generator: torch.Generator, dtype: torch.dtype
     ) -> None:
         super().__init__()
-        steep = gain
-        slopes = steep * torch.randn(width, 2, generator=generator, dtype=torch.float64)
+        slopes = gain * torch.randn(width, 2, generator=generator, dtype=torch.float64)
         middle = 2 * torch.rand(width, 2, generator=generator, dtype=torch.float64) - 1
         self.hidden = nn.Linear(2, width, dtype=dtype)
         self.out = nn.Linear(width, 1, dtype=dtype)
@@ -78,15 +77,19 @@ class Coupling(nn.Module):
         log = self.log_scale * torch.tanh(share * self.scale(uv) / self.log_scale)
         return log.exp(), share * self.shift(uv)
 
+    def _parts(self, points: Tensor, share: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """(u, v) [..., 2], w, its scale and its shift [..., 1]."""
+        ordered = points[..., self.order]
+        uv, w = ordered[..., :2], ordered[..., 2:]
+        return uv, w, *self._affine(uv, share)
+
     def forward(
         self,
         points: Tensor,  # [..., 3]
         share: float = 1.0,
     ) -> Tensor:
         """[..., 3] mapped; with a `share` below 1 by that much of the way from the identity."""
-        ordered = points[..., self.order]
-        uv, w = ordered[..., :2], ordered[..., 2:]
-        scale, shift = self._affine(uv, share)
+        uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, w * scale + shift], -1)[..., self.back]
 
     def inverse(
@@ -95,7 +98,5 @@ class Coupling(nn.Module):
         share: float = 1.0,
     ) -> Tensor:
         """[..., 3] mapped back."""
-        ordered = points[..., self.order]
-        uv, w = ordered[..., :2], ordered[..., 2:]
-        scale, shift = self._affine(uv, share)
+        uv, w, scale, shift = self._parts(points, share)
         return torch.cat([uv, (w - shift) / scale], -1)[..., self.back]
