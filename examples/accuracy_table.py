@@ -85,10 +85,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--flat", action="store_true", help="build flat as well, for legibility")
+    parser.add_argument("--skip-slicer", action="store_true")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     folder = asked.out or Path(tempfile.mkdtemp(prefix="knotfab-table-"))
     folder.mkdir(parents=True, exist_ok=True)
+    skipped = ["--skip", "slicer"] if asked.skip_slicer else []
     rows: list[dict[str, float]] = []
     print(f"{'picture':<10} code    IoU  r/width%  depth  leg45  flat45  failed  seconds  peak MB")
     for name, image in pictures().items():
@@ -96,7 +98,7 @@ def main() -> None:
             continue
         path = folder / f"{name}.png"
         image.save(path)
-        got = measure(path, folder / name)
+        got = measure(path, folder / name, *skipped)
         if got["report"] is None:
             print(f"{name:<10} {got['code']:>4}  {got['error']}", flush=True)
             rows.append({"iou": 0.0, "seconds": got["seconds"], "failed": 1.0, "code": got["code"]})
@@ -108,7 +110,7 @@ def main() -> None:
         failed = [c["name"] for c in report["checks"] if c["status"] == "fail"]
         flat = None
         if asked.flat:
-            other = measure(path, folder / f"{name}-flat", "--depth", "flat")["report"]
+            other = measure(path, folder / f"{name}-flat", "--depth", "flat", *skipped)["report"]
             flat = other["views"][0]["legibility"]["45"] if other else None
         row = {
             "iou": view["iou_tube"],

@@ -11,7 +11,7 @@ from command import knotfab
 from PIL import Image, ImageDraw
 
 from knotfab.progress import Progress
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Scene, View
 from knotfab.search.settings import PRESETS
 from knotfab.sweep.tube import sweep
 from knotfab.tradeoff.measure import Measured, facet_error_px, frontier
@@ -52,12 +52,8 @@ def test_the_frontier_is_what_nothing_beats() -> None:
 def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
     """r a² / 12 is the polygon of the circle's area against the circle, to second order."""
 
-    class Seen:
-        light_distance_mm, wall_distance_mm = 500.0, 0.0
-        frame_width_mm = frame_height_mm = 1024.0
-
     class Asked:
-        view = Seen()
+        view = View(wall_distance_mm=1e-9, frame_width_mm=1024.0, frame_height_mm=1024.0)
 
     turn = 2 * np.pi * np.arange(400) / 400
     ring = 100 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
