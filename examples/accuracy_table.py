@@ -1,7 +1,8 @@
 """Build the project's own pictures with default settings and print what they reach.
 
-`python -m examples.accuracy_table [--flat] [--out DIR] [NAME ...]`: IoU, radius, depth, legibility (with
---flat also that of each picture's own flat build), violations, seconds and peak memory of whole builds.
+`python -m examples.accuracy_table [--flat] [--skip-slicer] [--out DIR] [NAME ...]`: IoU, radius, depth,
+legibility (with --flat also that of each picture's own flat build), violations, seconds and peak memory of
+whole builds.
 """
 
 from __future__ import annotations
