@@ -88,6 +88,27 @@ def test_free_means_that_no_other_strand_is_near_the_peg() -> None:
             assert sine < 0.6 or own.min() < gap + 0.3
 
 
+@pytest.mark.parametrize(("opening", "free"), [(0.8, True), (0.4, False)])
+def test_a_strand_must_leave_its_own_peg_at_once(opening: float, free: bool) -> None:
+    """A wheel's strand crept away from its peg within the joint: a gap that the printer would close."""
+    view = camera()
+    fall = np.array([opening, 0.0, -np.sqrt(1 - opening**2)])
+    bend = np.array([1.9 * RADIUS, 0.0, 0.0])  # from here on it runs along with the peg
+    corners = [-20 * RADIUS * np.array([1.0, 0, 0]), bend, bend + 6 * RADIUS * fall]
+    corners += [
+        np.array([40.0, 0.0, 0.0]),
+        np.array([40.0, 0.0, 60.0]),
+        np.array([-40.0, 0.0, 60.0]),
+    ]
+    closed = np.array([*corners, corners[0]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.union1d(np.arange(0.0, arc[-1], 0.5), arc[:-1])
+    curve = np.column_stack([np.interp(at, arc, closed[:, k]) for k in range(3)])
+    rays = free_rays(knots(curve), view.eye, view.receiver, 0.9, 0.4)
+    middle = int(np.linalg.norm(rays.top, axis=1).argmin())
+    assert np.linalg.norm(rays.top[middle]) < 0.3 and rays.free[middle] == free
+
+
 def test_a_peg_thicker_than_the_shadow_is_refused() -> None:
     view = camera()
     for share in (0.0, 1.01, float("nan")):

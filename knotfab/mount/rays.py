@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
+from knotfab.mount.struts import beside_on_rings, opens_slowly
 
 __all__ = ["Rays", "free_rays"]
 
@@ -121,7 +122,20 @@ def _clear(
     own = (owner[found] == knot[ray]) & (apart <= JOINT_RADII * knots.radius_mm)
     clear = np.ones(len(top), dtype=bool)
     width = share * knots.radius_mm * (1 + along / to_top[ray])
-    clear[ray[(distance < gap + width) & ~own]] = False
+    close = distance < gap + width
+    clear[ray[close & ~own]] = False
+    # within its joint a strand may touch the peg, but must leave it at once
+    joint = np.flatnonzero(close & own)
+    ray, found = ray[joint], found[joint]
+    back, ahead = beside_on_rings(np.bincount(owner, minlength=len(knots.knots)))
+    forward = (arc[found] - arc_of_vertex[ray]) % perimeter[owner[found]]
+    onward = np.where(forward <= perimeter[owner[found]] / 2, ahead[found], back[found])
+    offset = samples[onward] - top[ray]
+    along = np.clip(np.einsum("ij,ij->i", offset, unit[ray]), 0.0, length[ray])
+    there = np.linalg.norm(offset - along[:, None] * unit[ray], axis=1)
+    pace = np.linalg.norm(samples[onward] - samples[found], axis=1)
+    contact = knots.radius_mm + width[joint]
+    clear[ray[opens_slowly(distance[joint], there, pace, contact, clearance)]] = False
     return clear
 
 

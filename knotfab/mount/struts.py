@@ -16,8 +16,10 @@ __all__ = [
     "Candidates",
     "Obstacles",
     "Sites",
+    "beside_on_rings",
     "joined",
     "nothing",
+    "opens_slowly",
     "segment_gap",
     "sites_of",
     "struts",
@@ -184,11 +186,7 @@ class Obstacles:
             owner.append(np.full(len(at), k))
             arcs.append(at)
         self.points, self.owner, self.arc = (np.concatenate(x) for x in (points, owner, arcs))
-        counts = np.array([len(a) for a in arcs])
-        first = np.repeat(np.cumsum(counts) - counts, counts)
-        place, around = np.arange(len(self.arc)) - first, np.repeat(counts, counts)
-        # the samples next along the same strand: one back, one ahead
-        self.beside = np.stack([first + (place - 1) % around, first + (place + 1) % around])
+        self.beside = beside_on_rings(np.array([len(a) for a in arcs]))
         self.tree = cKDTree(self.points)
         # between two samples a strand comes nearer by no more than this
         self.slack = step**2 / (8 * (knots.radius_mm + clearance_mm))
@@ -248,11 +246,7 @@ class Obstacles:
     def _narrow(
         self, some: Candidates, i: Ints, j: Ints, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
-        """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back.
-
-        From just before the two come apart until they are clear of each other, the way between them
-        must open along the strand: else it is a gap that the printer closes, and no crease.
-        """
+        """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
 
         def distance(of: Ints) -> Array:
@@ -262,8 +256,29 @@ class Obstacles:
 
         here, there = distance(j), distance(onward)
         step = np.linalg.norm(self.points[onward] - self.points[j], axis=1)
-        parted = here >= self.tube + some.radius[i] - 0.5 * self.clearance
-        return np.asarray(parted & (there - here < LEAST_OPENING * step))
+        return opens_slowly(here, there, step, self.tube + some.radius[i], self.clearance)
+
+
+def beside_on_rings(counts: Ints) -> Ints:
+    """(2, n) of samples on rings of so many each: the one before and the one after on the same ring."""
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    place, around = np.arange(int(counts.sum())) - first, np.repeat(counts, counts)
+    return np.stack([first + (place - 1) % around, first + (place + 1) % around])
+
+
+def opens_slowly(
+    here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
+) -> Mask:
+    """(n,) whether the way between a strand and its member is a gap that the printer closes, and no crease.
+
+    From just before the two come apart until they are clear of each other it must open along the strand.
+
+    Args:
+        here, there: (n,) distance between their middles at a sample and at the next one, `step` (n,)
+            further from their joint; at `contact` (n,) they touch.
+    """
+    parted = here >= contact - 0.5 * clearance_mm
+    return np.asarray(parted & (there - here < LEAST_OPENING * step))
 
 
 def segment_gap(a: Array, b: Array, c: Array, d: Array) -> Array:
