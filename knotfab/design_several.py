@@ -150,8 +150,8 @@ def _radius_and_start(
     )
     many = len(problem.shots) > 2
     usual = max(thinnest, (_OF_MANY if many else _THINNEST) * side)
-    radii = np.geomspace(usual, max(_THICKEST * side, 1.2 * usual), _RADII).round(4).tolist()
-    radii = radii[:1] if many else radii
+    count = 1 if many else _RADII
+    radii = np.geomspace(usual, max(_THICKEST * side, 1.2 * usual), count).round(4).tolist()
     opened = {r: _opening(polygons, r) for r in radii}
     if opened[radii[0]] < 0.95 and thinnest < usual:
         radii = [*np.geomspace(thinnest, usual, 4)[:-1].round(4).tolist(), *radii]
@@ -230,9 +230,8 @@ def design_several(
     )
     settings = search_settings(scene.accuracy.name, scene.search)
     if "coarse_iterations" not in scene.search:  # a build's own scene has them resolved already
-        settings = settings.scaled(
-            len(views)
-        )  # each view adds wishes that pull against the others'
+        # each view adds wishes that pull against the others'
+        settings = settings.scaled(len(views))
     masks = [t.mask for t in targets]
     with progress.stage("hull"):
         cameras = [camera_of(v, t.width, t.height) for v, t in zip(views, targets, strict=True)]

@@ -10,15 +10,17 @@ from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.perspective import PERSPECTIVE
 from knotfab.effects.region import REGION
 
-__all__ = ["EFFECTS", "survey"]
+__all__ = ["EFFECTS", "judged", "survey"]
 
 EFFECTS: tuple[Effect, ...] = (PERSPECTIVE, CLEARANCE, BEND, REGION, LENGTH, PENUMBRA)
 
 
+def judged(effect: Effect, situation: Situation) -> Decision:
+    """The effect's magnitude against its threshold: simulated only where it is larger."""
+    magnitude, threshold = effect.magnitude(situation), effect.threshold(situation)
+    return Decision(effect, magnitude, threshold, magnitude > threshold)
+
+
 def survey(situation: Situation) -> dict[str, Decision]:
-    """Each effect's magnitude against its threshold: simulated only where it is larger."""
-    decisions = {}
-    for effect in EFFECTS:
-        magnitude, threshold = effect.magnitude(situation), effect.threshold(situation)
-        decisions[effect.name] = Decision(effect, magnitude, threshold, magnitude > threshold)
-    return decisions
+    """Every effect judged, by name."""
+    return {effect.name: judged(effect, situation) for effect in EFFECTS}

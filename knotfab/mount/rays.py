@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
-from knotfab.mount.struts import beside_on_rings, opens_slowly
+from knotfab.mount.struts import beside_on_rings, off_segments, opens_slowly
 
 __all__ = ["Rays", "free_rays"]
 
@@ -114,9 +114,7 @@ def _clear(
     near = tree.query_ball_point(unit, 1.01 * widest)
     ray = np.repeat(np.arange(len(top)), [len(n) for n in near])
     found = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
-    offset = samples[found] - top[ray]
-    along = np.clip(np.einsum("ij,ij->i", offset, unit[ray]), 0.0, length[ray])
-    distance = np.linalg.norm(offset - along[:, None] * unit[ray], axis=1)
+    along, distance = off_segments(samples[found], top[ray], unit[ray], length[ray])
     apart = np.abs(arc[found] - arc_of_vertex[ray])
     apart = np.minimum(apart, perimeter[owner[found]] - apart)
     own = (owner[found] == knot[ray]) & (apart <= JOINT_RADII * knots.radius_mm)
@@ -130,9 +128,7 @@ def _clear(
     back, ahead = beside_on_rings(np.bincount(owner, minlength=len(knots.knots)))
     forward = (arc[found] - arc_of_vertex[ray]) % perimeter[owner[found]]
     onward = np.where(forward <= perimeter[owner[found]] / 2, ahead[found], back[found])
-    offset = samples[onward] - top[ray]
-    along = np.clip(np.einsum("ij,ij->i", offset, unit[ray]), 0.0, length[ray])
-    there = np.linalg.norm(offset - along[:, None] * unit[ray], axis=1)
+    _, there = off_segments(samples[onward], top[ray], unit[ray], length[ray])
     pace = np.linalg.norm(samples[onward] - samples[found], axis=1)
     contact = knots.radius_mm + width[joint]
     clear[ray[opens_slowly(distance[joint], there, pace, contact, clearance)]] = False

@@ -19,6 +19,7 @@ __all__ = [
     "beside_on_rings",
     "joined",
     "nothing",
+    "off_segments",
     "opens_slowly",
     "segment_gap",
     "sites_of",
@@ -212,9 +213,8 @@ class Obstacles:
         near = self.tree.query_ball_point((some.start + some.end) / 2, length / 2 + gap + root)
         i = np.repeat(np.arange(len(some)), [len(n) for n in near])
         j = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
-        to = self.points[j] - some.start[i]
-        t = np.clip(np.einsum("ij,ij->i", to, unit[i]), 0.0, length[i])
-        touched = np.linalg.norm(to - t[:, None] * unit[i], axis=1) < gap + some.radius[i]
+        _, apart = off_segments(self.points[j], some.start[i], unit[i], length[i])
+        touched = apart < gap + some.radius[i]
         for site in (some.first[i], some.second[i]):
             perimeter = self.sites.perimeter[self.owner[j]]
             apart = (self.arc[j] - self.sites.arc[site]) % perimeter
@@ -248,15 +248,18 @@ class Obstacles:
     ) -> Mask:
         """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
-
-        def distance(of: Ints) -> Array:
-            to = self.points[of] - some.start[i]
-            t = np.clip(np.einsum("ij,ij->i", to, unit[i]), 0.0, length[i])
-            return np.asarray(np.linalg.norm(to - t[:, None] * unit[i], axis=1))
-
-        here, there = distance(j), distance(onward)
+        (_, here), (_, there) = (
+            off_segments(self.points[of], some.start[i], unit[i], length[i]) for of in (j, onward)
+        )
         step = np.linalg.norm(self.points[onward] - self.points[j], axis=1)
         return opens_slowly(here, there, step, self.tube + some.radius[i], self.clearance)
+
+
+def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tuple[Array, Array]:
+    """(n,) how far along its segment from `start` each point is next to it, and how far off it."""
+    to = points - start
+    along = np.clip(np.einsum("ij,ij->i", to, unit), 0.0, length)
+    return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
 
 
 def beside_on_rings(counts: Ints) -> Ints:

@@ -17,9 +17,8 @@ __all__ = ["Balance", "goals_of"]
 
 _SHORT = 0.015  # that a view may stay below its bound; settling and repairs take some more
 _GAIN = 30.0  # an update: 0.01 further below the goal than the mean of all gains e^0.3
-_KEPT = (
-    0.9  # of a share's logarithm from update to update: where none lacks anything, all are equal
-)
+# of a share's logarithm from update to update: where none lacks anything, all are equal
+_KEPT = 0.9
 _MOST = 4.0  # times more or less than as one of equals
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter1d, uniform_filter
 from shapely import MultiPolygon
 
-from knotfab.scene.camera import camera_of
+from knotfab.search.picture import grid_at
 from knotfab.search.several import Shot, view_axes
 from knotfab.template.filling import even_samples, fill, simple_curves, smooth_closed
 
@@ -65,17 +65,9 @@ class _Other:
 
 def _other(shot: Shot, points: Array, radius: float) -> _Other:
     """The view's grids, with all samples at all depths (n, levels, 3) looked up."""
-    view = shot.view
-    rows, columns = shot.mask.shape
-    cell_mm = _CELL * radius * view.magnification
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    w = max(8, round(view.frame_width_mm / cell_mm))
-    h = max(8, round(view.frame_height_mm / cell_mm))
-    u = np.minimum(((np.arange(w) + 0.5) / w * columns).astype(int), columns - 1)
-    v = np.minimum(((np.arange(h) + 0.5) / h * rows).astype(int), rows - 1)
-    pad_u, pad_v = int(_MARGIN * w) + 4, int(_MARGIN * h) + 4
-    wanted = np.pad(shot.mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
-    seen = camera_of(view, w, h).padded(pad_u, pad_v).project(points.reshape(-1, 3))
+    cell_mm = _CELL * radius * shot.view.magnification
+    wanted, camera = grid_at(shot.view, shot.mask, cell_mm, _MARGIN, more=4)
+    seen = camera.project(points.reshape(-1, 3))
     reach = int(np.ceil(1 / _CELL))
     limit = np.array(wanted.shape) - reach - 1
     cells = np.clip(np.rint(seen[:, ::-1]).astype(np.int64), reach, limit)

@@ -21,7 +21,7 @@ from knotfab.search.neighbours import Neighbours
 from knotfab.search.polyline import Rings
 from knotfab.search.problem import Account
 from knotfab.search.resample import subdivide
-from knotfab.search.walking import walked
+from knotfab.search.walking import met_by, walked
 
 __all__ = ["about", "mended"]
 
@@ -83,11 +83,10 @@ def mended(
         ) -> Tensor:
             return objective(torch.where(free, x, x.detach()), near, progress)
 
-        def met(x: Array, rings: Rings = rings) -> bool:
-            return not standing(x, rings, limits).violations
-
         # the flow's rates are root mean squares over all vertices, moved or not
         share = float(np.sqrt(loose.mean()))
         walk = FlowSettings(iterations=_ITERATIONS, rate=_RATE * share, rate_end=_RATE_END * share)
-        points = walked(points, rings, held, limits, walk, account, device, None, met)
+        points = walked(
+            points, rings, held, limits, walk, account, device, None, met_by(rings, limits)
+        )
     return *subdivide(points, rings, _STRETCHED * edge_mm), rounds

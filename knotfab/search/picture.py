@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.render.frame import Frame, frame_of
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import View
 
-__all__ = ["frame_mm", "picture_at"]
+__all__ = ["frame_mm", "grid_at", "picture_at"]
 
 
 def frame_mm(view: View) -> tuple[float, float]:
@@ -50,3 +50,21 @@ def picture_at(
     coverage = Image.fromarray(padded).resize((width, height), Image.Resampling.BOX, box=box)
     target = torch.as_tensor(np.array(coverage), dtype=torch.float32, device=device)
     return frame, target, pixel
+
+
+def grid_at(
+    view: View, mask: NDArray[np.bool_], cell_mm: float, margin: float, more: int = 0
+) -> tuple[NDArray[np.bool_], Camera]:
+    """The mask looked up on about square cells, and the camera whose pixels they are.
+
+    Args:
+        margin: of the frame on each side, all outside the mask, and `more` cells beyond.
+    """
+    width_mm, height_mm = frame_mm(view)
+    rows, columns = mask.shape
+    w, h = max(8, round(width_mm / cell_mm)), max(8, round(height_mm / cell_mm))
+    u = np.minimum(((np.arange(w) + 0.5) / w * columns).astype(int), columns - 1)
+    v = np.minimum(((np.arange(h) + 0.5) / h * rows).astype(int), rows - 1)
+    pad_u, pad_v = int(margin * w) + more, int(margin * h) + more
+    wanted = np.pad(mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
+    return wanted, camera_of(view, w, h).padded(pad_u, pad_v)

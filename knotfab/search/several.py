@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, Situation
-from knotfab.effects.survey import survey
+from knotfab.effects.region import REGION
+from knotfab.effects.survey import judged, survey
 from knotfab.knots import Knot, Knots
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Region, View
@@ -28,16 +29,15 @@ from knotfab.search.problem import Account, Infeasible, Report, SearchResult
 from knotfab.search.settings import SearchSettings
 from knotfab.search.spill import Spill, spill_of
 from knotfab.search.threads import one_thread
-from knotfab.search.walking import evened, repaired, through, walked
+from knotfab.search.walking import evened, repaired, simulate, through, walked
 
 __all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SPILL = (
-    0.5  # of a strand that stands a tube radius outside, against one tube radius squared of image
-)
+# of a strand that stands a tube radius outside, against one tube radius squared of image
+_SPILL = 0.5
 _LOCAL = 4  # repairs of single stretches, before any of the whole curve
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
 
@@ -140,10 +140,9 @@ def _survey(
         pixel = max(frame_mm(shot.view)) / settings.fine_px
         seen = points @ view_axes(shot.view).T
         own = Situation(shot.view, limits, seen, rings, pixel, settings.tolerance_px)
-        scene = replace(own, points=points)
-        for name, decision in survey(own).items():
-            if name == "region":
-                decision = survey(scene)[name]
+        # the region lies in the scene's axes, not in the view's
+        every = survey(own) | {REGION.name: judged(REGION, replace(own, points=points))}
+        for name, decision in every.items():
             if name not in effects or decision.magnitude > effects[name].magnitude:
                 effects[name] = decision
     return effects
@@ -245,8 +244,7 @@ def search_several(
     local = 0  # most often a few bends are left, and the whole curve need not give way for them
     broken = standing(points, rings, limits).broken
     if broken and repairs > 0:
-        for name in broken:
-            effects[name].simulated = True
+        simulate(effects, broken)
         first = repair(settings, 0)
         points, rings, local = mended(
             points,

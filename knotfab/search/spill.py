@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
-from knotfab.scene.camera import camera_of
 from knotfab.scene.model import View
-from knotfab.search.picture import frame_mm
+from knotfab.search.picture import frame_mm, grid_at
 
 __all__ = ["Spill", "spill_of"]
 
@@ -48,16 +47,9 @@ class Spill:
 
 def spill_of(view: View, mask: NDArray[np.bool_], radius: float, device: str = "cpu") -> Spill:
     """The term of one view with its silhouette (H, W); the tube's radius in mm."""
-    width_mm, height_mm = frame_mm(view)
-    cell = max(width_mm, height_mm) / _CELLS
-    rows, columns = mask.shape
-    w, h = max(8, round(width_mm / cell)), max(8, round(height_mm / cell))
-    u = np.minimum(((np.arange(w) + 0.5) / w * columns).astype(int), columns - 1)
-    v = np.minimum(((np.arange(h) + 0.5) / h * rows).astype(int), rows - 1)
-    pad_u, pad_v = int(_MARGIN * w), int(_MARGIN * h)
-    wanted = np.pad(mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
+    cell = max(frame_mm(view)) / _CELLS
+    wanted, camera = grid_at(view, mask, cell, _MARGIN)
     far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
-    camera = camera_of(view, w, h).padded(pad_u, pad_v)
     return Spill(
         torch.as_tensor(camera.projection, device=device),
         torch.as_tensor(far, dtype=torch.float64, device=device)[None, None],

@@ -21,7 +21,7 @@ from knotfab.search.problem import Account, Report
 from knotfab.search.resample import resample, subdivide
 from knotfab.search.settings import SearchSettings
 
-__all__ = ["Drawing", "evened", "repaired", "through", "walked"]
+__all__ = ["Drawing", "evened", "met_by", "repaired", "simulate", "through", "walked"]
 
 Array = NDArray[np.float64]
 
@@ -118,6 +118,17 @@ def through(
     return points, rings, objective
 
 
+def simulate(effects: dict[str, Decision], broken: Sequence[str]) -> None:
+    """A violation calls for what the bound beforehand did not: from here on these are simulated."""
+    for name in broken:
+        effects[name].simulated = True
+
+
+def met_by(rings: Rings, limits: Limits) -> Callable[[Array], bool]:
+    """Whether vertices (N, 3) on these rings keep every limit."""
+    return lambda points: not standing(points, rings, limits).violations
+
+
 def repaired(
     points: Array,
     rings: Rings,
@@ -142,18 +153,14 @@ def repaired(
     state = standing(points, rings, limits)
     objective: D | None = None
     if state.violations and repairs > 0:
-        # a violation calls for what the bound beforehand did not
-        for name in state.broken:
-            effects[name].simulated = True
+        simulate(effects, state.broken)
     while state.violations and account.repairs < repairs:
         phase = repair(settings, account.repairs // rounds)
         account.repairs += 1
         points, rings = evened(points, rings, settings.settle_edge_radii * limits.radius, account)
         objective = objective_at(rings, phase)
 
-        def met(x: Array, rings: Rings = rings) -> bool:
-            return not standing(x, rings, limits).violations
-
+        met = met_by(rings, limits)
         points = walked(points, rings, objective, limits, phase.walk, account, device, None, met)
         state = standing(points, rings, limits)
     return points, rings, state, objective

@@ -225,18 +225,6 @@ def network_case(
     return ValueCase(name, why, (points, *moved), f, move=move, size=far), network
 
 
-def _network(
-    name: str,
-    why: str,
-    depth: int,
-    log_scale: float,
-    weight: float,
-    far: float = 1.0,
-    back: bool = False,
-) -> ValueCase:
-    return network_case(name, why, depth, log_scale, weight, far, back)[0]
-
-
 def network_cases() -> tuple[ValueCase, ...]:
     """The invertible network and its rotation, in one order."""
     shares = torch.arange(9.0, dtype=torch.float64).reshape(3, 3)
@@ -248,10 +236,10 @@ def network_cases() -> tuple[ValueCase, ...]:
         turn = torch.tensor(t, dtype=torch.float64)
         return ValueCase(name, why, (turn,), turned, move=lambda p: p @ rotation(turn).T)
 
-    return (
-        _network("8 layers", "none: what the others are held against", 8, 1.0, 0.1),
-        _network("scale near 0", "each layer shrinks by up to e^-6", 3, 6.0, 2.0),
-        _network(
+    networks = (
+        network_case("8 layers", "none: what the others are held against", 8, 1.0, 0.1),
+        network_case("scale near 0", "each layer shrinks by up to e^-6", 3, 6.0, 2.0),
+        network_case(
             "inverse of scale near 0",
             "each layer grows by up to e^6",
             3,
@@ -259,11 +247,16 @@ def network_cases() -> tuple[ValueCase, ...]:
             2.0,
             back=True,
         ),
-        _network("64 layers", "roundings and slopes add up", 64, 0.05, 0.02),
-        _network("64 layers back", "the inverse, through all of them", 64, 0.05, 0.02, back=True),
-        _network("weights of 1e3", "tanh is a step, shifts are thousands", 4, 1.0, 1e3),
-        _network("far away", "points at 1e6", 8, 0.1, 0.1, far=1e6),
-        _network("back from far away", "the inverse at 1e6", 8, 0.1, 0.1, far=1e6, back=True),
+        network_case("64 layers", "roundings and slopes add up", 64, 0.05, 0.02),
+        network_case(
+            "64 layers back", "the inverse, through all of them", 64, 0.05, 0.02, back=True
+        ),
+        network_case("weights of 1e3", "tanh is a step, shifts are thousands", 4, 1.0, 1e3),
+        network_case("far away", "points at 1e6", 8, 0.1, 0.1, far=1e6),
+        network_case("back from far away", "the inverse at 1e6", 8, 0.1, 0.1, far=1e6, back=True),
+    )
+    return (
+        *(case for case, _ in networks),
         turning("rotation by pi", "the quaternion's real part vanishes", 1e18, -1e18, 1e18),
         turning("rotation near pi", "the same, off by 2e-8", 1e8, 2e7, -3e7),
         turning("rotation by 0", "no axis", 0.0, 0.0, 0.0),
