@@ -48,43 +48,43 @@ test: system slicer $(DONE) lint
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
-	$(BIN)/python -m examples.accuracy_table
+	$(BIN)/python -m examples.studies.accuracy_table
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)
-	$(BIN)/python -m examples.mount_table
+	$(BIN)/python -m examples.studies.mount_table
 
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)
-	$(BIN)/python -m examples.tied_knots
+	$(BIN)/python -m examples.studies.tied_knots
 
 # everything that compares with the paper, under paper-table/; what is done is not run again (about an hour)
 paper-table: system $(DONE)
-	$(BIN)/python -m examples.paper_table
+	$(BIN)/python -m examples.paper.table
 
 # the paper's ablations, scaled down, into tables and figures under paper-ablations/
 paper-ablations: $(DONE)
-	$(BIN)/python -m examples.paper_ablations
+	$(BIN)/python -m examples.paper.ablations
 
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
-	$(BIN)/python -m examples.renderer_table
+	$(BIN)/python -m examples.studies.renderer_table
 
 # thickness against exact values, broken and good parts, 10,000 hostile files (about 10 min)
 validator-table: system $(DONE)
-	$(BIN)/python -m examples.validator_table
+	$(BIN)/python -m examples.studies.validator_table
 
 # whether the tests notice when a comparison or a limit of the validators is changed (about half an hour)
 mutations: system $(DONE)
-	$(BIN)/python -m examples.mutations
+	$(BIN)/python -m examples.studies.mutations
 
 # what accuracy costs in time: presets and points around them, side by side (about 8 min)
 frontier: $(DONE)
-	$(BIN)/python -m examples.frontier
+	$(BIN)/python -m examples.studies.frontier
 
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)
-	$(BIN)/python -m examples.hard_cases
+	$(BIN)/python -m examples.studies.hard_cases
 
 clean:
 	rm -rf $(VENV) demo-out out

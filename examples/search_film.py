@@ -19,26 +19,26 @@ from PIL import Image
 from torch import Tensor
 
 from examples.side_view import beside, side_view
-from knotfab.design import problem_of, resolve_view
+from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings
+from knotfab.problem import Account, Problem
 from knotfab.render.frame import Frame
+from knotfab.render.picture import frame_mm, picture_at
+from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.neighbours import Neighbours
+from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Objective
 from knotfab.search.phases import objective_of, three_phases
-from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import Rings
-from knotfab.search.problem import Account, Problem
-from knotfab.search.settings import PRESETS
-from knotfab.search.start import lifted
-from knotfab.search.threads import one_thread
-from knotfab.search.walking import walked
+from knotfab.search.steps import walked
 from knotfab.sequence.gif import write_gif
+from knotfab.start.filling import fill
+from knotfab.start.lift import lifted
 from knotfab.target.read import read_target
-from knotfab.template.filling import fill
 
 __all__ = ["film", "watched"]
 

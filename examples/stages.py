@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.design import opening_iou, problem_of, resolve_view
+from knotfab.design.design import opening_iou, problem_of, resolve_view
+from knotfab.files.stl import write_stl
+from knotfab.geometry.tube import sweep
 from knotfab.part.pose import choose_pose
-from knotfab.part.stl import write_stl
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Pose, Scene
+from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
-from knotfab.search.settings import search_settings
-from knotfab.sweep.tube import sweep
+from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.template.filling import fill
 
 __all__ = ["main"]
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design import Design, design
+from knotfab.design.design import Design, design
 from knotfab.part.assemble import Part, part_of, rules_of
 from knotfab.part.flatter import flatter_depth
 from knotfab.progress import Progress
 from knotfab.target.read import Target
 
 if TYPE_CHECKING:
-    from knotfab.build import Request
+    from knotfab.pipeline import Request
 
 __all__ = ["Flattening", "flattened"]
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base, slope_below
 from knotfab.mount.stand import StandMount
@@ -13,7 +14,6 @@ from knotfab.mount.struts import nothing
 from knotfab.mount.wall import Peg, WallMount, WallSettings
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Mount, Scene, View
-from knotfab.sweep.tube import sweep
 
 Kind = Literal["none", "plate", "dowel", "stand"]
 OFF = {

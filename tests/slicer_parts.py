@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.part.threemf import Body, write_3mf
+from knotfab.files.threemf import Body, write_3mf
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Scene

@@ -10,17 +10,17 @@ import shapely
 import torch
 from shapely import MultiPolygon, Point, box
 
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.scene.model import Region, View
+from knotfab.scene.settings import PRESETS
 from knotfab.search.balance import Balance, goals_of
 from knotfab.search.flow import FlowSettings
-from knotfab.search.neighbours import find_neighbours
 from knotfab.search.objective import Weights
 from knotfab.search.phases import Phase
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.settings import PRESETS
 from knotfab.search.several import SeveralProblem, Shot, _objective, _survey, search_several
-from knotfab.search.several_start import start_of
-from knotfab.template.filling import fill
+from knotfab.start.filling import fill
+from knotfab.start.several import start_of
 
 RADIUS = 3.5
 DRAFT = PRESETS["draft"].model_copy(

@@ -17,9 +17,9 @@ from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
 
-import knotfab.build as building
+import knotfab.pipeline as building
 from knotfab.cli.options import CHECKS
-from knotfab.design import Design
+from knotfab.design.design import Design
 
 pytestmark = pytest.mark.build
 

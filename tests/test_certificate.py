@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from knotfab.search.certificate import certify, step_limits
-from knotfab.search.neighbours import closest_parameters, find_neighbours
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.resample import resample, subdivide
+from knotfab.geometry.certificate import certify, step_limits
+from knotfab.geometry.neighbours import closest_parameters, find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.resample import resample, subdivide
 
 
 def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:

@@ -18,7 +18,7 @@ from PIL import Image
 
 import knotfab as package
 from knotfab.errors import InputError, MachineError
-from knotfab.verify import Verifier
+from knotfab.verify.verifier import Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
 BOMB = (

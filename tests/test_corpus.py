@@ -17,7 +17,7 @@ from examples.corpus.files import write
 from examples.corpus.good import good
 from examples.corpus.parts import Body, blocks, box, join, tube
 from examples.corpus.print_parts import arch, slab, slot
-from examples.corpus_table import row_of
+from examples.studies.corpus_table import row_of
 from knotfab_validators import Check, validate
 from knotfab_validators.clearance import check_clearance
 from knotfab_validators.exact_shadow import shadow_lines, shadow_mask

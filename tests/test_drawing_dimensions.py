@@ -7,7 +7,7 @@ import pytest
 
 from knotfab.drawing.dimensions import dimension, fit, length, outlines
 from knotfab.drawing.pages import PAPERS, blank_page
-from knotfab.sweep.tube import sweep
+from knotfab.geometry.tube import sweep
 
 
 @pytest.mark.parametrize(

@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.design import design, problem_of, resolve_view
+from examples.paper.curves import torus_knot
+from knotfab.design.design import design, problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
 from knotfab.errors import InputError
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.render.frame import frame_of
 from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free, turn_matrix
+from knotfab.render.picture import picture_at
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Piece, Scene, View
+from knotfab.scene.settings import PRESETS
 from knotfab.search.free_search import FreeObjective, free_search
-from knotfab.search.free_view import ALL, Bounds, Unknowns, ViewNumbers, fit_view
-from knotfab.search.neighbours import find_neighbours
 from knotfab.search.objective import Weights
 from knotfab.search.phases import SETTLE
-from knotfab.search.picture import picture_at
-from knotfab.search.polyline import Rings, rings_of_sizes
+from knotfab.search.pose import ALL, Bounds, Unknowns, ViewNumbers, fit_view
 from knotfab.search.search import Problem, search
-from knotfab.search.settings import PRESETS
+from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.template.curves import torus_knot
-from knotfab.template.filling import fill
 
 QUICK = PRESETS["draft"].model_copy(
     update={

@@ -7,11 +7,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from examples.isotopy_fuzz import fuzz, types_of
-from knotfab.search.certificate import certify
+from examples.studies.isotopy_fuzz import fuzz, types_of
+from knotfab.geometry.certificate import certify
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.search.flow import FlowSettings, flow
-from knotfab.search.neighbours import Neighbours, find_neighbours
-from knotfab.search.polyline import rings_of_sizes
 from tests.hard_cases.crossing import linking_number, passes_through
 from tests.hard_cases.curves import HardKnot, circle, hard_knots
 

@@ -9,13 +9,13 @@ import pytest
 import shapely
 
 from knotfab.errors import SceneError
-from knotfab.sweep.tube import _transport, mesh_volume, sweep
+from knotfab.geometry.tube import _transport, mesh_volume, sweep
+from knotfab.start.filling import fill
 from knotfab.target.silhouette import polygon_of
-from knotfab.template.filling import fill
 from tests.hard_cases.curves import circle
 from tests.hard_cases.pictures import HardPicture, hard_pictures
 
-# those whose outlines alone take seconds are left to `examples.hardest_builds`
+# those whose outlines alone take seconds are left to `examples.studies.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
 
 

@@ -10,20 +10,20 @@ import pytest
 import torch
 from shapely import MultiPolygon, Point
 
-from examples.nightly_fuzz import KINDS
-from knotfab.design import design
+from examples.studies.nightly_fuzz import KINDS
+from knotfab.design.design import design
+from knotfab.design.prices import SHORT, prices_several
+from knotfab.design.radius import template_iou
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
 from knotfab.scene.model import Region, Scene, View
+from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
-from knotfab.search.price import SHORT, prices_several
-from knotfab.search.radius import template_iou
-from knotfab.search.settings import PRESETS
 from knotfab.search.several import SeveralProblem, Shot, search_several
-from knotfab.search.several_start import start_of
+from knotfab.start.filling import fill
+from knotfab.start.several import start_of
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
-from knotfab.template.filling import fill
 from tests.hard_cases.pictures import hard_pictures
 from tests.hard_cases.random_values import random_network, round_trip_share
 from tests.hard_cases.value_error import slope_excess, value_error

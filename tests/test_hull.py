@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knotfab.hull.bound import hull_bounds, inside_hull
-from knotfab.hull.contradictions import contradictions
-from knotfab.hull.frames import framed_alike, spread_views
+from knotfab.design.contradictions import contradictions
+from knotfab.design.frames import framed_alike, spread_views
+from knotfab.design.hull import hull_bounds, inside_hull
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Scene, View
 from knotfab.target.read import Target

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.effects.base import Limits
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.problem import Account
 from knotfab.scene.model import Region
-from knotfab.search.feasible import standing
-from knotfab.search.mending import about, mended
-from knotfab.search.neighbours import Neighbours
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.problem import Account
+from knotfab.search.feasibility import standing
+from knotfab.search.repair import about, mended
 
 Array = NDArray[np.float64]
 

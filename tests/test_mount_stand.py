@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from knotfab.errors import SceneError
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.brace import sag_of_members
 from knotfab.mount.choose import Stiffness
@@ -30,7 +31,6 @@ from knotfab.mount.struts import (
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, Scene, View
-from knotfab.sweep.tube import sweep
 from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.read_mesh import Mesh
 from knotfab_validators.silhouette import working_frame

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from knotfab.errors import SceneError
+from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.choose import Stiffness, choose_pegs, sag_of
 from knotfab.mount.mount import mount_piece
@@ -18,7 +19,6 @@ from knotfab.part.clean import as_written
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, Scene, View
-from knotfab.sweep.tube import mesh_volume, sweep
 
 RADIUS = 2.0
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from knotfab.errors import InputError, MachineError
-from knotfab.output import REJECTED, OutputFolder
+from knotfab.files.folder import REJECTED, OutputFolder
 
 
 def listing(folder: Path) -> dict[str, bytes]:
@@ -147,7 +147,7 @@ def test_rejects_a_folder_that_may_not_be_written(
     def denied(**_: object) -> str:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr("knotfab.output.tempfile.mkdtemp", denied)
+    monkeypatch.setattr("knotfab.files.folder.tempfile.mkdtemp", denied)
     with pytest.raises(InputError, match=r"cannot be written \(Permission denied\).*--out"):
         OutputFolder(tmp_path / "new").__enter__()
     assert listing(tmp_path) == {}

@@ -14,10 +14,10 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from knotfab.part.stl import write_stl
-from knotfab.part.threemf import read_back_strict, read_bodies, write_3mf
+from knotfab.files.stl import write_stl
+from knotfab.files.threemf import read_back_strict, read_bodies, write_3mf
+from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
-from knotfab.sweep.tube import mesh_volume, sweep
 from knotfab_validators.read_mesh import read_mesh
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]

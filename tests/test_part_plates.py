@@ -12,14 +12,14 @@ from manifold3d import Manifold, Mesh64
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
+from knotfab.files.threemf import write_3mf
+from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.connector import DEEPER_MM, KERF_MM, Piece, cut_body
 from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
 from knotfab.part.plates import APART_MM, Plates, Printable, plates_of
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Rules
-from knotfab.part.threemf import write_3mf
-from knotfab.sweep.tube import mesh_volume, sweep
 from knotfab_validators.mesh import BadFile, merge_equal
 from knotfab_validators.mesh import Mesh as Surface
 from knotfab_validators.plates import VOLUME_SHARE, check_plates, printability_of_plates

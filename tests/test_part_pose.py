@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
+from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.sweep.tube import mesh_volume, sweep
 
 Array = NDArray[np.float64]
 

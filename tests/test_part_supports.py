@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.flatter import flatter_depth
 from knotfab.part.orient import AXES, candidates, estimated_cm3, minutes, ranked, within_limits
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Estimate, Rules, Strands, estimate, strands_of
-from knotfab.sweep.tube import sweep
 from knotfab_validators.columns import columns
 from knotfab_validators.mesh import Mesh
 from knotfab_validators.overhang import support_volume

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from knotfab.effects.region import outside, tube_outside
 from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.errors import InputError
-from knotfab.part.stl import write_stl
+from knotfab.files.stl import write_stl
 from knotfab.scene.load import load_scene, parse_scene
 from knotfab.scene.model import Region
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from examples.shaded import curve_distance, fit, trial
+from examples.paper.curves import torus_knot
+from examples.paper.shaded import curve_distance, fit, trial
+from examples.paper.shaded_render import Shading, capsule_hit, layers_of, render_shaded
 from knotfab.render.frame import Frame, frame_of
-from knotfab.render.shaded import Shading, capsule_hit, layers_of, render_shaded
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import View
-from knotfab.template.curves import torus_knot
 
 VIEW = View(frame_width_mm=160.0, frame_height_mm=160.0)
 LAMP = Shading(lamp_mm=(150.0, 200.0, 500.0))
@@ -119,7 +119,7 @@ def test_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     p = torch.as_tensor(torus_knot(2, 3, 38.0, 18.0, 60))
     frame = _frame()
     whole = render_shaded(p, p.roll(-1, 0), frame, RADIUS, 2.0, LAMP)
-    monkeypatch.setattr("knotfab.render.shaded._CHUNK", 700)
+    monkeypatch.setattr("examples.paper.shaded_render._CHUNK", 700)
     parts = render_shaded(p, p.roll(-1, 0), frame, RADIUS, 2.0, LAMP)
     assert torch.equal(whole, parts)
 

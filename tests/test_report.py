@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
 from knotfab.report.pictures import draw_part
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, verdict, write_report_json
-from knotfab.sweep.tube import sweep
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:

@@ -5,21 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotfab.design import problem_of, resolve_view
+from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects import survey as survey_module
 from knotfab.effects.base import Limits, Situation
 from knotfab.effects.survey import survey
 from knotfab.errors import InputError, SceneError
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene
-from knotfab.search.depth import choose_depth, lift
-from knotfab.search.feasible import bend_radii, standing
-from knotfab.search.legibility import legibility, stretched
-from knotfab.search.polyline import rings_of_sizes
+from knotfab.scene.settings import PRESETS, search_settings
+from knotfab.search.feasibility import standing
 from knotfab.search.search import Problem, search
-from knotfab.search.settings import PRESETS, search_settings
+from knotfab.start.depth import choose_depth, lift
+from knotfab.start.filling import fill
+from knotfab.start.legibility import legibility, stretched
 from knotfab.target.read import read_target
-from knotfab.template.filling import fill
 
 QUICK = PRESETS["draft"].model_copy(
     update={"coarse_iterations": 30, "fine_iterations": 25, "depth_candidates": 4}
@@ -199,7 +200,7 @@ def test_a_large_clearance_is_felt_from_far_enough(problem: Problem) -> None:
 
 
 def test_a_resolved_depth_is_found_again(problem: Problem) -> None:
-    from knotfab.design import _depth
+    from knotfab.design.design import _depth
 
     scene = resolve(Scene(), [(1000, 1000)])
     region = Region(size_mm=(200.0, 200.0, 72.0))

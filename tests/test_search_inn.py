@@ -6,17 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from knotfab.design import problem_of, resolve_view
+from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects.base import Decision
 from knotfab.effects.bend import BEND
 from knotfab.errors import InputError, SceneError
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
-from knotfab.search import inn
-from knotfab.search import search as search_module
-from knotfab.search.inn import circles, keep_largest
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.sampling_certificate import (
+from knotfab.geometry.carry import (
     Carried,
     Curves,
     carry,
@@ -24,10 +18,16 @@ from knotfab.search.sampling_certificate import (
     refined,
     same_type,
 )
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
+from knotfab.search import inn
+from knotfab.search import search as search_module
+from knotfab.search.inn import circles, keep_largest
 from knotfab.search.search import Problem, SearchResult, search
-from knotfab.search.settings import PRESETS, SearchSettings, search_settings
+from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.template.filling import fill
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(

@@ -5,7 +5,7 @@ import pymeshlab
 import pytest
 import trimesh
 
-from knotfab.sweep.tube import sweep
+from knotfab.geometry.tube import sweep
 from knotfab_validators.mesh_check import self_intersections
 from knotfab_validators.read_mesh import Mesh
 

@@ -9,8 +9,8 @@ import pytest
 from command import knotfab
 from PIL import Image, ImageDraw
 
-from knotfab.build import Outcome
 from knotfab.errors import InputError
+from knotfab.pipeline import Outcome
 from knotfab.scene.model import Mount, Piece, Scene, View
 from knotfab.sequence.build import SequenceRequest, build_sequence
 from knotfab.sequence.motion import Motion

@@ -9,7 +9,7 @@ import pytest
 from command import knotfab, picture, square
 from PIL import Image
 
-from knotfab.output import OutputFolder
+from knotfab.files.folder import OutputFolder
 
 TWO_VIEWS = "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nazimuth_deg = 90.0\n"
 

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from knotfab.search.feasible import bend_radii
-from knotfab.search.polyline import rings_of_sizes
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.sequence.doubling import doubled
 
 

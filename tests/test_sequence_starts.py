@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, box
 
 from knotfab.effects.base import Limits
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.problem import Account, Problem
 from knotfab.scene.model import Region, View
-from knotfab.search.feasible import Standing
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.problem import Account, Problem
-from knotfab.search.settings import SearchSettings
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.feasibility import Standing
 from knotfab.sequence import starts
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely import MultiPolygon, affinity
 
-from knotfab.search.polyline import rings_of_sizes
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.sequence import transport as module
 from knotfab.sequence.registration import register
 from knotfab.sequence.transport import transport

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knot, Knots
 from knotfab.sequence.zoetrope import footholds, zoetrope
-from knotfab.sweep.tube import mesh_volume
 
 ROOM = (2000.0, 2000.0, 1000.0)
 

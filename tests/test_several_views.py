@@ -13,22 +13,21 @@ from numpy.typing import NDArray
 from PIL import Image
 from shapely import MultiPolygon, Point, box
 
-from knotfab.build import Request, build
-from knotfab.design_several import _left_by_others, require_several
+from knotfab.design.hull import HullBound
+from knotfab.design.several import _left_by_others, require_several
 from knotfab.errors import InputError, SceneError
-from knotfab.hull.bound import HullBound
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.pipeline import Request, build
+from knotfab.render.picture import picture_at
 from knotfab.scene.camera import camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Mount, Piece, Region, Scene, View
+from knotfab.scene.settings import PRESETS
 from knotfab.search.chamfer import TENSION, chamfer_of
-from knotfab.search.deep_start import deep_curves
 from knotfab.search.flow import FlowSettings
-from knotfab.search.neighbours import find_neighbours
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.phases import Phase
-from knotfab.search.picture import picture_at
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.settings import PRESETS
 from knotfab.search.several import (
     SeveralProblem,
     Shot,
@@ -37,11 +36,12 @@ from knotfab.search.several import (
     search_several,
     view_axes,
 )
-from knotfab.search.several_start import start_of
 from knotfab.search.spill import spill_of
+from knotfab.start.deep import deep_curves
+from knotfab.start.filling import even_samples, fill, simple_curves
+from knotfab.start.several import start_of
+from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.target.read import Target
-from knotfab.template.filling import even_samples, fill, simple_curves
-from knotfab.template.several import laid_on, rows_of, sheet_of
 from knotfab_validators.view import view_geometry
 
 Array = NDArray[np.float64]

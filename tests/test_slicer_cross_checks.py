@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from slicer_parts import EXACT, Mesh, bodies_of, box, printed, scene_of
 
-from knotfab.part.threemf import Body
+from knotfab.files.threemf import Body
 from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
 from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.result import CrossCheck

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from examples.sphere_mesh import fit_sphere, hard_silhouette, holes, soft_silhouette
+from examples.paper.sphere_mesh import fit_sphere, hard_silhouette, holes, soft_silhouette
 
 
 def _disc(pixels: int, radius: float, hole: float = 0.0) -> torch.Tensor:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.sweep.tube import mesh_volume, sides_for, sweep, tube_manifold
+from knotfab.geometry.tube import mesh_volume, sides_for, sweep, tube_manifold
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ import pytest
 import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
-from knotfab.search.radius import template_iou
+from knotfab.design.radius import template_iou
+from knotfab.start.filling import even_samples, fill, rings_of, simple_curves
 from knotfab.target.silhouette import polygon_of
-from knotfab.template.filling import even_samples, fill, rings_of, simple_curves
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
 RING = Polygon(DISC.exterior, [Point(0, 0).buffer(30, quad_segs=64).exterior])

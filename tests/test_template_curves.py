@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knotfab.effects.base import Limits
-from knotfab.errors import InputError, SceneError
-from knotfab.knots import Knot, Knots
-from knotfab.part.stl import write_stl
-from knotfab.scene.model import Region
-from knotfab.search.feasible import bend_radii, strand_gap
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.sweep.open_tube import Cap, open_volume, sweep_open
-from knotfab.sweep.tube import mesh_volume, tube_manifold
-from knotfab.template.curves import (
+from examples.paper.curves import (
     arc,
     circle,
     closed_braid,
@@ -29,8 +20,17 @@ from knotfab.template.curves import (
     torus_knot,
     torus_link,
 )
-from knotfab.template.named import BRAIDS, knot_name, named_knot
-from knotfab.template.tighten import tighten
+from examples.paper.open_tube import Cap, open_volume, sweep_open
+from examples.paper.tighten import tighten
+from knotfab.effects.base import Limits
+from knotfab.errors import InputError, SceneError
+from knotfab.files.stl import write_stl
+from knotfab.geometry.measures import bend_radii, strand_gap
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.tube import mesh_volume, tube_manifold
+from knotfab.knots import Knot, Knots
+from knotfab.scene.knot_names import BRAIDS, knot_name, named_knot
+from knotfab.scene.model import Region
 from knotfab_validators.knot_names import promised_knot
 from knotfab_validators.knot_type import knot_types
 from knotfab_validators.read_knots import Curves
@@ -102,7 +102,7 @@ def test_a_torus_about_its_own_axis_and_empty_braids_are_refused() -> None:
 def test_every_named_knot_is_that_knot_and_fits_its_tube(name: str) -> None:
     points = named_knot(name)
     rings = rings_of_sizes((len(points),))
-    assert strand_gap(points, rings, UNIT, 4.0).gap > 2.0
+    assert strand_gap(points, rings, UNIT.separation, 4.0).gap > 2.0
     assert bend_radii(points, rings).min() > 0.95
     sentence, verdict = found(points, promise=knot_name(name).promise)
     assert verdict in ("proved", "consistent"), sentence

@@ -11,20 +11,20 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Point, box
 
+from examples.paper.curves import circle
 from knotfab.cli.options import scene_of
-from knotfab.design import problem_of, resolve_view
+from knotfab.design.design import problem_of, resolve_view
 from knotfab.errors import InputError, SceneError
 from knotfab.scene.catalogue import resolve
+from knotfab.scene.knot_names import knot_name, named_knot
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Piece, Scene
-from knotfab.search.depth import lift
+from knotfab.scene.settings import PRESETS
 from knotfab.search.search import Problem, search
-from knotfab.search.settings import PRESETS
+from knotfab.start.depth import lift
+from knotfab.start.filling import Template, even_samples, fill, simple_curves
+from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
 from knotfab.target.read import read_target
-from knotfab.template.curves import circle
-from knotfab.template.filling import Template, even_samples, fill, simple_curves
-from knotfab.template.named import knot_name, named_knot
-from knotfab.template.tie import Room, Tied, _poses, _sites, _spliced, tie
 from knotfab_validators.knot_type import knot_types
 from knotfab_validators.read_knots import Curves
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from examples.thickness_table import ThicknessRow, convergence_rows, thickness_rows
+from examples.studies.thickness_table import ThicknessRow, convergence_rows, thickness_rows
 
 
 def test_every_polygon_has_its_exact_thickness() -> None:

@@ -10,10 +10,10 @@ import pytest
 from command import knotfab
 from PIL import Image, ImageDraw
 
+from knotfab.geometry.tube import sweep
 from knotfab.progress import Progress
 from knotfab.scene.model import Scene, View
-from knotfab.search.settings import PRESETS
-from knotfab.sweep.tube import sweep
+from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.measure import Measured, facet_error_px, frontier
 from knotfab.tradeoff.points import Point, points
 from knotfab.tradeoff.run import tradeoff

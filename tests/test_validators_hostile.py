@@ -20,7 +20,7 @@ from examples.corpus.cube_files import (
 )
 from examples.corpus.fuzzed import fuzzed
 from examples.corpus.hostile import HANDMADE, Hostile
-from examples.fuzz_files import examined
+from examples.studies.fuzz_files import examined
 from knotfab_validators.mesh import BadFile
 from knotfab_validators.read_knots import read_knots
 from knotfab_validators.read_mesh import read_mesh

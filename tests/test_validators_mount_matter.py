@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from test_mount_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.stand import StandSettings, plan_stand, stand_bodies
-from knotfab.sweep.tube import sweep
 from knotfab_validators.mount_matter import tube_vertices
 from knotfab_validators.shadow_checks import shadow_checks
 from knotfab_validators.verify_view import VerifiedView, verify_view

@@ -18,7 +18,7 @@ from knotfab import __version__
 from knotfab.errors import InputError, KnotfabError
 
 if TYPE_CHECKING:
-    from knotfab.build import Outcome
+    from knotfab.pipeline import Outcome
 
 __all__ = ["app", "main"]
 
@@ -141,7 +141,7 @@ def build(
             "Leave it out, or use --accuracy draft",
         )
     if not sequence and len(sources) > len(chosen.views) == 1:
-        from knotfab.hull.frames import spread_views
+        from knotfab.design.frames import spread_views
 
         chosen = spread_views(chosen, len(sources))
     budget = None if time_budget is None else seconds_of(time_budget)
@@ -156,8 +156,8 @@ def build(
         frames = SequenceRequest(chosen, sources, out, base, print_, device, skipped, command)
         run = partial(build_sequence, frames)
     else:
-        from knotfab.build import Request
-        from knotfab.build import build as build_one
+        from knotfab.pipeline import Request
+        from knotfab.pipeline import build as build_one
 
         first, *more = sources
         request = Request(
@@ -209,7 +209,7 @@ def validate(
         Checks to go on without, such as shadow-render.
     """
     from knotfab.cli.options import files_to_validate, skips_of
-    from knotfab.verify import Verifier
+    from knotfab.verify.verifier import Verifier
 
     files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
     shadows = files.part is not None and files.scene is not None
@@ -246,7 +246,7 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
     view
         Name of the view; the first by default.
     """
-    from knotfab.verify import render_shadow
+    from knotfab.verify.verifier import render_shadow
 
     render_shadow(part, scene, out, view)
     return 0

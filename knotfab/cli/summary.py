@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from knotfab.build import Outcome
     from knotfab.doctor import Finding
+    from knotfab.pipeline import Outcome
     from knotfab.scene.model import Material, Printer
     from knotfab.tradeoff.run import Tradeoff
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings
 from knotfab.scene.model import Region, View
-from knotfab.search.neighbours import Neighbours
-from knotfab.search.polyline import Rings
 
 __all__ = ["Decision", "Effect", "Limits", "Situation", "State"]
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from knotfab.effects.base import Effect, Limits, Situation, State
-from knotfab.search.feasible import bend_radii
+from knotfab.geometry.measures import bend_radii
 
 __all__ = ["BEND"]
 

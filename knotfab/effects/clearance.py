@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from knotfab.effects.base import Effect, Limits, Situation, State
-from knotfab.search.feasible import strand_gap
-from knotfab.search.neighbours import closest_parameters
-from knotfab.search.polyline import dot
+from knotfab.geometry.measures import strand_gap
+from knotfab.geometry.neighbours import closest_parameters
+from knotfab.geometry.polylines import dot
 
 __all__ = ["CLEARANCE"]
 
@@ -20,7 +20,7 @@ def magnitude(situation: Situation) -> float:
     """How far the closest strands are from what is required, mm; negative when there is room."""
     limits = situation.limits
     reach = 3.0 * limits.separation
-    gap = strand_gap(situation.points, situation.rings, limits, reach, straight=0.7).gap
+    gap = strand_gap(situation.points, situation.rings, limits.separation, reach, straight=0.7).gap
     return limits.separation - gap
 
 

@@ -29,7 +29,7 @@ from knotfab.paper.losses import (
 from knotfab.paper.render import REACH, Won, render, winners
 from knotfab.paper.ring import Curve, circle, even_ring, random_ring
 from knotfab.paper.settings import PAPER, PaperSettings
-from knotfab.search.threads import one_thread
+from knotfab.render.threads import one_thread
 
 __all__ = ["PaperResult", "PaperView", "iou", "search_paper"]
 

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.design import Design
+from knotfab.design.design import Design
 from knotfab.errors import SceneError
+from knotfab.files.folder import OutputFolder
+from knotfab.files.stl import write_stl
+from knotfab.files.threemf import write_3mf
+from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
-from knotfab.output import OutputFolder
 from knotfab.part.clean import as_written
 from knotfab.part.plates import Plates, plates_of
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, printables
-from knotfab.part.stl import write_stl
 from knotfab.part.supports import Rules
-from knotfab.part.threemf import write_3mf
 from knotfab.progress import Progress
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, Scene
-from knotfab.sweep.tube import sweep, tube_manifold
 from knotfab.target.read import Target
 
 __all__ = ["Part", "part_of", "pose_of", "rules_of", "write_part"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from knotfab.files.folder import OutputFolder
 from knotfab.mount.drawing import write_setup
 from knotfab.mount.drill_template import write_drill_template
-from knotfab.output import OutputFolder
 from knotfab.part.assemble import Part
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Scene

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from knotfab.design import Design
-from knotfab.hull.contradictions import contradictions
+from knotfab.design.contradictions import contradictions
+from knotfab.design.design import Design
 
 __all__ = ["add_bounds"]
 
@@ -15,7 +15,7 @@ def add_bounds(report: dict[str, Any], made: Design) -> None:
 
     A design for one view has none: nothing contradicts a single picture.
     """
-    from knotfab.design_several import SeveralDesign
+    from knotfab.design.several import SeveralDesign
 
     if not isinstance(made, SeveralDesign):
         return

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab import __version__
-from knotfab.design import Design
+from knotfab.design.design import Design
 from knotfab.effects.penumbra import PENUMBRA
+from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.slicer.report import print_figures, slicer_report
 from knotfab.slicer.result import NotSliced, Sliced
-from knotfab.sweep.tube import mesh_volume
 
 if TYPE_CHECKING:
-    from knotfab.build import Request
     from knotfab.mount.mount import Mounted
+    from knotfab.pipeline import Request
     from knotfab.wire.plan import WirePlan
 
 __all__ = [
@@ -117,8 +117,8 @@ def report_of(
     progress: Progress,
 ) -> dict[str, Any]:
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
-    from knotfab.search.feasible import bend_radii
-    from knotfab.search.polyline import rings_of_sizes
+    from knotfab.geometry.measures import bend_radii
+    from knotfab.geometry.polylines import rings_of_sizes
     from knotfab_validators.thickness import thickness
 
     scene, result = made.scene, made.result

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from knotfab.errors import InputError
 from knotfab.scene.explain import explain, toml_reason
+from knotfab.scene.knot_names import knot_name
 from knotfab.scene.model import Scene, View
-from knotfab.template.named import knot_name
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 

@@ -40,7 +40,7 @@ class Piece(_Table):
     knots: Annotated[int, Strict(), Field(ge=1)] | Literal["auto"] = "auto"
     depth: Positive | Literal["auto", "flat"] = "auto"
     clearance_mm: NotNegative = 0.4
-    knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.template.named
+    knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.scene.knot_names
 
 
 class Region(_Table):
@@ -144,7 +144,7 @@ class Pose(_Table):
 
 
 class Scene(_Table):
-    """One scene. `search` is checked by `knotfab.search.settings`."""
+    """One scene. `search` is checked by `knotfab.scene.settings`."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")] = 1
     piece: Piece = Piece()

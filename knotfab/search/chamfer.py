@@ -17,9 +17,9 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from knotfab.geometry.neighbours import Neighbours
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import View
-from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective
 
 __all__ = ["TENSION", "Chamfer", "chamfer_of"]

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotfab.search.certificate import certify, step_limits
-from knotfab.search.neighbours import Neighbours, find_neighbours
-from knotfab.search.polyline import Rings, dot
+from knotfab.geometry.certificate import certify, step_limits
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Rings, dot
 
 __all__ = ["FlowResult", "FlowSettings", "flow"]
 

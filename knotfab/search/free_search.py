@@ -14,23 +14,23 @@ from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, Situation, State
 from knotfab.effects.survey import survey
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.knots import Knot, Knots
+from knotfab.problem import Account, Problem, Report, SearchResult
 from knotfab.render.free_frame import Sheet, render_free, turn_matrix, winners_of
+from knotfab.render.picture import frame_mm, picture_at
+from knotfab.render.threads import one_thread
 from knotfab.scene.model import View
-from knotfab.search.depth import DepthChoice
-from knotfab.search.feasible import Standing, standing
-from knotfab.search.free_view import Bounds, Unknowns, ViewNumbers, projected_radius
-from knotfab.search.neighbours import Neighbours
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.feasibility import Standing, standing
 from knotfab.search.objective import Weights, iou_of
 from knotfab.search.phases import SETTLE, Phase, repair, three_phases
-from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.problem import Account, Problem, Report, SearchResult
+from knotfab.search.pose import Bounds, Unknowns, ViewNumbers, projected_radius
 from knotfab.search.search import search
-from knotfab.search.settings import SearchSettings
-from knotfab.search.threads import one_thread
-from knotfab.search.walking import evened, walked
-from knotfab.template.filling import Template
+from knotfab.search.steps import evened, walked
+from knotfab.start.depth import DepthChoice
+from knotfab.start.filling import Template
 
 __all__ = ["FreeObjective", "FreeSearch", "free_search"]
 

@@ -10,12 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from knotfab.effects.base import Decision, Limits
-from knotfab.search.neighbours import Neighbours, find_neighbours
-from knotfab.search.network import CouplingNetwork
-from knotfab.search.objective import Objective
-from knotfab.search.phases import Phase, three_phases
-from knotfab.search.polyline import Rings, dot, rings_of_sizes
-from knotfab.search.sampling_certificate import (
+from knotfab.geometry.carry import (
     Curves,
     Parameters,
     carry,
@@ -23,7 +18,12 @@ from knotfab.search.sampling_certificate import (
     refined,
     same_type,
 )
-from knotfab.search.settings import SearchSettings
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Rings, dot, rings_of_sizes
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.network import CouplingNetwork
+from knotfab.search.objective import Objective
+from knotfab.search.phases import Phase, three_phases
 
 __all__ = ["ObjectiveAt", "Warped", "circles", "keep_largest", "warp"]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, State
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings
 from knotfab.render.frame import Frame
 from knotfab.render.tiled import render_tiled, winners
-from knotfab.search.neighbours import Neighbours
-from knotfab.search.polyline import Rings
 
 __all__ = ["Objective", "Weights", "iou_of"]
 

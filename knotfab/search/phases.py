@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.effects.base import Decision, Limits
+from knotfab.geometry.polylines import Rings
+from knotfab.render.picture import picture_at
 from knotfab.scene.model import View
+from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights
-from knotfab.search.picture import picture_at
-from knotfab.search.polyline import Rings
-from knotfab.search.settings import SearchSettings
 
 __all__ = ["SETTLE", "Phase", "objective_of", "repair", "three_phases"]
 

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from knotfab.effects.base import Decision, Situation
 from knotfab.effects.survey import survey
+from knotfab.geometry.polylines import Rings
 from knotfab.knots import Knot, Knots
+from knotfab.problem import Account, Infeasible, Problem, Report, SearchResult
+from knotfab.render.picture import frame_mm
+from knotfab.render.threads import one_thread
+from knotfab.scene.settings import SearchSettings
 from knotfab.search.inn import keep_largest, warp
 from knotfab.search.objective import Objective
 from knotfab.search.phases import Phase, objective_of, three_phases
-from knotfab.search.picture import frame_mm
-from knotfab.search.polyline import Rings
-from knotfab.search.problem import Account, Infeasible, Problem, Report, SearchResult
-from knotfab.search.settings import SearchSettings
-from knotfab.search.start import circled, lifted
-from knotfab.search.threads import one_thread
-from knotfab.search.walking import evened, repaired, through
-from knotfab.template.filling import Template
+from knotfab.search.steps import evened, repaired, through
+from knotfab.start.filling import Template
+from knotfab.start.lift import circled, lifted
 
 __all__ = ["Account", "Infeasible", "Problem", "Report", "SearchResult", "search"]
 

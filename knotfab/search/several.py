@@ -12,24 +12,24 @@ from torch import Tensor
 from knotfab.effects.base import Decision, Limits, Situation
 from knotfab.effects.region import REGION
 from knotfab.effects.survey import judged, survey
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.knots import Knot, Knots
+from knotfab.problem import Account, Infeasible, Report, SearchResult
+from knotfab.render.picture import frame_mm
+from knotfab.render.threads import one_thread
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Region, View
+from knotfab.scene.settings import SearchSettings
 from knotfab.search.balance import Balance, goals_of
 from knotfab.search.chamfer import chamfer_of
-from knotfab.search.feasible import standing
+from knotfab.search.feasibility import standing
 from knotfab.search.flow import FlowSettings
-from knotfab.search.mending import mended
-from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.phases import Phase, objective_of, repair, three_phases
-from knotfab.search.picture import frame_mm
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.problem import Account, Infeasible, Report, SearchResult
-from knotfab.search.settings import SearchSettings
+from knotfab.search.repair import mended
 from knotfab.search.spill import Spill, spill_of
-from knotfab.search.threads import one_thread
-from knotfab.search.walking import evened, repaired, simulate, through, walked
+from knotfab.search.steps import evened, repaired, simulate, through, walked
 
 __all__ = ["SeveralProblem", "SeveralResult", "Shot", "search_several", "view_axes"]
 

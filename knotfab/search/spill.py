@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
+from knotfab.render.picture import frame_mm, grid_at
 from knotfab.scene.model import View
-from knotfab.search.picture import frame_mm, grid_at
 
 __all__ = ["Spill", "spill_of"]
 

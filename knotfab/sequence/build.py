@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.build import PRINTER_CHECKS, Outcome, Request, require_device
-from knotfab.design import problem_of
+from knotfab.design.design import problem_of
 from knotfab.errors import SceneError
-from knotfab.output import OutputFolder
-from knotfab.part.threemf import read_back_strict
+from knotfab.files.folder import OutputFolder
+from knotfab.files.threemf import read_back_strict
+from knotfab.pipeline import PRINTER_CHECKS, Outcome, Request, require_device
 from knotfab.progress import Progress
 from knotfab.report.of_build import check_3mf, check_certificate, check_limits, report_of
 from knotfab.report.report_html import Picture, write_report_html

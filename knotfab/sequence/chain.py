@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from knotfab.design import Design, design, opening_iou, problem_of, resolve_view
+from knotfab.design.design import Design, design, opening_iou, problem_of, resolve_view
+from knotfab.design.radius import RadiusChoice, choose_radius
+from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.knots import Knot, Knots
+from knotfab.problem import Problem, SearchResult
 from knotfab.progress import Progress
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.polyline import rings_of_sizes
-from knotfab.search.problem import Problem, SearchResult
-from knotfab.search.radius import RadiusChoice, choose_radius
-from knotfab.search.settings import search_settings
+from knotfab.scene.settings import search_settings
 from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import FrameResult, finish

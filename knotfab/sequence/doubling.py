@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.search.certificate import Certificate, certify
-from knotfab.search.neighbours import find_neighbours
-from knotfab.search.polyline import Rings, rings_of_sizes
-from knotfab.search.sampling_certificate import Curves
+from knotfab.geometry.carry import Curves
+from knotfab.geometry.certificate import Certificate, certify
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
 
 __all__ = ["doubled"]
 

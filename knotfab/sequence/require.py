@@ -5,7 +5,7 @@ from __future__ import annotations
 from knotfab.errors import InputError
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.settings import search_settings
+from knotfab.scene.settings import search_settings
 
 __all__ = ["require_sequence"]
 

@@ -11,17 +11,17 @@ from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, Situation
 from knotfab.effects.survey import survey
-from knotfab.search.feasible import Standing, standing
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings
+from knotfab.problem import Account, Problem
+from knotfab.render.picture import frame_mm, picture_at
+from knotfab.render.threads import one_thread
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.feasibility import Standing, standing
 from knotfab.search.flow import FlowSettings
-from knotfab.search.neighbours import Neighbours
 from knotfab.search.objective import Objective, iou_of
 from knotfab.search.phases import Phase, objective_of, repair, three_phases
-from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import Rings
-from knotfab.search.problem import Account, Problem
-from knotfab.search.settings import SearchSettings
-from knotfab.search.threads import one_thread
-from knotfab.search.walking import walked
+from knotfab.search.steps import walked
 from knotfab.sequence.doubling import doubled
 from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.transport import transport

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.design import opening_iou
-from knotfab.search.polyline import Rings
-from knotfab.search.problem import Problem
-from knotfab.search.settings import SearchSettings
+from knotfab.design.design import opening_iou
+from knotfab.geometry.polylines import Rings
+from knotfab.problem import Problem
+from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, follow
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-from knotfab.search.certificate import certify
-from knotfab.search.neighbours import find_neighbours
-from knotfab.search.polyline import Rings, dot
+from knotfab.geometry.certificate import certify
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import Rings, dot
 from knotfab.sequence.registration import register
 
 __all__ = ["Transported", "transport"]

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from knotfab.errors import SceneError
+from knotfab.files.folder import OutputFolder
+from knotfab.files.stl import write_stl
+from knotfab.files.threemf import write_3mf
 from knotfab.knots import Knots
-from knotfab.output import OutputFolder
 from knotfab.part.assemble import Part, part_of, pose_of
 from knotfab.part.clean import as_written
-from knotfab.part.stl import write_stl
-from knotfab.part.threemf import write_3mf
 from knotfab.progress import Progress
 from knotfab.report.of_build import check_part
 from knotfab.scene.load import dump_scene

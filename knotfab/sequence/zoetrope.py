@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
+from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.knots import Knot, Knots
-from knotfab.sweep.tube import sweep, tube_manifold
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

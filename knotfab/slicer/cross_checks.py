@@ -9,12 +9,12 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.part.threemf import Body
+from knotfab.files.threemf import Body
+from knotfab.geometry.tube import mesh_volume
 from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode, points_along
 from knotfab.slicer.profile import INFILL_PERCENT, line_width
 from knotfab.slicer.result import CrossCheck
-from knotfab.sweep.tube import mesh_volume
 
 __all__ = ["box_of", "compare_gcode", "compare_info"]
 

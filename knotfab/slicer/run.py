@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.part.threemf import Body, read_bodies, write_3mf
+from knotfab.files.threemf import Body, read_bodies, write_3mf
 from knotfab.scene.model import Scene
 from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer

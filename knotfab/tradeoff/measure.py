@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from knotfab.errors import SceneError
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
+from knotfab.render.picture import frame_mm, picture_at
+from knotfab.scene.settings import SearchSettings
 from knotfab.search.objective import iou_of
-from knotfab.search.picture import frame_mm, picture_at
-from knotfab.search.polyline import rings_of_sizes
 from knotfab.search.search import Infeasible, Problem, search
-from knotfab.search.settings import SearchSettings
-from knotfab.sweep.tube import sweep
-from knotfab.template.filling import Template
+from knotfab.start.filling import Template
 from knotfab.tradeoff.points import Point
 
 __all__ = [

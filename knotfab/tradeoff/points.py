@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from knotfab.search.settings import PRESETS, SearchSettings
+from knotfab.scene.settings import PRESETS, SearchSettings
 
 __all__ = ["Point", "points"]
 

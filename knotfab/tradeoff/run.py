@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from knotfab import __version__
-from knotfab.design import problem_of, resolve_view
+from knotfab.design.design import problem_of, resolve_view
+from knotfab.design.radius import choose_radius
 from knotfab.errors import InputError
 from knotfab.progress import Progress
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.search.radius import choose_radius
-from knotfab.search.settings import search_settings
+from knotfab.scene.settings import search_settings
+from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.template.filling import fill
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.measure import Measured, measure, to_dict
 from knotfab.tradeoff.points import Point, points

@@ -1,0 +1,138 @@
+"""Views as unknowns: poses found again from shadows, and designs with the view fixed and free.
+
+`python -m examples.paper.free_view [--pictures NAME ...] [--recover]` prints two tables. The first: known
+knots, seen from a pose that is 10 to 15 degrees a turn and 20 % in light distance away from the start. The
+second: IoU of the search's end on the project's pictures at the same iterations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from examples.paper.curves import figure_eight, torus_knot
+from examples.pictures import pictures
+from knotfab.design.design import problem_of, resolve_view
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.render.free_frame import Sheet, free_frame, render_free
+from knotfab.render.threads import one_thread
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import search_settings
+from knotfab.search.free_search import free_search
+from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
+from knotfab.search.search import search
+from knotfab.start.filling import fill
+from knotfab.target.read import read_target
+
+__all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
+
+Array = NDArray[np.float64]
+
+SHEET = Sheet(160, 160, 1.25)
+RADII_MM = {"heart": 3.0, "stickman": 2.0, "wheel": 2.5, "spiral": 2.2, "cat": 3.0}
+
+
+def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
+    """The angle of the turn between two views."""
+    cosine = 0.5 * (np.trace(one.turn.T @ other.turn) - 1)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torch.Tensor:
+    """[height, width] the hard shadow (0 or 1) of one closed knot."""
+    turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
+    lengths = [numbers.light_distance_mm, numbers.wall_distance_mm, numbers.radius_mm]
+    frame = free_frame(sheet, turn, *torch.tensor(lengths, dtype=torch.float64))
+    p = torch.as_tensor(points)
+    return (render_free(p, p.roll(-1, 0), frame, 10.0) > 0.5).float()
+
+
+def recoveries(seeds: int = 3) -> None:
+    """Print how near the poses found come to the true ones."""
+    knots = {
+        "trefoil": torus_knot(2, 3, 35.0, 18.0, 160),
+        "T(3,4)": torus_knot(3, 4, 35.0, 18.0, 220),
+        "figure-eight": figure_eight(18.0, 200),
+    }
+    known: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light")
+    print("knot          unknowns  start  found   light   wall  radius  CPU seconds")
+    print("                         deg    deg     %       %      %")
+    for name, points in knots.items():
+        rings = rings_of_sizes((len(points),))
+        for seed in range(seeds):
+            rng = np.random.default_rng(seed)
+            pose = rng.uniform(-20, 20, 3)
+            astray = rng.choice([-1, 1], 3) * rng.uniform(10, 15, 3)
+            truth = ViewNumbers(400.0, 100.0, 3.0, *pose.tolist())
+            light = 400.0 * (1.2 if seed % 2 else 0.8)
+            start = ViewNumbers(light, 100.0, 3.0, *(pose + astray).tolist())
+            target = shadow_of(points, truth)
+            for free in (known, ALL):
+                begun = time.process_time()
+                found = fit_view(points, rings, SHEET, target, start, Bounds(free)).numbers
+                print(
+                    f"{name:<14} {len(free):>6} {angle_deg(start, truth):>7.1f} "
+                    f"{angle_deg(found, truth):>6.2f} {found.light_distance_mm / 4 - 100:>7.2f} "
+                    f"{found.wall_distance_mm - 100:>7.2f} {found.radius_mm / 0.03 - 100:>6.2f} "
+                    f"{time.process_time() - begun:>9.1f}",
+                    flush=True,
+                )
+
+
+def designs(names: list[str]) -> None:
+    """Print the search's IoU with the view fixed and free, each from the same radius and template."""
+    settings = search_settings("draft", {})
+    every = pictures()
+    print("picture    radius   fixed    free   light    wall  radius   turn   CPU seconds")
+    gains = []
+    for name in names:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{name}.png"
+            every[name].save(path)
+            target = read_target(path)
+        scene = resolve(Scene(), [(target.width, target.height)])
+        view = resolve_view(scene.views[0], target)
+        problem = problem_of(scene.model_copy(update={"views": (view,)}), target)
+        radius = RADII_MM.get(name, 2.5)
+        template = fill(problem.polygon, radius)
+        begun = time.process_time()
+        fixed = search(problem, template, radius, settings)
+        middle = time.process_time()
+        bounds = Bounds(least_radius_mm=scene.printer.min_tube_radius_mm)
+        free = free_search(problem, template, radius, settings, bounds)
+        ended = time.process_time()
+        n = free.numbers
+        still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
+        result = free.result
+        told = "".join(f"  {line}" for line in result.standing.violations)
+        print(
+            f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
+            f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "
+            f"{angle_deg(n, still):>6.1f}  {middle - begun:>6.1f} {ended - middle:>5.1f}{told}",
+            flush=True,
+        )
+        gains.append(result.iou_estimate - fixed.iou_estimate)
+    print(f"mean gain {np.mean(gains):+.4f}, least {min(gains):+.4f}")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pictures", nargs="*", default=list(RADII_MM))
+    parser.add_argument("--recover", action="store_true", help="the first table only")
+    asked = parser.parse_args()
+    with one_thread():
+        recoveries()
+        if not asked.recover:
+            designs(asked.pictures)
+
+
+if __name__ == "__main__":
+    main()

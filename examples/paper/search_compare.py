@@ -1,0 +1,174 @@
+"""The paper's network and the flow on the same picture: IoU against seconds, in one figure and a table.
+
+`python -m examples.paper.search_compare [--picture NAME] [--seed N] [--out FOLDER]` runs each way of
+searching at several numbers of iterations, with one tube radius and one spacing of samples, prints a
+table and writes search-compare.png. It is scaled down to a few minutes on two cores: the paper's own
+settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take days.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from examples.pictures import pictures
+from knotfab.design.design import problem_of, resolve_view
+from knotfab.render.picture import picture_at
+from knotfab.render.tiled import render_tiled
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab.search.search import Infeasible, Problem, SearchResult, search
+from knotfab.start.filling import Template, fill
+from knotfab.target.read import read_target
+
+__all__ = ["Run", "main", "run"]
+
+RADIUS = 0.025  # of the frame's width, as in the paper
+SCALES = (0.25, 0.5, 1.0, 2.0)  # of the iterations
+WAYS: dict[str, dict[str, str | int]] = {
+    "inn, circle": {"method": "inn", "network_start": "circle", "network_iterations": 600},
+    "inn, filling": {"method": "inn", "network_iterations": 300},
+    "flow": {"method": "flow"},
+    "inn+flow": {"method": "inn+flow", "network_iterations": 100},
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One search: where it came to, and what it cost."""
+
+    way: str
+    scale: float
+    repairs: int
+    cpu_s: float
+    result: SearchResult
+
+
+def main() -> None:
+    """Run all, print the table, draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--picture", default="cat", choices=sorted(pictures()))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("."))
+    asked = parser.parse_args()
+    problem = _problem(asked.picture)
+    assert problem.view.frame_width_mm is not None
+    radius = round(RADIUS * problem.view.frame_width_mm, 3)
+    template = fill(problem.polygon, radius)
+    runs = []
+    print(f"{asked.picture}, tube radius {radius:g} mm, seed {asked.seed}; IoU at 256 px\n")
+    print(
+        f"{'way':13} {'scale':>5} {'CPU s':>6} {'IoU':>7} {'type':>9} {'bend':>6} {'gap':>6}  "
+        "limits not met"
+    )
+    for way in WAYS:
+        for scale in SCALES:
+            runs.append(run(problem, template, radius, way, scale, 0, asked.seed))
+            print(_line(runs[-1]), flush=True)
+        runs.append(run(problem, template, radius, way, 1.0, 4, asked.seed))
+        print(_line(runs[-1]), flush=True)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    path = asked.out / "search-compare.png"
+    _draw(problem, radius, runs, path)
+    print(f"\nbend, gap: in units of what is required; +repairs: up to four short flows\n{path}")
+
+
+def run(
+    problem: Problem,
+    template: Template,
+    radius: float,
+    way: str,
+    scale: float,
+    repairs: int,
+    seed: int,
+) -> Run:
+    """One search with `scale` times the iterations."""
+    base = PRESETS["draft"].model_dump() | WAYS[way] | {"seed": seed}
+    settings = SearchSettings(**base).scaled(scale)
+    begun = time.process_time()
+    try:
+        result = search(problem, template, radius, settings, repairs=repairs)
+    except Infeasible as error:
+        result = error.result
+    return Run(way, scale, repairs, time.process_time() - begun, result)
+
+
+def _line(one: Run) -> str:
+    state, limits = one.result.standing, one.result.standing.limits
+    scale = f"{one.scale:g}" if one.repairs == 0 else f"+{one.result.account.repairs}"
+    return (
+        f"{one.way:13} {scale:>5} {one.cpu_s:6.1f} {one.result.iou_estimate:7.4f} "
+        f"{'certified' if one.result.account.certified else 'unproved':>9} "
+        f"{state.bend_mm / limits.bend_radius:6.2f} {state.gap_mm / limits.separation:6.2f}  "
+        f"{', '.join(state.broken) or '-'}"
+    )
+
+
+def _problem(name: str) -> Problem:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.png"
+        pictures()[name].save(path)
+        target = read_target(path)
+    scene = resolve(Scene(), [(target.width, target.height)])
+    view = resolve_view(scene.views[0], target)
+    return problem_of(scene.model_copy(update={"views": (view,)}), target)
+
+
+def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
+    """IoU against seconds, and under it each way's shadow at scale 1 without repairs."""
+    figure = plt.figure(figsize=(9, 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, len(WAYS), height_ratios=[1.6, 1])
+    plot = figure.add_subplot(grid[0, :])
+    for way in WAYS:
+        line = sorted((r for r in runs if r.way == way and not r.repairs), key=lambda r: r.cpu_s)
+        (drawn,) = plot.plot(
+            [r.cpu_s for r in line], [1 - r.result.iou_estimate for r in line], "o-", label=way
+        )
+        for r in runs:
+            if r.way == way and r.repairs:
+                at = (r.cpu_s, 1 - r.result.iou_estimate)
+                mark = "X" if r.result.standing.broken else "*"
+                plot.plot(*at, mark, color=drawn.get_color(), markersize=14, markeredgecolor="k")
+    plot.set(xscale="log", yscale="log", xlabel="CPU seconds", ylabel="1 - IoU (lower is better)")
+    plot.set_title(
+        "circles: as searched; star: repaired until every limit holds (cross: it does not)"
+    )
+    plot.grid(True, which="both", alpha=0.3)
+    plot.legend()
+    for column, way in enumerate(WAYS):
+        one = next(r for r in runs if r.way == way and r.scale == 1.0 and not r.repairs)
+        axes = figure.add_subplot(grid[1, column])
+        axes.imshow(_compared(problem, radius, one.result))
+        axes.set_axis_off()
+        axes.set_title(f"{way}: {one.result.iou_estimate:.3f}", fontsize=10)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
+    """Shadow and target in one picture: black where both are, red too much, blue missing."""
+    frame, target, _ = picture_at(problem.view, problem.mask, 256, True, "cpu")
+    seen = np.zeros(target.shape, dtype=bool)
+    for knot in result.knots.knots:
+        points = torch.as_tensor(knot.points, dtype=torch.float32)
+        ahead = torch.roll(points, -1, dims=0)
+        seen |= (render_tiled(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
+    wanted = (target > 0.5).numpy()
+    picture = np.full((*seen.shape, 3), 255, dtype=np.uint8)
+    picture[seen & wanted] = (40, 40, 40)
+    picture[seen & ~wanted] = (210, 50, 40)
+    picture[~seen & wanted] = (70, 120, 220)
+    return picture
+
+
+if __name__ == "__main__":
+    main()

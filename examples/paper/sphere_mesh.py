@@ -1,0 +1,230 @@
+"""A deformed sphere mesh beside the tube: what each makes of pictures with holes.
+
+`python -m examples.paper.sphere_mesh [NAME ...] [--out DIR]` prints a table and draws sphere-mesh.png.
+The mesh is a sphere whose soft silhouette (Liu et al., "Soft Rasterizer", ICCV 2019, section 3.2)
+follows the picture under Adam, with Laplacian and flattening terms; the tube is the product's own
+search.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import torch
+import trimesh
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from scipy.ndimage import label
+from torch import Tensor
+
+from examples.pictures import Canvas, pictures
+from knotfab.design.design import problem_of, resolve_view
+from knotfab.design.radius import choose_radius
+from knotfab.errors import SceneError
+from knotfab.render.picture import picture_at
+from knotfab.render.threads import one_thread
+from knotfab.render.tiled import render_tiled
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import search_settings
+from knotfab.search.search import search
+from knotfab.target.read import read_target
+
+__all__ = ["fit_sphere", "hard_silhouette", "holes", "main", "soft_silhouette"]
+
+Mask = NDArray[np.bool_]
+Array = NDArray[np.float64]
+Faces = NDArray[np.int64]
+
+NAMES = ("ring", "wheel", "smiley", "teapot")
+COMPARED_PX = 512
+_CUTOFF = 8.0  # a triangle's pull ends where its sigmoid falls below 0.03 %
+
+
+def ring_picture() -> Image.Image:
+    """A plain ring, the simplest picture with a hole."""
+    sheet = Canvas()
+    sheet.ring(0.5, 0.5, 0.33, 0.2)
+    return sheet.finished()
+
+
+def soft_silhouette(corners: Tensor, pixels: int, sigma: float) -> Tensor:
+    """[pixels, pixels] 1 - prod(1 - D) over triangles, `corners` [m, 3, 2] in the square [-1, 1]², y down.
+
+    D = sigmoid(±d² / sigma), d the distance to the triangle's boundary, + inside. Pairs of pixel and
+    triangle that are too far apart to matter are left out.
+    """
+    half = 2.0 / pixels
+    reach = (_CUTOFF * sigma) ** 0.5
+    with torch.no_grad():
+        low = ((corners.amin(1) - reach + 1) / half - 0.5).ceil().long().clamp_min(0)
+        high = ((corners.amax(1) + reach + 1) / half - 0.5).floor().long().clamp_max(pixels - 1)
+        spans = (high - low + 1).clamp_min(0)
+        counts = spans[:, 0] * spans[:, 1]
+        face = torch.repeat_interleave(torch.arange(len(corners)), counts)
+        k = torch.arange(len(face)) - (torch.cumsum(counts, 0) - counts)[face]
+        u, v = low[face, 0] + k % spans[face, 0], low[face, 1] + k // spans[face, 0]
+    at = torch.stack([(u + 0.5) * half - 1, (v + 0.5) * half - 1], -1).to(corners.dtype)
+    start = corners[face]  # [k, 3, 2]
+    edge = start.roll(-1, 1) - start
+    to = at[:, None] - start
+    share = ((to * edge).sum(-1) / (edge * edge).sum(-1).clamp_min(1e-12)).clamp(0, 1)
+    gap = to - share[..., None] * edge
+    distance = (gap * gap).sum(-1).amin(1)
+    cross = edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
+    inside = (cross > 0).all(1) | (cross < 0).all(1)
+    signed = torch.where(inside, distance, -distance) / sigma
+    missed = torch.zeros(pixels * pixels, dtype=corners.dtype)
+    # log(1 - D) = -softplus(signed)
+    missed = missed.index_add(0, v * pixels + u, -torch.nn.functional.softplus(signed))
+    return (1 - missed.exp()).reshape(pixels, pixels)
+
+
+def _flattening(vertices: Tensor, pairs: Tensor, normals_of: Tensor) -> Tensor:
+    """Sum over edges of (cosine of the angle between its faces' normals - 1)²."""
+    a, b, c = vertices[normals_of].unbind(1)
+    normal = torch.linalg.cross(b - a, c - a)
+    normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    cosine = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(-1)
+    return ((cosine - 1) ** 2).sum()
+
+
+def fit_sphere(target: Tensor, iterations: int = 200, subdivisions: int = 4) -> tuple[Array, Faces]:
+    """Vertices (n, 3) and faces (m, 3) of a sphere deformed to the picture `target` [p, p], in [-1, 1]³.
+
+    Parallel projection along z, y down in the picture. Loss: 1 - soft IoU, 0.01 of the squared
+    uniform Laplacian a vertex, 0.0005 of the flattening an edge. Sigma falls from 1e-3 to 3e-5.
+    """
+    pixels = target.shape[0]
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    faces = torch.tensor(np.asarray(sphere.faces), dtype=torch.long)
+    rows, columns = (target > 0.5).nonzero().unbind(1)
+    middle = torch.tensor(
+        [float(columns.min() + columns.max()), float(rows.min() + rows.max()), 0.0]
+    )
+    middle = (middle + 1) / pixels - 1
+    middle[2] = 0.0
+    across = max(int(columns.max() - columns.min()), int(rows.max() - rows.min())) / pixels
+    vertices = (torch.tensor(np.asarray(sphere.vertices)) * across + middle).float()
+    vertices.requires_grad_()
+    edges = torch.tensor(np.asarray(sphere.edges_unique), dtype=torch.long)
+    both = torch.cat([edges, edges.flip(1)])
+    degree = torch.bincount(both[:, 0])[:, None].float()
+    pairs = torch.tensor(np.asarray(sphere.face_adjacency), dtype=torch.long)
+    adam = torch.optim.Adam([vertices], lr=0.01)
+    for iteration in range(iterations):
+        progress = iteration / max(1, iterations - 1)
+        sigma = 1e-3 * (3e-5 / 1e-3) ** progress
+        image = soft_silhouette(vertices[faces][..., :2], pixels, sigma)
+        both_cover = (image * target).sum()
+        loss = 1 - both_cover / (image + target - image * target).sum()
+        mean = torch.zeros_like(vertices).index_add(0, both[:, 0], vertices[both[:, 1]]) / degree
+        loss = loss + 0.01 * ((vertices - mean) ** 2).sum()
+        loss = loss + 0.0005 * _flattening(vertices, pairs, faces) / len(pairs)
+        adam.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        adam.step()
+    return vertices.detach().double().numpy(), faces.numpy()
+
+
+def hard_silhouette(vertices: Array, faces: Faces, pixels: int) -> Mask:
+    """(pixels, pixels) the union of the projected triangles."""
+    sheet = Image.new("1", (pixels, pixels))
+    draw = ImageDraw.Draw(sheet)
+    at = (vertices[:, :2] + 1) * (pixels / 2) - 0.5
+    for face in faces:
+        draw.polygon([tuple(at[i]) for i in face], fill=1)
+    return np.asarray(sheet)
+
+
+def holes(mask: Mask, least: int = 20) -> int:
+    """How many pieces of background of at least `least` pixels do not reach the frame."""
+    numbers, count = label(~np.pad(mask, 1))
+    sizes = np.bincount(numbers.ravel(), minlength=count + 1)
+    return int(sum(sizes[k] >= least for k in range(1, count + 1) if k != numbers[0, 0]))
+
+
+def _square(mask: Mask, pixels: int) -> Array:
+    """The mask's coverage on a square of its own middle, `pixels` on a side."""
+    side = max(mask.shape)
+    top, left = (side - mask.shape[0]) // 2, (side - mask.shape[1]) // 2
+    padded = np.zeros((side, side), dtype=np.float32)
+    padded[top : top + mask.shape[0], left : left + mask.shape[1]] = mask
+    image = Image.fromarray(padded).resize((pixels, pixels), Image.Resampling.BOX)
+    return np.asarray(image, dtype=np.float64)
+
+
+def _tube(path: Path) -> tuple[Mask, Mask]:
+    """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
+    target = read_target(path)
+    scene = resolve(Scene(), [(target.width, target.height)])
+    view = resolve_view(scene.views[0], target)
+    scene = scene.model_copy(update={"views": (view,)})
+    problem, settings = problem_of(scene, target), search_settings("draft", {})
+    assert view.frame_width_mm is not None
+    least = scene.printer.min_tube_radius_mm
+    choice = choose_radius(problem, view.frame_width_mm, least, None, settings)
+    knots = search(problem, choice.template, choice.radius_mm, settings).knots
+    frame, picture, _ = picture_at(view, target.mask, COMPARED_PX, True, "cpu")
+    starts = torch.as_tensor(knots.points).float()
+    ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
+    with torch.no_grad():
+        seen = (render_tiled(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
+    return _square(picture.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
+
+
+def _iou(a: Mask, b: Mask) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def main() -> None:
+    """Print the table and draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=list(NAMES))
+    parser.add_argument("--out", type=Path, default=Path("sphere-mesh-out"))
+    parser.add_argument("--pixels", type=int, default=96, help="of the mesh's soft silhouette")
+    asked = parser.parse_args()
+    every = {"ring": ring_picture(), **pictures()}
+    asked.out.mkdir(parents=True, exist_ok=True)
+    figure = Figure(figsize=(6.6, 2.3 * len(asked.names)), layout="constrained")
+    axes = figure.subplots(len(asked.names), 3, squeeze=False)
+    print("                holes             IoU              CPU seconds")
+    print("picture    target mesh tube   mesh    tube      mesh    tube")
+    for row, name in zip(axes, asked.names, strict=True):
+        with tempfile.TemporaryDirectory() as folder, one_thread():
+            path = Path(folder) / f"{name}.png"
+            every[name].save(path)
+            begun = time.process_time()
+            try:
+                target, tube = _tube(path)
+            except SceneError as error:
+                print(f"{name:<10} {error}")
+                continue
+            middle = time.process_time()
+            coarse = torch.as_tensor(_square(target, asked.pixels), dtype=torch.float32)
+            mesh = hard_silhouette(*fit_sphere(coarse), COMPARED_PX)
+            ended = time.process_time()
+        print(
+            f"{name:<10} {holes(target):>5} {holes(mesh):>5} {holes(tube):>4}   {_iou(mesh, target):.4f}  "
+            f"{_iou(tube, target):.4f}  {ended - middle:>7.1f} {middle - begun:>7.1f}",
+            flush=True,
+        )
+        for axis, mask, title in zip(
+            row, (target, mesh, tube), (name, "sphere mesh", "tube"), strict=True
+        ):
+            axis.imshow(~mask, cmap=matplotlib.colormaps["gray"], vmin=0, vmax=1)
+            share = "" if title == name else f", IoU {_iou(mask, target):.3f}"
+            axis.set_title(title + share, fontsize=9)
+            axis.set_axis_off()
+    figure.savefig(asked.out / "sphere-mesh.png", dpi=110)
+    print(asked.out / "sphere-mesh.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""A knot drawn tight: the certified flow with the curve's length in place of the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.errors import SceneError
+from knotfab.scene.model import Region
+
+__all__ = ["Tight", "tighten"]
+
+Array = NDArray[np.float64]
+
+_PULL = 0.08  # weight of the length against the hinges while the knot shrinks
+_SLOWING = 0.003  # share of the length that a round must take off for another one to follow
+_MOST_ROUNDS = 40
+_LAST = ((250, 0.1, 0.04, 0.5, 0.05), (200, 0.04, 0.01, 0.4, 0.02))
+
+
+@dataclass(frozen=True)
+class Tight:
+    """A tight knot around which a tube of radius 1 just fits.
+
+    `points` (n, 3) in tube radii; `gap` is the least distance of its strands and `bend` its tightest
+    bend radius, both in tube radii.
+    """
+
+    points: Array
+    length: float
+    gap: float
+    bend: float
+
+
+def tighten(points: Array) -> Tight:
+    """Shorten a closed curve by certified steps, with a tube of radius 1 around it.
+
+    The type is that of `points` (n, 3), proved step by step as in the search: only the resamplings
+    that cannot be certified are replaced, by new vertices on the old edges. The length is near the
+    knot's ropelength, which the flow approaches from above.
+
+    Raises:
+        SceneError: the tube overlaps itself at the end.
+    """
+    import torch
+
+    from knotfab.effects.base import Limits, State
+    from knotfab.effects.bend import BEND
+    from knotfab.effects.clearance import CLEARANCE
+    from knotfab.geometry.measures import bend_radii, strand_gap
+    from knotfab.geometry.neighbours import Neighbours
+    from knotfab.geometry.polylines import rings_of_sizes
+    from knotfab.problem import Account
+    from knotfab.render.threads import one_thread
+    from knotfab.search.flow import FlowSettings
+    from knotfab.search.steps import evened, walked
+
+    limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
+    clearance, bend = CLEARANCE.term, BEND.term
+    assert clearance is not None and bend is not None
+    rings, account = rings_of_sizes((len(points),)), Account()
+
+    def round_of(n: int, first: float, last: float, edge: float, pull: float) -> float:
+        nonlocal points, rings
+        points, rings = evened(points, rings, edge, account)
+        following = torch.as_tensor(rings.next)
+
+        def objective(p: torch.Tensor, near: Neighbours, _: float) -> torch.Tensor:
+            edges = p[following] - p
+            length = edges.norm(dim=-1)
+            spacing = float(length.detach().mean())
+            state = State(p, edges, edges[following], following, rings, near, spacing)
+            loss: torch.Tensor = pull * length.sum()
+            return loss + 3.0 * clearance(state, limits) + 0.5 * bend(state, limits)
+
+        walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
+        points = walked(points, rings, objective, limits, walk, account, "cpu", None)
+        return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
+
+    with one_thread():
+        before = np.inf
+        for _ in range(_MOST_ROUNDS):
+            length = round_of(200, 0.15, 0.1, 0.6, _PULL)
+            if length > (1.0 - _SLOWING) * before:
+                break
+            before = length
+        for settings in _LAST:
+            length = round_of(*settings)
+    gap = strand_gap(points, rings, limits.separation, 4.0).gap
+    tightest = float(bend_radii(points, rings).min())
+    if gap < 2.0 or tightest < 1.0:
+        raise SceneError(
+            "the tightened knot",
+            f"its strands come within {gap:.3f} tube radii and it bends to {tightest:.3f}",
+            "Start it from a looser curve.",
+        )
+    return Tight(points, length, gap, tightest)

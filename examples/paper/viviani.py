@@ -1,0 +1,107 @@
+"""Viviani's curve from three sides: its tube's own three shadows are drawn, and rebuilt into one part.
+
+`python -m examples.paper.viviani --out DIR`: writes the three pictures and a scene, builds from the
+pictures alone, and prints a line a view. The curve, where a sphere of radius 2a meets a cylinder of
+radius a through its middle: (a (1 + cos t), a sin t, 2a sin(t / 2)), t from 0 to 4 pi.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+
+from examples.paper.two_views import draw_case
+from knotfab.pipeline import Outcome, Request, build
+from knotfab.render.frame import frame_of
+from knotfab.render.tiled import render_tiled
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Accuracy, Piece, Scene, View
+
+__all__ = ["main", "rebuild", "views_of_viviani", "viviani"]
+
+Array = NDArray[np.float64]
+
+RADIUS_MM = 2.0
+_FRAME_MM, _PIXELS = 160.0, 640
+
+
+def viviani(a_mm: float, count: int = 600) -> Array:
+    """(count, 3) points of the curve, mm, about its middle, with z of the formula upwards."""
+    t = 4 * np.pi * np.arange(count) / count
+    x, y, z = a_mm * np.cos(t), a_mm * np.sin(t), 2 * a_mm * np.sin(t / 2)
+    return np.column_stack([y, z, x])
+
+
+def views_of_viviani() -> tuple[View, ...]:
+    """From the front (an eight), from the side (an arc) and from above (a circle)."""
+    sides = {"front": (0.0, 0.0), "side": (90.0, 0.0), "above": (0.0, 90.0)}
+    return tuple(
+        View(
+            name=name,
+            picture=f"{name}.png",
+            frame_width_mm=_FRAME_MM,
+            frame_height_mm=_FRAME_MM,
+            azimuth_deg=azimuth,
+            elevation_deg=elevation,
+        )
+        for name, (azimuth, elevation) in sides.items()
+    )
+
+
+def draw(points: Array, view: View, path: Path) -> None:
+    """The tube's shadow in a view, black on white."""
+    frame = frame_of(camera_of(view, _PIXELS, _PIXELS), torch.float64)
+    p = torch.as_tensor(points)
+    seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS_MM, 20.0, 5.0) > 0.5
+    Image.fromarray(np.where(seen.numpy(), 0, 255).astype(np.uint8)).save(path)
+
+
+def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outcome:
+    """Draw the pictures into `folder` and build a part from them; `start` is "filling" or "circle"."""
+    folder.mkdir(parents=True, exist_ok=True)
+    views = views_of_viviani()
+    for view in views:
+        draw(viviani(28.0), view, folder / view.picture)
+    scene = Scene(
+        piece=Piece(tube_radius_mm=RADIUS_MM),
+        views=views,
+        accuracy=Accuracy(iou_floor=0.9),
+        search={"network_start": start},
+    )
+    pictures = [view.picture for view in views]
+    request = Request(
+        scene, pictures[0], folder / "built", folder, printing, more=tuple(pictures[1:])
+    )
+    return build(request)
+
+
+def main() -> None:
+    """Rebuild, and print what each view came to."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--start", choices=["filling", "circle"], default="circle")
+    parser.add_argument(
+        "--picture", type=Path, help="draw the three views and the part here, a PNG"
+    )
+    given = parser.parse_args()
+    begun, spent = time.perf_counter(), time.process_time()
+    outcome = rebuild(given.out, given.start)
+    ious = []
+    for view in outcome.report["views"]:
+        ious.append(view["iou"])
+        print(f"{view['name']:8} IoU {view['iou']:.4f}  bound {view['bound']:.4f}")
+    checks = {c["name"]: c["status"] for c in outcome.report["checks"]}
+    print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
+    print(f"{time.perf_counter() - begun:.0f} s ({time.process_time() - spent:.0f} CPU s)")
+    if given.picture:
+        draw_case(outcome, given.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""The catalogue of hard cases as a table, and as a page of the documentation with a picture of each.
+
+    python -m examples.studies.hard_cases [--only WORD] [--write docs]
+
+Ends with 1 where a case is outside its bounds: 16 machine epsilons times its condition number for values,
+1e-3 px for what a scene can ask for, 1e-6 (double) and 1e-3 (single precision) for gradients.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import torch
+
+from examples.studies.hard_groups import Line, groups
+from examples.studies.hard_sheets import draw_image, sheet
+from tests.hard_cases.measure import (
+    ForwardError,
+    double_error,
+    forward_error,
+    gradient_condition,
+    gradient_error,
+    image,
+    subgradient_excess,
+)
+from tests.hard_cases.paper_rendering import applies, paper_error, printed_fails
+from tests.hard_cases.rendering import RenderCase, render_cases
+
+__all__ = ["Row", "main", "row_of"]
+
+WELL = 1e-4  # a gradient that a rounding of single precision changes by less is well conditioned
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case measured. Errors in px; shares of 16 epsilons times the condition number."""
+
+    case: RenderCase
+    ours: ForwardError
+    double_share: float
+    gradient: str
+    ellipse: str
+    capsule: str
+    printed: str
+    good: bool
+
+
+def row_of(case: RenderCase) -> Row:
+    """Measure one case with every renderer."""
+    torch.autograd.set_detect_anomaly(True)
+    ours, double = forward_error(case), double_error(case)
+    well = case.smooth and gradient_condition(case) < WELL
+    found = gradient_error(case, 3 if well else 0)
+    good = ours.finite and found.finite and max(ours.share, ours.image_share, double) <= 1
+    good &= not case.real or ours.error_px <= 1e-3
+    if well:
+        gradient = f"{found.double:.0e} / {found.single:.0e}"
+        good &= found.double <= 1e-6 and found.single <= 1e-3
+    elif case.kinks:
+        excess = max(subgradient_excess(case, t) for t in (torch.float64, torch.float32))
+        gradient = "subgradient" if excess <= 1e-3 else f"outside by {excess:.0e}"
+        good &= excess <= 1e-3
+    else:
+        gradient = "finite"
+    papers = ["-", "-"]
+    printed = "-"
+    if applies(case):
+        for k, balls in enumerate((True, False)):
+            error, share, finite = paper_error(case, balls)
+            papers[k] = f"{error:.0e}" if finite else "not finite"
+            good &= finite and share <= 1
+        printed = printed_fails(case) or "serves"
+    return Row(case, ours, double, gradient, papers[0], papers[1], printed, good)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        row.case.name,
+        f"{row.ours.condition_px:.0e}",
+        f"{row.ours.error_px:.0e}",
+        f"{row.ours.share:.2f}",
+        f"{row.double_share:.2f}",
+        row.gradient,
+        row.ellipse,
+        row.capsule,
+        row.printed,
+    )
+
+
+HEADS = (
+    "case",
+    "condition, px",
+    "single, px",
+    "share",
+    "double, share",
+    "gradient",
+    "ellipse, px",
+    "capsule, px",
+    "as printed",
+)
+
+OPENING = """# Hard cases
+
+Made by `python -m examples.studies.hard_cases --write docs`. Each case goes through the product's renderer
+(dense and tiled) and the paper's two, in single and double precision, with anomaly detection on.
+
+- **condition**: the sum over all inputs of |ds/dx| |x|, where s is the signed distance of a pixel to
+  the silhouette, in pixels. It is that of the pixel with the worst share.
+- **single**: the largest error of single precision, in pixels, against double precision.
+- **share**: the largest error over 16 machine epsilons times the pixel's condition number; at most 1.
+- **double, share**: the same of double precision against 50 digits (mpmath).
+- **gradient**: relative error of the double precision gradient against central differences, and of the
+  single precision one against it, along smooth motions of the points. Where the image has a kink, whether
+  the gradient is a subgradient. "finite" where a rounding already changes it.
+- **ellipse**, **capsule**: the largest error of the paper's renderers as they are built here.
+- **as printed**: whether the paper's closed forms, as printed, give the corners of the
+  quadrilateral: finite, and within 1e-3 px of the true outline. In double precision.
+"""
+
+
+GROUPS_OPENING = """
+## The other groups
+
+Large images: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half of
+them on edges. Losses and network: the relative condition number sum |df/dx| |x| over |f|, the relative
+error of single precision (absolute where f is 0), its share of 16 machine epsilons times that, and the
+gradient as above; "finite" where the value itself jumps, so that there are no slopes to hold a gradient
+against. A loss is drawn with the way it pulls its points, the network with a disc before and after.
+Flow: adversarial steps, those that the certificate let pass, those found to carry a strand through
+another, and those of them that it let pass. Geometry: the swept volume against the exact one, or
+what an outline gave, drawn with the curves that fill it. Scenes that cannot be met: whether the piece
+keeps every limit, its IoU, the limit that binds, and the IoU that a short search reaches without it;
+drawn as the target with the piece's shadow over it.
+"""
+
+Group = tuple[str, Sequence[str], list[Line]]
+
+
+def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
+    drawn = [
+        (row.case.name, partial(draw_image, image=image(row.case, torch.float32))) for row in rows
+    ]
+    sheet(folder / "hard-cases.png", drawn)
+    lines = [
+        OPENING,
+        "![a picture of each case](hard-cases.png)\n",
+        "| " + " | ".join(HEADS) + " |",
+    ]
+    lines.append("|" + "---|" * len(HEADS))
+    lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
+    lines.append("\n## Why each is hard\n")
+    lines += [f"- **{row.case.name}**: {row.case.why}." for row in rows]
+    bad, count = _printed(rows)
+    lines.append(f"\nThe closed forms as printed fail in {bad} of the {count} cases they apply to.")
+    lines.append(GROUPS_OPENING)
+    for title, heads, found in others:
+        picture = f"hard-cases-{title.split()[0].lower()}.png"
+        sheet(folder / picture, [(one.name, one.draw) for one in found])
+        lines += [f"### {title}\n", f"![{title.lower()}]({picture})\n"]
+        lines += ["| " + " | ".join((*heads, "why it is hard")) + " |"]
+        lines.append("|" + "---|" * (len(heads) + 1))
+        lines += ["| " + " | ".join((one.name, *one.cells, one.why)) + " |" for one in found]
+        lines.append("")
+    (folder / "hard-cases.md").write_text("\n".join(lines) + "\n")
+
+
+def _printed(rows: Sequence[Row]) -> tuple[int, int]:
+    told = [row.printed for row in rows if row.printed != "-"]
+    return sum(said != "serves" for said in told), len(told)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Print the table; 1 where a case is outside its bounds."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--only", default="", help="cases, or other groups, whose name holds this word"
+    )
+    parser.add_argument("--write", type=Path, help="folder for hard-cases.md and its pictures")
+    asked = parser.parse_args(argv)
+    widths = (26, 13, 10, 5, 13, 14, 11, 11, 18)
+    print("  ".join(head.ljust(n) for head, n in zip(HEADS, widths, strict=True)))
+    rows = []
+    for case in render_cases():
+        if asked.only not in case.name:
+            continue
+        row = row_of(case)
+        rows.append(row)
+        text = "  ".join(cell.ljust(n) for cell, n in zip(_cells(row), widths, strict=True))
+        print(text + ("" if row.good else "  OUTSIDE"), flush=True)
+    outside = sum(not row.good for row in rows)
+    bad, count = _printed(rows)
+    others = list(groups(asked.only))
+    outside += sum(not one.good for *_, found in others for one in found)
+    total = len(rows) + sum(len(found) for *_, found in others)
+    print(f"{total} cases, {outside} outside their bounds; as printed {bad} of {count} fail")
+    if asked.write is not None:
+        _page(rows, others, asked.write)
+    return int(outside > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""From curves to polygons and back: samples of smooth closed curves, with proofs that they keep the type.
+
+A homeomorphism keeps the type of a curve, but says nothing of the polygon through a few of its points. So
+the polygon itself is carried along the path of homeomorphisms from the identity to the one in question,
+in straight-line steps that are each certified (`certificate.certify`). Where no step is
+short enough, the polygon is too coarse for the map, and gets more vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from knotfab.geometry.certificate import Certificate, certify
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import Rings, dot, rings_of_sizes
+
+__all__ = ["Carried", "Curves", "carry", "even_parameters", "refined", "same_type"]
+
+Array = NDArray[np.float64]
+Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
+Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
+
+_SKIP = 6  # as in the flow: pairs nearer along the curve are always tested
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Smooth closed curves: periodic cubic splines through polygons, the parameter their arc length."""
+
+    knots: Parameters  # [n] parameter of each polygon's vertices, from 0
+    periods: tuple[float, ...]  # length of each polygon, mm
+    splines: tuple[CubicSpline, ...]
+
+    @classmethod
+    def through(cls, polygons: Sequence[Array]) -> Curves:
+        """The curves through the vertices of closed polygons [(n, 3) mm]."""
+        knots, periods, splines = [], [], []
+        for polygon in polygons:
+            closed = np.concatenate([polygon, polygon[:1]])
+            arc = np.concatenate(
+                [[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
+            )
+            knots.append(arc[:-1])
+            periods.append(float(arc[-1]))
+            splines.append(CubicSpline(arc, closed, bc_type="periodic"))
+        return cls(tuple(knots), tuple(periods), tuple(splines))
+
+    def at(self, where: Parameters) -> list[Array]:
+        """[(n, 3)] points of each curve at its parameters."""
+        return [np.asarray(s(w)) for s, w in zip(self.splines, where, strict=True)]
+
+
+def refined(where: Parameters, periods: Sequence[float]) -> Parameters:
+    """A parameter in the middle between every two: twice as many."""
+    out = []
+    for w, period in zip(where, periods, strict=True):
+        ahead = np.append(w[1:], w[0] + period)
+        out.append(np.sort(np.stack([w, 0.5 * (w + ahead)]).ravel() % period))
+    return tuple(out)
+
+
+def even_parameters(
+    where: Parameters, image: Sequence[Array], periods: Sequence[float], edge_mm: float
+) -> Parameters:
+    """Parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
+    out = []
+    for w, polygon, period in zip(where, image, periods, strict=True):
+        edges = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
+        arc = np.concatenate([[0.0], np.cumsum(edges)])
+        count = max(24, round(arc[-1] / edge_mm))
+        even = np.linspace(0.0, arc[-1], count, endpoint=False)
+        out.append(np.sort(np.interp(even, arc, np.append(w, w[0] + period)) % period))
+    return tuple(out)
+
+
+def _on_polygon(polygon: Array, where: Array, period: float, wanted: Array) -> Array:
+    """Points of the closed polygon with vertices at `where`, linear in between, at `wanted`."""
+    return np.stack(
+        [np.interp(wanted, where, polygon[:, k], period=period) for k in range(3)], axis=1
+    )
+
+
+def same_type(
+    old: Sequence[Array],
+    old_where: Parameters,
+    new: Sequence[Array],
+    new_where: Parameters,
+    periods: Sequence[float],
+) -> Certificate:
+    """Whether closed polygons whose vertices have parameters are isotopic by the motion that these give.
+
+    Both are cut at all parameters of either, which changes neither, and each point goes straight to
+    the one of the same parameter.
+    """
+    start, end = [], []
+    for p, at_p, q, at_q, period in zip(old, old_where, new, new_where, periods, strict=True):
+        both = np.unique(np.concatenate([at_p, at_q]))
+        # parameters that differ by rounding alone would make edges of no length
+        both = both[np.diff(both, append=both[0] + period) > 1e-9 * period]
+        start.append(_on_polygon(p, at_p, period, both))
+        end.append(_on_polygon(q, at_q, period, both))
+    rings = rings_of_sizes(tuple(len(p) for p in start))
+    points = np.concatenate(start)
+    step = np.concatenate(end) - points
+    return _verdict(points, step, rings)
+
+
+def _reach(points: Array, rings: Rings, step: Array) -> float:
+    """How far pairs of segments must be known for a certificate of `step`, and of a few like it."""
+    edge = points[rings.next] - points
+    after = edge + step[rings.next] - step
+    longest = np.sqrt(max(float(dot(edge, edge).max()), float(dot(after, after).max())))
+    return float(2 * longest + 4 * np.sqrt(dot(step, step).max()))
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Where a polygon came to, and the account of its certificates."""
+
+    points: Array
+    reached: float  # share of the way; 1: all of it is proved
+    steps: int
+    least_margin: float  # mm
+
+
+def carry(
+    points: Array, rings: Rings, path: Path, longest: float, shortest: float = 1e-4
+) -> Carried:
+    """Carry closed polygons (N, 3) along `path` from share 0, where it is the identity, to 1.
+
+    Every step is certified; one that fails is halved, and the next may be longer again. The
+    polygons' vertices are on the images of the curves throughout.
+
+    Args:
+        path: continuous in the share; each point goes its own way.
+        longest: no step moves a vertex further than about this, mm.
+        shortest: share of the way at which the polygon is found too coarse: `reached` is then below 1.
+    """
+    here, share, stride, steps = points, 0.0, 0.02, 0
+    least = np.inf
+    while share < 1.0:
+        ahead = min(1.0, share + stride)
+        there = path(points, ahead)
+        step = there - here
+        furthest = float(np.sqrt(dot(step, step).max()))
+        verdict = _verdict(here, step, rings) if furthest <= longest else None
+        if verdict is None or not verdict.valid:
+            stride = 0.5 * (ahead - share)
+            if stride < shortest:
+                break
+            continue
+        here, share, steps = there, ahead, steps + 1
+        least = min(least, verdict.margin)
+        stride *= 1.5
+    return Carried(here, share, steps, float(least))
+
+
+def _verdict(points: Array, step: Array, rings: Rings) -> Certificate:
+    near = find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
+    return certify(points, step, rings, near)

@@ -1,0 +1,66 @@
+"""Exact measures of closed polylines: how tightly they bend, and how near strands come to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.geometry.neighbours import closest_parameters, find_neighbours
+from knotfab.geometry.polylines import Rings, dot
+
+__all__ = ["StrandGap", "bend_radii", "strand_gap"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StrandGap:
+    """The closest approach of strands that are not neighbours along the curve."""
+
+    gap: float
+    i: int
+    j: int
+
+
+def bend_radii(points: Array, rings: Rings) -> Array:
+    """[N] min(adjacent edges) / (2 tan(theta / 2)) at each vertex (Rawdon's MinRad), mm."""
+    ahead, behind = points[rings.next] - points, points - points[rings.previous]
+    one, two = np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)
+    cosine = dot(ahead, behind) / (one * two)
+    tangent = np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-12))
+    return np.asarray(np.minimum(one, two) / np.maximum(2 * tangent, 1e-12))
+
+
+def strand_gap(
+    points: Array, rings: Rings, separation: float, reach: float, straight: float = np.inf
+) -> StrandGap:
+    """Least distance of centre lines over pairs further than pi (r + c/2) along the curve.
+
+    With bends no tighter than r + c/2 nearer pairs have no doubly critical chord below 2r + c (Schur),
+    so half of this is a lower bound of that part of the polygonal thickness. `reach`: distances
+    above it are reported as `reach`. `straight` leaves out pairs whose distance is more than this share of
+    the arc between them: they are near because they are neighbours, not because the curve came back.
+    """
+    edge = points[rings.next] - points
+    length = np.linalg.norm(edge, axis=1)
+    near = find_neighbours(points, rings, reach + float(length.max()), 2)
+    i, j = near.i, near.j
+    # arc distance, ring by ring
+    before = np.cumsum(length) - 0.5 * length  # to the middle of each segment
+    total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
+    along = np.abs(before[i] - before[j])
+    along = np.minimum(along, total[i] - along)
+    far = (rings.ring[i] != rings.ring[j]) | (along > 0.5 * np.pi * separation)
+    i, j = i[far], j[far]
+    if len(i) == 0:
+        return StrandGap(reach, -1, -1)
+    s, t = closest_parameters(points[i], edge[i], points[j], edge[j])
+    apart = points[i] + s[:, None] * edge[i] - points[j] - t[:, None] * edge[j]
+    gap = np.sqrt(dot(apart, apart))
+    if np.isfinite(straight):
+        same = rings.ring[i] == rings.ring[j]
+        gap = np.where(same & (gap > straight * along[far]), np.inf, gap)
+    k = int(np.argmin(gap))
+    return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))

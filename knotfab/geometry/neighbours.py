@@ -1,0 +1,57 @@
+"""Which segments are near which: pairs from a KD-tree, kept valid while vertices move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab.geometry.polylines import Rings, dot
+
+__all__ = ["Neighbours", "closest_parameters", "find_neighbours"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Segment pairs (i -> i+1, j -> j+1), i < j, whose middles were within `reach` at `points`."""
+
+    i: Index
+    j: Index
+    reach: float
+    points: Array
+    skip: int  # pairs closer than this many steps along the curve are left out
+
+    def moved(self, points: Array) -> float:
+        """The largest distance a vertex has gone since the pairs were found."""
+        return float(np.sqrt(dot(points - self.points, points - self.points).max()))
+
+
+def find_neighbours(points: Array, rings: Rings, reach: float, skip: int) -> Neighbours:
+    """All segment pairs with middles within `reach` and at least `skip` steps apart."""
+    middle = 0.5 * (points + points[rings.next])
+    pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray").astype(np.int64)
+    i, j = pairs[:, 0], pairs[:, 1]
+    keep = rings.index_distance(i, j) >= skip
+    return Neighbours(i[keep], j[keep], reach, points.copy(), skip)
+
+
+def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Where the segments p + s u and q + t v, s and t in [0, 1], come closest: (s, t), each [M].
+
+    Ericson, Real-Time Collision Detection, 5.1.9: clamp one parameter, solve, clamp the other.
+    """
+    w = p - q
+    a, e, f = dot(u, u), dot(v, v), dot(v, w)
+    b, c = dot(u, v), dot(u, w)
+    det = a * e - b * b
+    parallel = det <= 1e-12 * a * e
+    s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0, det)), 0, 1)
+    t = (b * s + f) / e
+    low, high = t < 0, t > 1
+    s = np.where(low, np.clip(-c / a, 0, 1), np.where(high, np.clip((b - c) / a, 0, 1), s))
+    return s, np.clip(t, 0, 1)

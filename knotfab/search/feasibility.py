@@ -1,0 +1,91 @@
+"""Where the knots stand against their hard limits, measured exactly on the polygons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.effects.base import Limits
+from knotfab.effects.region import tube_outside
+from knotfab.geometry.measures import bend_radii, strand_gap
+from knotfab.geometry.polylines import Rings
+
+__all__ = ["Standing", "standing"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Measured against limits; every `..._ok` holds, or the piece is not finished."""
+
+    bend_mm: float
+    bend_at: Array
+    gap_mm: float
+    gap_at: Array
+    outside_mm: float
+    outside_at: Array
+    length_mm: float
+    limits: Limits
+
+    @property
+    def broken(self) -> list[str]:
+        """The effects whose limits are violated."""
+        lim = self.limits
+        held = {
+            "bend": self.bend_mm >= lim.bend_radius,
+            "clearance": self.gap_mm >= lim.separation,
+            "region": self.outside_mm <= 0,
+            "length": self.length_mm <= lim.length,
+        }
+        return [name for name, ok in held.items() if not ok]
+
+    @property
+    def violations(self) -> list[str]:
+        """One sentence a violated limit, with the place in mm; empty when feasible."""
+        lim, out = self.limits, []
+        broken = self.broken
+        if "bend" in broken:
+            out.append(
+                f"bend radius {self.bend_mm:.3f} mm is below {lim.bend_radius:.3f} mm at "
+                f"{_place(self.bend_at)}"
+            )
+        if "clearance" in broken:
+            out.append(
+                f"strands come within {self.gap_mm:.3f} mm, {lim.separation:.3f} mm is needed, "
+                f"at {_place(self.gap_at)}"
+            )
+        if "region" in broken:
+            out.append(
+                f"the tube leaves the region by {self.outside_mm:.3f} mm at "
+                f"{_place(self.outside_at)}"
+            )
+        if "length" in broken:
+            out.append(f"length {self.length_mm:.0f} mm exceeds the budget of {lim.length:.0f} mm")
+        return out
+
+
+def _place(point: Array) -> str:
+    return "(" + ", ".join(f"{c:.1f}" for c in point) + ") mm"
+
+
+def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
+    """Measure every hard limit of the search on the polygons themselves."""
+    bends = bend_radii(points, rings)
+    worst_bend = int(np.argmin(bends))
+    gap = strand_gap(points, rings, limits.separation, 1.5 * limits.separation)
+    tested, out = tube_outside(points, points[rings.next], limits.region, limits.radius)
+    worst_out = int(np.argmax(out))
+    length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
+    return Standing(
+        float(bends[worst_bend]),
+        points[worst_bend],
+        gap.gap,
+        points[max(gap.i, 0)],
+        float(out[worst_out]),
+        tested[worst_out],
+        length,
+        limits,
+    )

@@ -1,0 +1,274 @@
+"""The view as an unknown: turns, light and wall distance and the tube's radius, found with the knots.
+
+The paper leaves this as future work (section 7). Points go by the certified flow, the view's numbers
+by Adam on the same objective; bounds keep the light in front of the piece and the wall behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.optimize import least_squares
+from torch import Tensor
+
+from knotfab.errors import InputError
+from knotfab.geometry.polylines import Rings
+from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free, turn_matrix
+
+__all__ = [
+    "ALL",
+    "Bounds",
+    "Fit",
+    "Name",
+    "Unknowns",
+    "ViewNumbers",
+    "fit_view",
+    "projected_radius",
+]
+
+Array = NDArray[np.float64]
+Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
+
+ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radius")
+_TURN_RATE = 0.4  # degrees a step at the start
+_LENGTH_RATE = 0.008  # share of a length a step at the start
+_LAST = 0.05  # share of these rates at the end
+_LIGHT_SHARE, _WALL_SHARE = (
+    0.25,
+    0.9,
+)  # of a distance that the piece may reach into, as in auto regions
+_CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
+
+
+@dataclass(frozen=True)
+class ViewNumbers:
+    """A view's pose and distances, and the tube's radius."""
+
+    light_distance_mm: float
+    wall_distance_mm: float
+    radius_mm: float
+    azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0  # of the light above the horizon
+    roll_deg: float = 0.0  # of the picture, counter-clockwise seen from the light
+
+    @property
+    def turn(self) -> Array:
+        """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+        turn = torch.tensor([self.azimuth_deg, self.elevation_deg, self.roll_deg]).double()
+        return np.asarray(turn_matrix(turn).numpy())
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How far the unknowns may go, and which of ALL are unknown at all."""
+
+    free: tuple[Name, ...] = ALL
+    turn_deg: float = 45.0  # to each side of the start
+    light: tuple[float, float] = (0.5, 2.0)  # shares of the start
+    wall: tuple[float, float] = (0.5, 1.5)
+    least_radius_mm: float = 0.8  # what the printer makes
+    most_radius_mm: float = float("inf")
+
+    def __post_init__(self) -> None:
+        for name in self.free:
+            if name not in ALL:
+                raise InputError(
+                    f"the free number {name!r}",
+                    "a view has no such number",
+                    f"Use: {', '.join(ALL)}.",
+                )
+        if self.least_radius_mm > self.most_radius_mm:
+            raise InputError(
+                "the bounds of the tube radius",
+                f"{self.least_radius_mm:g} mm is above {self.most_radius_mm:g} mm",
+                "Exchange them.",
+            )
+
+
+class Unknowns:
+    """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
+
+    def __init__(
+        self, start: ViewNumbers, bounds: Bounds, dtype: torch.dtype = torch.float64
+    ) -> None:
+        if not bounds.least_radius_mm <= start.radius_mm <= bounds.most_radius_mm:
+            raise InputError(
+                "the tube radius",
+                f"{start.radius_mm:g} mm is outside its bounds, {bounds.least_radius_mm:g} to "
+                f"{bounds.most_radius_mm:g} mm",
+                "Start between them.",
+            )
+        self.start, self.bounds = start, bounds
+        turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
+        self.turn_deg = torch.tensor(turn, dtype=dtype, requires_grad=True)
+        self.logs = torch.zeros(3, dtype=dtype, requires_grad=True)  # light, wall, radius
+        lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
+        self._first_mm = torch.tensor(lengths, dtype=dtype)
+        self._first_turn = self.turn_deg.detach().clone()
+        self._mask = [torch.tensor([n in bounds.free for n in part]) for part in (ALL[:3], ALL[3:])]
+        self._adam = torch.optim.Adam(
+            [
+                {"params": [self.turn_deg], "lr": _TURN_RATE},
+                {"params": [self.logs], "lr": _LENGTH_RATE},
+            ],
+            betas=(0.8, 0.95),
+        )
+
+    @property
+    def tensors(self) -> tuple[Tensor, Tensor]:
+        """What gradients are to be taken with respect to."""
+        return self.turn_deg, self.logs
+
+    @property
+    def lengths(self) -> Tensor:
+        """[3] light distance, wall distance and radius, mm, with gradient.
+
+        A free wall goes along with the light: that keeps the size of the shadow, so that size and
+        perspective have an unknown each.
+        """
+        light, wall, radius = self.logs
+        along = light + wall if "wall" in self.bounds.free else wall
+        return self._first_mm * torch.stack([light, along, radius]).exp()
+
+    @property
+    def radius_mm(self) -> float:
+        """The tube's radius now."""
+        return float(self.lengths[2].detach())
+
+    def frame(self, sheet: Sheet, dtype: torch.dtype) -> FreeFrame:
+        """The sheet's frame at the present numbers, with gradient."""
+        light, wall, radius = self.lengths.to(dtype)
+        return free_frame(sheet, self.turn_deg.to(dtype), light, wall, radius)
+
+    def numbers(self) -> ViewNumbers:
+        """The present numbers."""
+        light, wall, radius = self.lengths.detach().tolist()
+        return ViewNumbers(light, wall, radius, *self.turn_deg.detach().tolist())
+
+    def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
+        """One step of Adam against `gradients` of `tensors`, then back into the bounds."""
+        share = _LAST**progress
+        for group, rate in zip(self._adam.param_groups, (_TURN_RATE, _LENGTH_RATE), strict=True):
+            group["lr"] = rate * share
+        for tensor, gradient, mask in zip(self.tensors, gradients, self._mask, strict=True):
+            tensor.grad = torch.where(mask, gradient, 0.0)
+        self._adam.step()
+        self.keep(points)
+
+    def keep(self, points: Array) -> None:
+        """Into the bounds: the light in front of the points (N, 3), the wall behind, a printable radius."""
+        b, s = self.bounds, self.start
+        with torch.no_grad():
+            self.turn_deg.clamp_(self._first_turn - b.turn_deg, self._first_turn + b.turn_deg)
+            radius = float(np.clip(self.radius_mm, b.least_radius_mm, b.most_radius_mm))
+            depth = points @ self.numbers().turn[:, 2]
+            front, back = float(depth.max()) + radius, radius - float(depth.min())
+            light, wall, _ = self.lengths.tolist()
+            near, far = (share * s.light_distance_mm for share in b.light)
+            light = float(np.clip(light, near, far))
+            near, far = (share * s.wall_distance_mm for share in b.wall)
+            wall = float(np.clip(wall, near, far))
+            # what is not free stays where the person put it, near or not
+            light = max(light, front / _LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
+            wall = max(wall, back / _WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
+            kept = torch.tensor([light, wall, radius], dtype=self.logs.dtype) / self._first_mm
+            self.logs.copy_(kept.log())
+            if "wall" in b.free:
+                self.logs[1] -= self.logs[0]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The view found for knots that are known: its numbers, and the loss at each iteration."""
+
+    numbers: ViewNumbers
+    losses: tuple[float, ...]
+
+
+def fit_view(
+    points: Array,
+    rings: Rings,
+    sheet: Sheet,
+    target: Tensor,
+    start: ViewNumbers,
+    bounds: Bounds,
+    iterations: int = 120,
+    tau: tuple[float, float] = (0.3, 12.0),
+) -> Fit:
+    """The view from which knots at `points` (N, 3), mm, look like `target` [height, width].
+
+    Squared difference of sigmoid(tau * signed distance) of tube and target. tau grows from its first
+    value to its second, in units of one over the projected tube radius: soft at first, so that a pose
+    far off still feels the picture.
+    """
+    unknowns = Unknowns(start, bounds)
+    unknowns.keep(points)
+    p = torch.as_tensor(points, dtype=target.dtype)
+    q = p[torch.as_tensor(rings.next)]
+    distance = _signed_distance(target)
+    losses = []
+    for iteration in range(iterations):
+        progress = iteration / max(1, iterations - 1)
+        sharpness = tau[0] * (tau[1] / tau[0]) ** progress / projected_radius(start, sheet)
+        image = render_free(p, q, unknowns.frame(sheet, target.dtype), sharpness, _CUTOFF)
+        loss = ((image - torch.sigmoid(sharpness * distance)) ** 2).mean()
+        turn, logs = torch.autograd.grad(loss, unknowns.tensors)
+        losses.append(float(loss.detach()))
+        unknowns.move((turn, logs), points, progress)
+    losses.append(_polish(unknowns, points, rings, sheet, distance.double(), sharpness))
+    return Fit(unknowns.numbers(), tuple(losses))
+
+
+def _polish(
+    unknowns: Unknowns,
+    points: Array,
+    rings: Rings,
+    sheet: Sheet,
+    distance: Tensor,
+    sharpness: float,
+) -> float:
+    """Least squares from where Adam ended, in double precision; returns the loss.
+
+    Distance and size of a piece that is not deep change its shadow in nearly the same way: along
+    that valley first-order steps hardly move.
+    """
+    free = [number for number, name in enumerate(ALL) if name in unknowns.bounds.free]
+    p = torch.as_tensor(points)
+    q = p[torch.as_tensor(rings.next)]
+    target = torch.sigmoid(sharpness * distance)
+    scale = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # degrees, and shares of lengths
+    both = torch.cat(unknowns.tensors).detach()
+
+    def residual(x: Array) -> Array:
+        moved = both.clone()
+        moved[free] += torch.as_tensor(x * scale[free])
+        with torch.no_grad():
+            unknowns.turn_deg.copy_(moved[:3])
+            unknowns.logs.copy_(moved[3:])
+            image = render_free(p, q, unknowns.frame(sheet, p.dtype), sharpness, _CUTOFF)
+        return np.asarray((image - target).numpy().ravel())
+
+    found = least_squares(
+        residual, np.zeros(len(free)), method="lm", diff_step=1e-4, x_scale=1.0, max_nfev=150
+    )
+    residual(found.x)
+    unknowns.keep(points)
+    return float(2 * found.cost / target.numel())
+
+
+def projected_radius(numbers: ViewNumbers, sheet: Sheet) -> float:
+    """The tube's radius at the middle of the piece, in pixels on the receiver."""
+    share = 1.0 + numbers.wall_distance_mm / numbers.light_distance_mm
+    return numbers.radius_mm * share / sheet.pixel_mm
+
+
+def _signed_distance(target: Tensor) -> Tensor:
+    """[height, width] distance to the outline of the half-covered picture, px, positive inside."""
+    inside = target.cpu().numpy() > 0.5
+    signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
+    return torch.as_tensor(signed - 0.5 * np.sign(signed), dtype=target.dtype)

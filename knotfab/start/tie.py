@@ -1,0 +1,328 @@
+"""A knot of chosen type tied into a filling template, in front of it or behind it as seen from the light.
+
+The type rests on three facts, all tested on the polygons themselves. Seen from the light, no other
+strand meets the hull of the short arc that is cut. Two legs rise from the arc along light rays. And
+the tight knot on top of them is nearer to the light (or further from it) than every strand whose
+shadow meets the hull of its own: so a ball holds the knot alone, and without it the legs shrink back
+onto the arc. The result is the connected sum of curve and knot. Where the picture is wide the knot's
+shadow lies within the silhouette, and adds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from shapely import MultiPoint, MultiPolygon
+
+from knotfab.errors import SceneError
+from knotfab.scene.knot_names import Factor, named_knot
+
+__all__ = ["Room", "Tied", "tie"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
+_SPARE = 1.03  # how much larger than tight the knot is made
+_CUT = 2.2  # of the strand, and of the knot, to each side of where they are joined
+_HANDLE = 1.1  # from there to the corner of the leg
+_HOVER = 2.2  # between the strands below and the knot
+_PLACES = 60  # tried, where the silhouette is widest
+_WAYS = 48  # to turn the knot
+_STRAIGHT = 0.6  # radians that the strand may turn where it is cut
+_GRID = 0.5  # spacing of the grid of distances to the outline
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where the knot may be, mm: `polygon` is the silhouette in the plane z = 0.
+
+    `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
+    radius if that is larger; `outside` says how far a tube about these points leaves its region.
+    """
+
+    polygon: MultiPolygon
+    light: float
+    radius: float
+    unit: float
+    outside: Callable[[Array], float]
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Curves (n, 3) mm with the knot in number `component`, and where it is.
+
+    `spill` is how far its tube's shadow reaches out of the silhouette, mm in the plane z = 0.
+    """
+
+    curves: tuple[Array, ...]
+    component: int
+    place: Array
+    spill: float
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """The knot turned many ways about its lowest point, opened there.
+
+    `points` (p, m, 3) run from the first leg to the second; columns: along the strand, across it,
+    away from it. `reach` (p,) is how far each is from the axis at most.
+    """
+
+    points: Array
+    reach: Array
+
+
+@dataclass(frozen=True)
+class _Site:
+    """The knot (m, 3) at a vertex of the strand: `side` is 1 before the strands, -1 behind them."""
+
+    vertex: int
+    side: int
+    points: Array
+    spill: float
+    cost: float
+
+
+def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> Tied:
+    """The sum of these knots tied into the longest curve, one after the other.
+
+    Args:
+        curves: closed polylines (n, 3) mm, simple and disjoint seen from the light at (0, 0, light).
+        factors: knots of the table.
+        room: what the curve must keep to.
+
+    Raises:
+        SceneError: there is no place for the knot.
+    """
+    lengths = [float(np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1).sum()) for c in curves]
+    component = int(np.argmax(lengths))
+    plain: Flags = np.ones(len(curves[component]), dtype=bool)  # vertices still of the template
+    tied = Tied(curves, component, np.zeros(3), 0.0)
+    for factor in factors:
+        knot = named_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
+        tied, plain = _tied(tied, plain, _poses(knot, room.unit), factor.name, room)
+    return tied
+
+
+def _tied(tied: Tied, plain: Flags, poses: _Poses, name: str, room: Room) -> tuple[Tied, Flags]:
+    """The knot in the best of its places where the construction holds."""
+    curve = tied.curves[tied.component]
+    rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
+    for site in sorted(_sites(curve, rest, plain, poses, room), key=lambda s: s.cost):
+        if room.outside(site.points) > 0:
+            continue
+        made = _spliced(curve, rest, plain, site, room)
+        if made is None:
+            continue
+        fresh, kept = made
+        curves = list(tied.curves)
+        curves[tied.component] = fresh
+        spill = max(tied.spill, site.spill)
+        return Tied(tuple(curves), tied.component, curve[site.vertex], spill), kept
+    raise SceneError(
+        f"the knot {name}",
+        "the piece has no place for it: neither before nor behind the strands is there room",
+        "Use a thinner tube (--tube-radius), a bolder picture, more room in depth, or a simpler knot.",
+    )
+
+
+def _shadow(points: Array, light: float) -> Array:
+    """(..., 2) where rays from the light through `points` meet the plane z = 0."""
+    return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light))
+
+
+def _poses(knot: Array, unit: float) -> _Poses:
+    """The knot turned many ways, each time opened at what is then its lowest point."""
+    n = len(knot)
+    k = np.arange(_WAYS) + 0.5
+    z = 1.0 - 2.0 * k / _WAYS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * k  # an even spread of directions over the sphere
+    flat = np.sqrt(1.0 - z * z)
+    step = float(np.linalg.norm(np.roll(knot, -1, axis=0) - knot, axis=1).mean())
+    cut = max(2, round(_CUT * unit / step))
+    found = []
+    for up in np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z]):
+        lowest = int(np.argmin(knot @ up))
+        tangent = knot[(lowest + 1) % n] - knot[lowest - 1]
+        tangent -= (tangent @ up) * up
+        length = float(np.linalg.norm(tangent))
+        if length < 0.5 * step:
+            continue
+        along = -tangent / length  # the knot runs against the strand where both are cut
+        frame = np.column_stack([along, np.cross(up, along), up])
+        turned = (np.roll(knot, -lowest, axis=0) - knot[lowest]) @ frame
+        points = turned[cut : n - cut + 1]
+        # what is left must not sag into the gap between the legs
+        if points[0, 0] > -0.2 * unit or points[-1, 0] < 0.2 * unit:
+            continue
+        found.append(points)
+    points = np.array(found).reshape(len(found), n - 2 * cut + 1, 3)
+    return _Poses(points, np.hypot(points[..., 0], points[..., 1]).max(axis=1, initial=0.0))
+
+
+def _sites(
+    curve: Array, rest: list[Array], plain: Flags, poses: _Poses, room: Room
+) -> Iterator[_Site]:
+    """Every pose at every promising place, with its cost: spill first, then depth."""
+    unit, light = room.unit, room.light
+    step = float(np.linalg.norm(_next(curve) - curve, axis=1).mean())
+    cut = max(2, round(_CUT * unit / step))
+    inside = _Inside(room)
+    shadows = [_shadow(c, light) for c in (curve, *rest)]
+    every = np.concatenate(shadows)
+    heights = np.concatenate([curve, *rest])[:, 2]
+    low, high = float(heights.min()), float(heights.max())
+    for vertex in _places(curve, shadows, plain, inside, cut):
+        at, ray = curve[vertex], np.array([0.0, 0.0, light]) - curve[vertex]
+        ray /= np.linalg.norm(ray)
+        along = curve[(vertex + 1) % len(curve)] - curve[vertex - 1]
+        away = np.linalg.norm(every - shadows[0][vertex], axis=1)
+        order = np.argsort(away, kind="stable")
+        grown = 1.0 / (1.0 - at[2] / light)
+        under = np.searchsorted(away[order], (poses.reach + 2 * unit) * grown) - 1
+        for side in (1, -1):
+            # the pose's lowest point is above every strand near its axis
+            base = side * np.maximum.accumulate(side * heights[order])[under] + side * _HOVER * unit
+            up = side * ray
+            x = along - (along @ up) * up
+            x /= np.linalg.norm(x)
+            origin = at + ray * ((base - at[2]) / ray[2])[:, None]
+            points = origin[:, None] + poses.points @ np.stack([x, np.cross(up, x), up])
+            z = points[..., 2]
+            near = z.max(axis=1) < 0.9 * light
+            points, z, base = points[near], z[near], base[near]
+            deeper = np.maximum(np.maximum(z.max(axis=1) - high, low - z.min(axis=1)), 0.0)
+            # the tube's shadow is as much wider as it is nearer to the light
+            out = room.radius / (1.0 - z / light) - inside(_shadow(points, light))
+            over = np.maximum(out, 0.0) / room.radius
+            cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
+            cost += 0.01 * np.abs(base - at[2]) / unit
+            for k in range(len(points)):
+                yield _Site(vertex, side, points[k], max(0.0, float(out[k].max())), float(cost[k]))
+
+
+class _Inside:
+    """Distance of points of the plane z = 0 to the silhouette's outline, negative outside, mm."""
+
+    def __init__(self, room: Room) -> None:
+        self.step = _GRID * room.radius
+        low_x, low_y, high_x, high_y = room.polygon.bounds
+        self.corner = np.array([low_x, low_y]) - 4 * self.step
+        count = np.ceil((np.array([high_x, high_y]) - self.corner) / self.step).astype(int) + 5
+        x = self.corner[0] + self.step * np.arange(count[0])
+        y = self.corner[1] + self.step * np.arange(count[1])
+        shapely.prepare(room.polygon)
+        within = shapely.contains_xy(room.polygon, *np.meshgrid(x, y, indexing="ij"))
+        depth = distance_transform_edt(within) - distance_transform_edt(~within)
+        self.depth = self.step * np.asarray(depth, dtype=np.float64)
+
+    def __call__(self, points: Array) -> Array:
+        cell = np.rint((points - self.corner) / self.step).astype(np.int64)
+        nearest = np.clip(cell, 0, np.array(self.depth.shape) - 1)
+        beyond = self.step * np.hypot(*np.moveaxis(cell - nearest, -1, 0))
+        return np.asarray(self.depth[nearest[..., 0], nearest[..., 1]] - beyond)
+
+
+def _places(
+    curve: Array, shadows: list[Array], plain: Flags, inside: _Inside, cut: int
+) -> Iterator[int]:
+    """Vertices where the strand may be cut, those deepest in the silhouette first.
+
+    The arc is the template's own and nearly straight, and its shadow's hull meets no other strand's.
+    `shadows` are those of `curve` and of all others.
+    """
+    n = len(curve)
+    edge = _next(curve) - curve
+    edge /= np.linalg.norm(edge, axis=1)[:, None]
+    around = np.arange(-cut - 1, cut + 2)
+    rows = (np.arange(n)[:, None] + around) % n
+    turned = np.einsum("nmj,nj->nm", edge[rows[:, :-1]], edge).min(axis=1)
+    fit = np.flatnonzero(plain[rows].all(axis=1) & (turned > np.cos(_STRAIGHT)))
+    fit = fit[np.argsort(-inside(shadows[0][fit]), kind="stable")]
+    tree = shapely.STRtree(np.concatenate([_edges(s) for s in shadows]))
+    chosen: list[int] = []
+    for k in fit.tolist():
+        if any(min(abs(k - c), n - abs(k - c)) <= cut for c in chosen):
+            continue
+        hull = MultiPoint(shadows[0][rows[k, 1:-1]]).convex_hull
+        if np.isin(tree.query(hull, predicate="intersects"), rows[k, :-1]).all():
+            chosen.append(k)
+            yield k
+        if len(chosen) == _PLACES:
+            return
+
+
+def _spliced(
+    curve: Array, rest: list[Array], plain: Flags, site: _Site, room: Room
+) -> tuple[Array, Flags] | None:
+    """The curve with the knot in it, and which vertices are the template's; None: not proved."""
+    unit, light, side = room.unit, room.light, site.side
+    step = float(np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).mean())
+    cut = max(2, round(_CUT * unit / step))
+    handle = max(1, cut - max(1, round(_HANDLE * unit / step)))
+    # the curve from the far end of the cut round to its near end
+    turned = np.roll(curve, -site.vertex, axis=0)
+    strand = turned[cut : len(curve) - cut + 1]
+    feet = turned[[-handle, handle]]
+    knot = site.points
+    before, after = knot[0] - knot[1], knot[-1] - knot[-2]
+    corners = np.stack(
+        [
+            knot[0] + before * (_HANDLE * unit / np.linalg.norm(before)),
+            knot[-1] + after * (_HANDLE * unit / np.linalg.norm(after)),
+        ]
+    )
+    # the rays from the feet reach up past all strands below, to the knot's own level
+    level = float((side * np.concatenate([knot, corners])[:, 2]).min())
+    hull = MultiPoint(_shadow(np.concatenate([knot, corners, feet]), light)).convex_hull
+    shapely.prepare(hull)
+    below = -np.inf
+    for other in (turned, *rest):
+        meets = shapely.intersects(hull, _edges(_shadow(other, light)))
+        height = np.maximum(side * other[:, 2], side * _next(other)[:, 2])
+        below = max(below, float(np.where(meets, height, -np.inf).max()))
+    if not below < level:
+        return None
+    eye = np.array([0.0, 0.0, light])
+    low, top = (
+        eye + (feet - eye) * ((light - side * z) / (light - feet[:, 2]))[:, None]
+        for z in (below, level)
+    )
+    first = _rounded(np.stack([strand[-1], feet[0], low[0], top[0], corners[0], knot[0]]), step)
+    second = _rounded(np.stack([knot[-1], corners[1], top[1], low[1], feet[1], strand[0]]), step)
+    fresh = np.concatenate([strand, first[1:-1], knot, second[1:-1]])
+    kept = np.zeros(len(fresh), dtype=bool)
+    kept[: len(strand)] = np.roll(plain, -site.vertex)[cut : len(curve) - cut + 1]
+    return fresh, kept
+
+
+def _next(points: Array) -> Array:
+    return np.roll(points, -1, axis=0)
+
+
+def _edges(shadow: Array) -> NDArray[np.object_]:
+    """[n] the edges of a closed polyline."""
+    return np.asarray(shapely.linestrings(np.stack([shadow, _next(shadow)], axis=1)))
+
+
+def _rounded(corners: Array, step: float) -> Array:
+    """The polyline with its corners cut three times (Chaikin 1974), evenly sampled, both ends kept.
+
+    Each corner is replaced within the triangle of it and the middles of its two edges.
+    """
+    line = corners
+    for _ in range(3):
+        q = 0.75 * line[:-1] + 0.25 * line[1:]
+        r = 0.25 * line[:-1] + 0.75 * line[1:]
+        inner = np.stack([q, r], axis=1).reshape(-1, 3)
+        line = np.concatenate([line[:1], inner[1:-1], line[-1:]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    count = max(4, round(arc[-1] / step))
+    at = np.linspace(0.0, arc[-1], count + 1)
+    return np.stack([np.interp(at, arc, line[:, k]) for k in range(3)], axis=1)

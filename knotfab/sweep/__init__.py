@@ -1,1 +1,0 @@
-"""The sweep: from knots to watertight tubes."""
