@@ -53,7 +53,7 @@ def flattened(
             )
             scene = request.scene.model_copy(update={"piece": piece})
             made = replace(design(scene, target, request.device, progress), radius=choice)
-            part = part_of(made, request.printing, target, progress)
+            part = part_of(made, request.printing, [target], progress)
             proposal = _proposal(made, part)
             if proposal is None:
                 break

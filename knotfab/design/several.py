@@ -19,6 +19,7 @@ from knotfab.design.frames import framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.prices import Price, prices_several
 from knotfab.errors import InputError, SceneError
+from knotfab.mount.mount import require_mount
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
@@ -83,12 +84,7 @@ def require_several(scene: Scene) -> None:
             "several views need a plain region",
             "Use box, cylinder or sphere",
         )
-    if scene.mount.kind != "none":
-        raise InputError(
-            "scene key mount.kind",
-            f"a {scene.mount.kind} mount hides from one light alone, and this piece has several views",
-            'Use "none" (--mount none)',
-        )
+    require_mount(scene)
 
 
 def _region(region: Region, bounds: Sequence[HullBound], radius: float) -> Region:

@@ -68,7 +68,7 @@ def write_frame(
     knots = folder.file(f"knots-{number}.json")
     placed = folder.file(f"scene-{number}.toml")
     try:
-        part = part_of(made, printing, target, progress)
+        part = part_of(made, printing, [target], progress)
         if part.plates is not None:
             raise SceneError(
                 target.name,
