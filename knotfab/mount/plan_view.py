@@ -93,9 +93,7 @@ def _view(
     axes.plot(*axis.T, color=FAINT, lw=0.3, ls="-.")
     axes.plot(*to(wall).T, color=INK, lw=0.8)
     axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
-    # the strokes of a wall lie on the side that its lamp does not see
-    behind = float(np.cross(wall[1] - wall[0], lamp - wall[0])) < 0
-    hatch(axes, to(wall) if behind else to(wall)[::-1], to)
+    hatch(axes, to(wall), to)
     draw_lamp(axes, axis[0], view.light_diameter_mm / to.ratio if view.kind == "shadow" else 0.0)
     along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
     aside = ASIDE * np.array([-along[1], along[0]])
@@ -105,5 +103,8 @@ def _view(
     dimension(
         axes, middle, axis[1], aside, length(float(np.linalg.norm(axis[1] - middle)) * to.ratio)
     )
-    note(axes, axis[0] - 5.0 * along, f"{lamp_name(view)}: {view.name}", size=7, ha="center")
-    note(axes, axis[1] + 5.0 * along, f"wall: {view.name}", size=7, ha="center")
+    # along the wall, read from below or from the right
+    turn = (float(np.degrees(np.arctan2(aside[1], aside[0]))) + 89.9) % 180.0 - 89.9
+    style = {"size": 7, "ha": "center", "va": "center", "rotation": turn}
+    note(axes, axis[0] - 5.0 * along, f"{lamp_name(view)}: {view.name}", **style)
+    note(axes, axis[1] + 5.0 * along, f"wall: {view.name}", **style)

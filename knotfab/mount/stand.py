@@ -183,18 +183,19 @@ def plan_stand(
 
 
 def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings) -> Rectangle:
-    """The most that the base of a stand may cover: the piece's own, and what it needs not to tip."""
-    right, up, out = slope_below(cameras).axes
-    across, high, along = (knots.points @ axis for axis in (right, up, out))
-
-    def grown(by: float) -> Rectangle:
-        return across.min() - by, across.max() + by, along.min() - by, along.max() + by
-
-    below = slope_below(cameras, grown(CORNER_MM))
-    least = float((below.height_mm + below.rise * along).min()) - DROP_MM
-    # the middle of all mass lies within the piece, and lower than its top
-    tall = float(high.max()) - least + settings.base_thickness_mm
-    return grown(tall * float(np.tan(np.deg2rad(settings.tip_deg))) + 2 * CORNER_MM)
+    """What the base of a stand may cover: what lies below the piece, and what it needs not to tip."""
+    axes = slope_below(cameras).axes
+    own = knots.points @ axes.T
+    low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
+    below = slope_below(cameras, (low[0], high[0], low[2], high[2]))
+    least = float((below.height_mm + below.rise * own[:, 2]).min()) - DROP_MM
+    tubes = _weights(knots, nothing())
+    middle = tubes.volume @ tubes.center @ axes.T / tubes.volume.sum()
+    # posts and base, which are lower, only lower the middle of all mass
+    tall = float(middle[1]) - least + settings.base_thickness_mm
+    need = tall * float(np.tan(np.deg2rad(settings.tip_deg))) + CORNER_MM
+    low, high = np.minimum(low, middle - need), np.maximum(high, middle + need)
+    return float(low[0]), float(high[0]), float(low[2]), float(high[2])
 
 
 def _posts(
@@ -214,6 +215,7 @@ def _posts(
             for camera in cameras:
                 wall = foot @ camera.receiver[:3] + camera.receiver[3]
                 fits &= wall >= ROOT_SHARE * radius + EDGE_MM + CHAMFER_MM + WALL_GAP_MM
+                fits &= slope_below([camera]).above(foot) <= -DROP_MM / 2
             # feet outside the piece would make the base deeper
             fits &= (foot @ out >= deep.min()) & (foot @ out <= deep.max())
             n = np.flatnonzero(fits)
@@ -324,6 +326,7 @@ def _more_posts(
 
 
 def _weights(knots: Knots, members: Candidates) -> Weights:
+    """All tubes, posts and struts by volume and centre of mass."""
     volume, center = [], []
     for knot in knots.knots:
         after = np.roll(knot.points, -1, axis=0)

@@ -11,9 +11,17 @@ from knotfab.design.design import problem_of
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
+from knotfab.mount.prefetch import prefetch_modeller
 from knotfab.pipeline import PRINTER_CHECKS, Outcome, Request, require_device
 from knotfab.progress import Progress
-from knotfab.report.of_build import check_3mf, check_certificate, check_limits, report_of
+from knotfab.report.drawings import write_drawings
+from knotfab.report.of_build import (
+    add_fabrication,
+    check_3mf,
+    check_certificate,
+    check_limits,
+    report_of,
+)
 from knotfab.report.report_html import Picture, write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.scene.model import Scene
@@ -62,8 +70,9 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
 
     Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
     shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
-    be printed, zoetrope.stl and zoetrope.3mf as well. Frames are verified while later ones are searched.
-    As with one picture, what fails a required check is written whole to DIR/rejected.
+    be printed, zoetrope.stl and zoetrope.3mf as well. With a mount each frame stands or hangs by itself,
+    and has its own setup-NN.pdf and setup-NN.svg; the zoetrope has none. Frames are verified while later
+    ones are searched. As with one picture, what fails a required check is written whole to DIR/rejected.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -72,6 +81,8 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
     require_device(request.device)
     require_sequence(request.scene)
     skip = set(request.skip) | (set() if request.printing else set(PRINTER_CHECKS))
+    if request.printing and request.scene.mount.kind != "none":
+        prefetch_modeller()
     with OutputFolder(request.out) as folder:
         with progress.stage("pictures"):
             invert = request.scene.views[0].invert
@@ -89,8 +100,8 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
                 verdicts = [m.answer.result() for m in made]
                 printed = [] if ring is None else check_ring(ring, made[0].scene.printer)
         reports = [
-            _frame_report(request, m, v, folder, progress)
-            for m, v in zip(made, verdicts, strict=True)
+            _frame_report(request, m, t, v, folder, progress)
+            for m, t, v in zip(made, targets, verdicts, strict=True)
         ]
         with progress.stage("motion"):
             motions = _motions(folder, made)
@@ -136,6 +147,7 @@ def _ring(folder: OutputFolder, made: Sequence[Written], verifier: FrameVerifier
 def _frame_report(
     request: SequenceRequest,
     made: Written,
+    target: Target,
     verdict: dict[str, Any],
     folder: OutputFolder,
     progress: Progress,
@@ -150,17 +162,28 @@ def _frame_report(
         skip=request.skip,
         command=request.command,
     )
-    if made.part is not None:
+    mounted = None if made.part is None else made.part.mounted
+    if mounted is not None:
         verdict["checks"].append(
             check_3mf(read_back_strict(folder.file(f"part-{made.number}.3mf")))
         )
+        sag = mounted.check_sag()
+        verdict["checks"] += [] if sag is None else [sag]
     verdict["checks"] += [check_certificate(made.frame.made), check_limits(made.frame.made)]
     if not request.printing:
         for check in verdict["checks"]:
             if check["name"] in PRINTER_CHECKS and check["name"] not in request.skip:
                 check["detail"] = "checked with --print"
     bodies = [] if made.part is None else made.part.bodies
-    return report_of(own, made.frame.made, made.knots, bodies, verdict, progress)
+    report = report_of(own, made.frame.made, made.knots, bodies, verdict, progress)
+    if made.part is not None and made.scene.mount.kind != "none":
+        add_fabrication(report, made.part.mounted, None, None, request.printing)
+        with progress.stage("drawings"):
+            drawn = write_drawings(
+                folder, made.part, made.scene, [target], verdict, f"-{made.number}"
+            )
+        report["print"]["drawings"] = drawn
+    return report
 
 
 def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:

@@ -119,6 +119,8 @@ def _refused(why: str) -> Future[dict[str, Any]]:
 def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
     """scene.toml: the first frame's, every search setting resolved, with the pictures of all frames.
 
+    Its mount is what was asked for: each frame has its own.
+
     `knotfab build --sequence --scene DIR/scene.toml` makes the same sequence again.
 
     Args:
@@ -128,7 +130,8 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
     named = {"name": asked.views[0].name, "picture": PICTURES}
     views = (first.views[0].model_copy(update=named),)
     accuracy = first.accuracy.model_copy(update={"iou_floor": asked.accuracy.iou_floor})
-    whole = first.model_copy(update={"views": views, "accuracy": accuracy, "pose": None})
+    keys = {"views": views, "accuracy": accuracy, "mount": asked.mount, "pose": None}
+    whole = first.model_copy(update=keys)
     return folder.write("scene.toml", dump_scene(whole))
 
 
