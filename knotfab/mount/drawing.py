@@ -18,7 +18,7 @@ from knotfab.mount.plan_view import plan_sheet
 from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import ResolvedScene, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +39,7 @@ SHADOW = "0.82"
 def write_setup(
     folder: Path,
     mounted: Mounted,
-    scene: Scene,
+    scene: ResolvedScene,
     cameras: Sequence[Camera],
     misplacements: Sequence[Misplacement],
     suffix: str = "",

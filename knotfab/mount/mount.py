@@ -15,7 +15,7 @@ from knotfab.mount.choose import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene, Scene
 
 __all__ = ["Mounted", "mount_piece", "require_mount"]
 
@@ -36,7 +36,7 @@ class Mounted:
 
     bodies: list[Mesh]
     names: list[str]
-    scene: Scene
+    scene: ResolvedScene
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
@@ -147,7 +147,7 @@ def require_mount(scene: Scene) -> None:
 
 
 def mount_piece(
-    scene: Scene,
+    scene: ResolvedScene,
     knots: Knots,
     tubes: list[Mesh],
     cameras: Sequence[Camera],
@@ -207,7 +207,7 @@ def mount_piece(
 
 
 def _on_a_stand(
-    scene: Scene,
+    scene: ResolvedScene,
     knots: Knots,
     tubes: list[Mesh],
     cameras: Sequence[Camera],

@@ -10,7 +10,7 @@ from knotfab.mount.drawing import write_setup
 from knotfab.mount.drill_template import write_drill_template
 from knotfab.part.assemble import Part
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene
 from knotfab.target.read import Target
 
 __all__ = ["write_drawings"]
@@ -19,7 +19,7 @@ __all__ = ["write_drawings"]
 def write_drawings(
     folder: OutputFolder,
     part: Part,
-    scene: Scene,
+    scene: ResolvedScene,
     targets: Sequence[Target],
     verdict: Mapping[str, Any],
     suffix: str = "",

@@ -20,7 +20,7 @@ from knotfab.part.clean import as_written
 from knotfab.progress import Progress
 from knotfab.report.of_build import check_part
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.sequence.chain import Frame
 from knotfab.sequence.verifying import FrameFiles, FrameVerifier
 from knotfab.sequence.zoetrope import Zoetrope, zoetrope
@@ -37,7 +37,7 @@ class Written:
     """One frame as it was written, and the validators' verdict to come; `part` None if none fits."""
 
     frame: Frame
-    scene: Scene  # with its pose
+    scene: ResolvedScene  # with its pose
     knots: Knots  # placed as in the file
     part: Part | None
     answer: Future[dict[str, Any]]
