@@ -238,7 +238,7 @@ def dense(points: np.ndarray) -> np.ndarray:
 
 
 def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
-    scene = resolve(Scene(mount=Mount(kind="wall")), [(90, 90)])
+    scene = resolve(Scene(mount=Mount(kind="wall")))
     mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], [camera()])
     good = mounted.check_sag()
     assert good is not None and (good["status"], good["required"]) == ("pass", True)

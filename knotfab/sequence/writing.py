@@ -127,11 +127,10 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
         asked: the scene as a person wrote it: what is required of the IoU follows from each picture,
             unless it was given.
     """
-    named = {"name": asked.views[0].name, "picture": PICTURES}
-    views = (first.views[0].model_copy(update=named),)
-    accuracy = first.accuracy.model_copy(update={"iou_floor": asked.accuracy.iou_floor})
-    keys = {"views": views, "accuracy": accuracy, "mount": asked.mount, "pose": None}
-    whole = first.model_copy(update=keys)
+    keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
+    keys["views"][0] |= {"name": asked.views[0].name, "picture": PICTURES}
+    keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
+    whole = Scene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
 
 
