@@ -11,7 +11,16 @@ from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, Frame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
 
-__all__ = ["DOWN", "JOINT_RADII", "PIECES", "Stiffness", "piece_beams", "piece_frame", "sag_of", "taper"]
+__all__ = [
+    "DOWN",
+    "JOINT_RADII",
+    "PIECES",
+    "Stiffness",
+    "piece_beams",
+    "piece_frame",
+    "sag_of",
+    "taper",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,9 +83,7 @@ def piece_beams(
     return beams, feet
 
 
-def piece_frame(
-    knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
-) -> Frame:
+def piece_frame(knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness) -> Frame:
     """The frame of a piece with joints at the sites alone, ready to be asked."""
     beams, fixed = piece_beams(knots.radius_mm, sites, members)
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace, sag_of_members
-from knotfab.mount.choose import Stiffness
+from knotfab.mount.brace import brace
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import (
     CHAMFER_MM,
     CORNER_MM,
@@ -65,6 +65,7 @@ APART_RADII = 5.0  # between their feet
 POSTS = 1600  # candidates that show least: half of all, half of each stretch
 STRETCHES = 50  # of equal length, about, of the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
+FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
@@ -177,7 +178,7 @@ def plan_stand(
         base.tip_deg,
         braced.sag_mm,
         braced.sag_at,
-        sag_of_members(knots, sites, members, stiffness),
+        sag_of(knots, sites, members, stiffness, step_radii=FINE_RADII)[0],
         shadows.darkened(members),
     )
 
