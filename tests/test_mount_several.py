@@ -22,7 +22,8 @@ from knotfab.mount.placement import placement_of
 from knotfab.mount.plinth import Slope, Weights, base_for, slope_below
 from knotfab.mount.shade import Shadows
 from knotfab.mount.solids import strut_solid
-from knotfab.mount.stand import StandMount, plan_stand, stand_bodies
+from knotfab.mount.stand import StandMount, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.words import steps_of
 from knotfab.part.assemble import _posed
 from knotfab.scene.camera import Camera

@@ -16,7 +16,8 @@ from knotfab.mount.mount import BASE_DOWN, mount_piece
 from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import slope_below
 from knotfab.mount.shade import ViewShadow
-from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,

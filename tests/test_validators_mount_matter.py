@@ -11,7 +11,8 @@ from test_mount_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.mount.stand import StandSettings, plan_stand, stand_bodies
+from knotfab.mount.stand import StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab_validators.mount_matter import tube_vertices
 from knotfab_validators.shadow_checks import shadow_checks
 from knotfab_validators.verify_view import VerifiedView, verify_view
