@@ -6,7 +6,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from knotfab.design.design import Design, design
+from knotfab.design.design import Design, design_knots
 from knotfab.errors import InputError, SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
@@ -32,7 +32,7 @@ from knotfab.report.posing import add_posing
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.request import Outcome, Request, require_device
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
@@ -67,7 +67,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
             if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
-            made = _designed(request, targets, progress, left)
+            made = design_knots(request.scene, targets, request.device, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
@@ -150,18 +150,6 @@ def _read_targets(request: Request) -> list[Target]:
     ]
 
 
-def _designed(
-    request: Request, targets: list[Target], progress: Progress, budget_s: float | None
-) -> Design:
-    """The design for one view, or for several."""
-    if len(targets) == 1:
-        return design(request.scene, targets[0], request.device, progress, budget_s)
-    from knotfab.design.several import design_several, require_several
-
-    require_several(request.scene)
-    return design_several(request.scene, targets, request.device, progress, budget_s)
-
-
 def _begin_slicing(
     folder: OutputFolder, scene: Scene, request: Request, slicer: SlicerQueue
 ) -> dict[str, Future[Sliced | NotSliced]]:
@@ -205,7 +193,7 @@ def _own_checks(made: Design, part: Part, warnings: list[str]) -> list[dict[str,
     return own if sag is None else [*own, sag]
 
 
-def _draw(part: Part, scene: Scene, path: Path) -> None:
+def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
     draw_part(seen, faces, path, eyes_of(scene.views))

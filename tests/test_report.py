@@ -17,7 +17,7 @@ from knotfab.report import report_html
 from knotfab.report.pictures import draw_part, eyes_of, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, unmet
 
 
@@ -145,7 +145,7 @@ def test_the_printers_checks_are_checks() -> None:
 
 
 def test_eyes_are_those_of_all_views_and_others_beside() -> None:
-    view = View(frame_width_mm=100.0, frame_height_mm=100.0)
+    view = ResolvedView(frame_width_mm=100.0, frame_height_mm=100.0)
     alone = eyes_of([view])
     angles = np.degrees(np.arctan2(alone[:, 0], alone[:, 2]))
     assert angles == pytest.approx([0.0, 30.0, 60.0, 90.0])

@@ -14,7 +14,7 @@ from knotfab.files.threemf import write_3mf, write_coloured_3mf
 from knotfab.part.assemble import Part
 from knotfab.part.plates import Plates
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Plate, Pose, Scene
+from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
 from knotfab.target.read import Target
 
 __all__ = ["COLOURED", "pose_of", "posed_scene", "write_part", "write_unbuilt"]
@@ -34,7 +34,7 @@ def pose_of(matrix: Array, plates: Plates | None = None) -> Pose:
     return Pose(matrix=_rows(matrix), plates=each)
 
 
-def posed_scene(part: Part) -> Scene:
+def posed_scene(part: Part) -> ResolvedScene:
     """The part's scene, its mount resolved, with the pose that takes the written files to it."""
     pose = pose_of(part.pose.matrix, part.plates)
     return part.mounted.scene.model_copy(update={"pose": pose})

@@ -47,7 +47,7 @@ def check_3mf(warnings: list[str]) -> Record:
 
 def check_certificate(made: Design) -> Record:
     """`isotopy`: the maker's own proof of the knot type: every step of the search an isotopy."""
-    a = made.result.account
+    a = made.result.log
     return Check(
         "isotopy",
         "pass" if a.certified else "fail",
@@ -64,7 +64,7 @@ def check_certificate(made: Design) -> Record:
 
 def check_limits(made: Design) -> Record:
     """`limits`: the search's own measure of them; failed too where they cost the picture its IoU."""
-    broken = made.result.standing.violations
+    broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
     if made.unmet is not None and not broken and made.result.iou_estimate < float(floor):
@@ -144,7 +144,7 @@ def report_of(
             "mount": "none",
             "opening_iou": made.opening_iou,
             "thickness_mm": thickness([k.points for k in placed.knots]).value,
-            "certificate": result.account.__dict__,
+            "certificate": result.log.__dict__,
             "versions": {
                 "knotfab": __version__,
                 "python": platform.python_version(),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from knotfab.report.report_html import Picture
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 __all__ = ["draw_part", "eyes_of", "pictures_of", "turn_eye"]
 
@@ -62,7 +62,7 @@ def draw_part(
     return True
 
 
-def eyes_of(views: Sequence[View]) -> Array:
+def eyes_of(views: Sequence[ResolvedView]) -> Array:
     """(k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
 
     From a view's light the part shows its picture; the others begin at the first view's.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from knotfab.design.design import problem_of
+from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
@@ -159,9 +159,9 @@ def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:
     points, outlines = [], []
     for m in made:
         points.append(knot_in_scene(folder.file(f"knots-{m.number}.json"), m.scene))
-        view = m.scene.views[0]
+        view = m.frame.made.scene.views[0]
         target = read_target(folder.file(view.picture), invert=view.invert)
-        outlines.append(problem_of(m.scene, target).polygon)
+        outlines.append(silhouette_polygon(view, target))
     radius = made[0].frame.made.knots.radius_mm
     following = [*range(1, len(made)), 0]
     return [
