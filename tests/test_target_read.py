@@ -531,7 +531,6 @@ def test_text_of_a_glyph_from_another_font_and_with_a_variation_selector() -> No
         ("", "no visible character"),
         ("   ", "no visible character"),
         ("\ufe0f", "no visible character"),
-        ("🧶", r"no font.*U\+1F9F6, ball of yarn"),
         ("a\nb", r"U\+000A"),
         ("x" * 300, "300 characters"),
     ],

@@ -83,7 +83,13 @@ def _read_bytes(path: Path, what: str) -> bytes:
     return data
 
 
-def read_target(source: str | Path, *, invert: bool = False, base: Path | None = None) -> Target:
+def read_target(
+    source: str | Path,
+    *,
+    invert: bool = False,
+    base: Path | None = None,
+    font: str | None = None,
+) -> Target:
     """Read a picture and take its silhouette.
 
     Args:
@@ -92,6 +98,7 @@ def read_target(source: str | Path, *, invert: bool = False, base: Path | None =
         invert: swap shape and background.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
+        font: of `text:`, a family's name or a font file.
 
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
@@ -99,7 +106,7 @@ def read_target(source: str | Path, *, invert: bool = False, base: Path | None =
     what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _from_raster(text.render_text(content), what, _text_name(content), "", invert)
+        return _from_raster(text.render_text(content, font), what, _text_name(content), "", invert)
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
