@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.design.design import Design, design
-from knotfab.errors import InputError, MachineError, SceneError
+from knotfab.errors import MachineError, SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
 from knotfab.flatten import flattened
@@ -40,7 +40,7 @@ from knotfab.scene.model import Scene
 from knotfab.slicer.plates import PlateSlicing
 from knotfab.slicer.report import slicer_check
 from knotfab.slicer.run import Slicing
-from knotfab.target.read import Target, read_target
+from knotfab.target.read import Target, read_targets
 from knotfab.verify.verifier import Verifier
 
 __all__ = ["PRINTER_CHECKS", "Outcome", "Request", "build", "require_device"]
@@ -71,6 +71,7 @@ class Request:
     time_budget_s: float | None = None
     command: str = ""
     more: tuple[str, ...] = ()  # the pictures of the second view and on
+    targets: tuple[Target, ...] = ()  # the pictures of all views, where they have been read already
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,9 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     require_device(request.device)
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
-            targets = _targets(request)
+            sources = (request.source, *request.more)
+            inverts = [view.invert for view in request.scene.views]
+            targets = list(request.targets or read_targets(sources, inverts, base=request.base))
             target = targets[0]
         with Verifier(graphics="shadow-render" not in request.skip) as verifier:
             left = None
@@ -156,25 +159,6 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             return Outcome(0, report, request.out)
         folder.reject()
         return Outcome(code, report, request.out / "rejected")
-
-
-def _targets(request: Request) -> list[Target]:
-    """The pictures of all views, in their order.
-
-    Raises:
-        InputError: one cannot be read, or there are not as many as views.
-    """
-    sources, views = (request.source, *request.more), request.scene.views
-    if len(sources) != len(views):
-        raise InputError(
-            "the call",
-            f"{len(sources)} pictures are given for {len(views)} views",
-            "Give one picture for each [[views]] of the scene, in their order",
-        )
-    return [
-        read_target(source, invert=view.invert, base=request.base)
-        for source, view in zip(sources, views, strict=True)
-    ]
 
 
 def _designed(

@@ -55,6 +55,7 @@ class SequenceRequest:
     device: str = "cpu"
     skip: frozenset[str] = frozenset()
     command: str = ""
+    targets: tuple[Target, ...] = ()  # the frames, where they have been read already
 
 
 def build_sequence(request: SequenceRequest, progress: Progress | None = None) -> Outcome:
@@ -75,7 +76,9 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
     with OutputFolder(request.out) as folder:
         with progress.stage("pictures"):
             invert = request.scene.views[0].invert
-            targets = read_frames(request.sources, invert=invert, base=request.base)
+            targets = request.targets or read_frames(
+                request.sources, invert=invert, base=request.base
+            )
         with FrameVerifier(skip) as verifier:
             frames = chain(request.scene, targets, request.device, progress)
             made = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from knotfab.errors import InputError
 from knotfab.target import raster, svg, text
 
-__all__ = ["TEXT_PREFIX", "Target", "read_target"]
+__all__ = ["TEXT_PREFIX", "Target", "read_target", "read_targets"]
 
 TEXT_PREFIX = "text:"
 _LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
@@ -116,6 +117,34 @@ def read_target(
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
         return _from_raster(svg.render_svg(data, what), what, name, "", invert)
     return _from_raster(data, what, name, suffix, invert)
+
+
+def read_targets(
+    sources: Sequence[str],
+    inverts: Sequence[bool],
+    *,
+    base: Path | None = None,
+    font: str | None = None,
+) -> tuple[Target, ...]:
+    """Read the pictures of all views, in their order.
+
+    Args:
+        sources: as `read_target` takes them. inverts: whether each view's is inverted.
+        base, font: as `read_target` takes them.
+
+    Raises:
+        InputError: one cannot be read, or there are not as many as views.
+    """
+    if len(sources) != len(inverts):
+        raise InputError(
+            "the call",
+            f"{len(sources)} pictures are given for {len(inverts)} views",
+            "Give one picture for each [[views]] of the scene, in their order",
+        )
+    return tuple(
+        read_target(source, invert=invert, base=base, font=font)
+        for source, invert in zip(sources, inverts, strict=True)
+    )
 
 
 def _from_raster(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
