@@ -133,8 +133,8 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             with progress.stage("bending plan"):
                 from knotfab.wire.plan import write_bending_plan
 
-                picture = folder.file(scene.views[0].picture)
-                plan = write_bending_plan(folder.work, made.knots, scene, picture)
+                pictures = [folder.file(view.picture) for view in scene.views]
+                plan = write_bending_plan(folder.work, made.knots, scene, pictures)
                 verdict["checks"] += plan.checks
         if any(c["required"] and c["status"] == "fail" for c in verdict["checks"]):
             verdict["status"], verdict["exit_code"] = "fail", 1

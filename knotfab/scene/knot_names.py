@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
+from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["BRAIDS", "Factor", "KnotName", "knot_name", "named_knot"]
 
@@ -161,11 +162,10 @@ def named_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
     from scipy.interpolate import CubicSpline
 
     points = np.asarray(_table()[name], dtype=np.float64)
-    closed = np.concatenate([points, points[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    spline = CubicSpline(arc, closed, bc_type="periodic")
+    arc = arc_lengths(points)
+    spline = CubicSpline(arc, np.concatenate([points, points[:1]]), bc_type="periodic")
     fine = spline(np.linspace(0.0, arc[-1], 8 * len(points) + 1))
-    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    run = arc_lengths(fine[:-1])
     count = max(12, round(run[-1] / step))
     at = np.interp(np.arange(count) * run[-1] / count, run, np.linspace(0.0, arc[-1], len(fine)))
     result = np.asarray(spline(at), dtype=np.float64)
