@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design.design import Design, design
+from knotfab.design.design import Design, design_knots
 from knotfab.part.assemble import Part, part_of, rules_of
 from knotfab.part.flatter import flatter_depth
 from knotfab.progress import Progress
@@ -52,7 +52,7 @@ def flattened(
                 update={"depth": proposal, "tube_radius_mm": made.knots.radius_mm}
             )
             scene = request.scene.model_copy(update={"piece": piece})
-            made = replace(design(scene, target, request.device, progress), radius=choice)
+            made = replace(design_knots(scene, [target], request.device, progress), radius=choice)
             part = part_of(made, request.printing, target, progress)
             proposal = _proposal(made, part)
             if proposal is None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.design.design import Design, design
+from knotfab.design.design import Design, design_knots
 from knotfab.errors import MachineError, SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
@@ -106,7 +106,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
             if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
-            made = _designed(request, targets, progress, left)
+            made = design_knots(request.scene, targets, request.device, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
@@ -159,18 +159,6 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             return Outcome(0, report, request.out)
         folder.reject()
         return Outcome(code, report, request.out / "rejected")
-
-
-def _designed(
-    request: Request, targets: list[Target], progress: Progress, budget_s: float | None
-) -> Design:
-    """The design for one view, or for several."""
-    if len(targets) == 1:
-        return design(request.scene, targets[0], request.device, progress, budget_s)
-    from knotfab.design.several import design_several, require_several
-
-    require_several(request.scene)
-    return design_several(request.scene, targets, request.device, progress, budget_s)
 
 
 def _slicing(

@@ -52,7 +52,7 @@ def check_3mf(warnings: list[str]) -> dict[str, Any]:
 
 def check_certificate(made: Design) -> dict[str, Any]:
     """The maker's own proof of the knot type: every step of the search an isotopy."""
-    a = made.result.account
+    a = made.result.log
     return {
         "name": "isotopy",
         "status": "pass" if a.certified else "fail",
@@ -81,7 +81,7 @@ def check_part(why: str) -> dict[str, Any]:
 
 def check_limits(made: Design) -> dict[str, Any]:
     """The search's own measure of its hard limits; failed too where they cost the picture its IoU."""
-    broken = made.result.standing.violations
+    broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
     if made.unmet is not None and not broken and made.result.iou_estimate < float(floor):
@@ -169,7 +169,7 @@ def report_of(
             "mount": "none",
             "opening_iou": made.opening_iou,
             "thickness_mm": thickness([k.points for k in placed.knots]).value,
-            "certificate": result.account.__dict__,
+            "certificate": result.log.__dict__,
             "versions": {
                 "knotfab": __version__,
                 "python": platform.python_version(),

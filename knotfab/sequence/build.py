@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.design.design import problem_of
+from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
@@ -173,7 +173,7 @@ def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:
         points.append(knot_in_scene(folder.file(f"knots-{m.number}.json"), m.scene))
         view = m.scene.views[0]
         target = read_target(folder.file(view.picture), invert=view.invert)
-        outlines.append(problem_of(m.scene, target).polygon)
+        outlines.append(silhouette_polygon(view, target))
     radius = made[0].frame.made.knots.radius_mm
     following = [*range(1, len(made)), 0]
     return [

@@ -147,7 +147,7 @@ def sequence_report(
     """
     views = []
     for number, (report, frame) in enumerate(zip(reports, frames, strict=True), start=1):
-        account = frame.made.result.account
+        account = frame.made.result.log
         for view in report["views"]:
             views.append(
                 {
