@@ -44,14 +44,14 @@ class Target:
         return self.name + self.suffix
 
 
-def _name(raw: str, fallback: str) -> str:
+def _to_plain_name(raw: str, fallback: str) -> str:
     plain = unicodedata.normalize("NFKD", raw).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or fallback
 
 
-def _text_name(content: str) -> str:
+def _name_text(content: str) -> str:
     code = "-".join(f"{ord(c):x}" for c in content[:4])
-    return _name(content, f"text-{code}" if code else "text")
+    return _to_plain_name(content, f"text-{code}" if code else "text")
 
 
 def _read_bytes(path: Path, what: str) -> bytes:
@@ -107,16 +107,16 @@ def read_target(
     what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _from_raster(text.render_text(content, font), what, _text_name(content), "", invert)
+        return _take_target(text.render_text(content, font), what, _name_text(content), "", invert)
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
     data = _read_bytes(path, what)
     suffix = path.suffix.lower()
-    name = _name(path.stem, "picture")
+    name = _to_plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
-        return _from_raster(svg.render_svg(data, what), what, name, "", invert)
-    return _from_raster(data, what, name, suffix, invert)
+        return _take_target(svg.render_svg(data, what), what, name, "", invert)
+    return _take_target(data, what, name, suffix, invert)
 
 
 def read_targets(
@@ -147,7 +147,7 @@ def read_targets(
     )
 
 
-def _from_raster(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
+def _take_target(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
     image, kind = raster.decode(data, what)
     mask = raster.silhouette(image, what, invert=invert)
     height, width = mask.shape

@@ -15,7 +15,7 @@ from knotfab.errors import InputError
 from knotfab.target.fonts import find_font, load_font, supply_fonts
 from knotfab.target.svg import LONGER_SIDE, render
 
-__all__ = ["MARGIN", "Outline", "render_text", "text_outline"]
+__all__ = ["MARGIN", "Outline", "outline_text", "render_text"]
 
 MARGIN = 0.06  # clear space around the ink, in parts of the frame's longer side
 _LONGEST = 200  # characters; more than this is no picture
@@ -34,7 +34,7 @@ class Outline:
     fonts: tuple[str, ...]
 
 
-def text_outline(text: str, font: str | None = None) -> Outline:
+def outline_text(text: str, font: str | None = None) -> Outline:
     """Glyph outlines of one line of text.
 
     Args:
@@ -115,7 +115,7 @@ def render_text(text: str, font: str | None = None) -> bytes:
     Raises:
         InputError: no ink, no such font, or a character that no font has.
     """
-    drawn = text_outline(text, font)
+    drawn = outline_text(text, font)
     left, top, right, bottom = drawn.bounds
     width, height = right - left, bottom - top
     margin = max(width, height) * MARGIN / (1.0 - 2.0 * MARGIN)

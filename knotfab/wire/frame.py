@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.scene.model import Material, View
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["WireFrame", "wire_frame"]
 
@@ -62,7 +62,7 @@ def wire_frame(mask: Mask, view: View, material: Material) -> WireFrame:
         mask: (H, W) the picture's silhouette. view: with its frame's width as a number.
     """
     assert view.frame_width_mm is not None
-    polygon = polygon_of(mask)
+    polygon = trace_polygon(mask)
     spread = view.magnification
     shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
     width = view.frame_width_mm
