@@ -111,7 +111,8 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
             unless it was given.
     """
     keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
-    keys["views"][0] |= {"name": asked.views[0].name, "picture": PICTURES}
+    named = {"name": asked.views[0].name, "picture": PICTURES}
+    keys["views"] = [{**keys["views"][0], **named}]
     keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
     whole = Scene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
