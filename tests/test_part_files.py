@@ -18,7 +18,7 @@ from knotfab.files.stl import write_stl
 from knotfab.files.threemf import read_back_strict, read_bodies, write_3mf
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
-from knotfab_validators.read_mesh import read_mesh
+from knotfab_validators.files.mesh import read_mesh
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 

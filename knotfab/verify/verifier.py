@@ -103,8 +103,8 @@ class Verifier:
             return None
         from knotfab_validators.check import Check
         from knotfab_validators.failure_picture import draw_failures
-        from knotfab_validators.read_knots import read_knots
-        from knotfab_validators.read_mesh import read_mesh
+        from knotfab_validators.files.knots import read_knots
+        from knotfab_validators.files.mesh import read_mesh
 
         part, knots = self._files["part"], self._files["knots"]
         found = [Check(**{**c, "at": tuple(map(tuple, c["at"]))}) for c in checks]
@@ -162,12 +162,13 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     """
     import numpy as np
 
-    from knotfab_validators.pictures import write_shadow
-    from knotfab_validators.read_mesh import read_mesh
-    from knotfab_validators.read_scene import read_scene
-    from knotfab_validators.render import CannotRender, SilhouetteRenderer
-    from knotfab_validators.shadows import geometry_of
-    from knotfab_validators.silhouette import read_silhouette, working_frame
+    from knotfab_validators.files.mesh import read_mesh
+    from knotfab_validators.files.picture import read_silhouette
+    from knotfab_validators.files.scene import read_scene
+    from knotfab_validators.shadows.frame import working_frame
+    from knotfab_validators.shadows.pictures import write_shadow
+    from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
+    from knotfab_validators.shadows.view import view_geometry
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
@@ -184,7 +185,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        geometry = geometry_of(named[0], width, height).resampled(frame)
+        geometry = view_geometry(named[0], width, height).resampled(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -70,27 +70,28 @@ class Shade:
     def __init__(self, scene: Scene, picture: Path, knots: Knots) -> None:
         from scipy.ndimage import distance_transform_edt
 
-        from knotfab_validators.silhouette import padded_mask, read_silhouette, working_frame
-        from knotfab_validators.view import view_geometry
+        from knotfab_validators.files.picture import read_silhouette
+        from knotfab_validators.shadows.frame import padded_mask, working_frame
+        from knotfab_validators.shadows.view import view_geometry
 
         view = scene.views[0]
         mask = read_silhouette(picture, invert=view.invert)
         height, width = mask.shape
         frame = working_frame(width, height)
-        self.geometry = view_geometry(view, width, height).resampled(frame)  # type: ignore[arg-type]
+        self.geometry = view_geometry(view, width, height).resampled(frame)
         self.target = padded_mask(mask, frame)
         self.radius = knots.radius_mm
         shadow = self._shadow([k.points for k in knots.knots])
         self.inside_mm = distance_transform_edt(shadow) * self.geometry.pixel_mm
 
     def _shadow(self, curves: list[Array]) -> Mask:
-        from knotfab_validators.tube_field import tube_field
+        from knotfab_validators.shadows.tube_field import tube_field
 
         return tube_field(curves, self.radius, self.geometry).mask
 
     def iou(self, curves: list[Array]) -> float:
         """Of the wires' shadow and the picture, at the validators' resolution."""
-        from knotfab_validators.compare import overlap
+        from knotfab_validators.shadows.compare import overlap
 
         return overlap(self._shadow(curves), self.target).iou
 

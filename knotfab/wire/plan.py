@@ -116,7 +116,7 @@ def write_bending_plan(
             f"{2 * knots.radius_mm:g} mm",
             f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
         )
-    from knotfab_validators.silhouette import read_silhouette
+    from knotfab_validators.files.picture import read_silhouette
 
     tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
     floor = iou_floor

@@ -22,8 +22,8 @@ def _warm_up() -> None:
     """Draw one triangle, so that VTK and its OpenGL are loaded."""
     import numpy as np
 
-    from .render import SilhouetteRenderer, why_no_rendering
-    from .view import ViewGeometry
+    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+    from knotfab_validators.shadows.view import ViewGeometry
 
     if why_no_rendering() is not None:
         return
@@ -46,7 +46,7 @@ def _load() -> None:
 
 def main() -> None:
     """Answer one request."""
-    from .validate import validate
+    from knotfab_validators.validate import validate
 
     _load()
     if NO_GRAPHICS not in sys.argv:

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
-from .check import Check
-from .read_knots import Curves
-from .read_mesh import Mesh
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = ["draw_failures"]
 
-Array = NDArray[np.float64]
 
 PANEL_PX = 420
 GAP_PX = 14

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .check import Check
+from knotfab_validators.check import Check
 
 __all__ = ["Verdict", "verdict_of"]
 
