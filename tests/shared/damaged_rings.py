@@ -9,7 +9,7 @@ from validator_parts import Array, circle, tube
 from knotfab_validators.check import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.mesh.surface_checks import MESH_CHECKS
+from knotfab_validators.names import MESH
 
 RADIUS, SIDES = 4.0, 48
 CIRCLE = circle(120)
@@ -34,5 +34,5 @@ def curves(*polygons: Array, radius: float | None = RADIUS) -> Curves:
 
 
 def by_name(checks: list[Check]) -> dict[str, Check]:
-    assert tuple(c.name for c in checks) == MESH_CHECKS
+    assert tuple(c.name for c in checks) == MESH
     return {c.name: c for c in checks}

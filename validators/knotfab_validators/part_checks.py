@@ -15,9 +15,10 @@ from knotfab_validators.files.scene import Mount, Scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.knots.knot_types import knot_checks
-from knotfab_validators.mesh.surface_checks import MESH_CHECKS, check_mesh
+from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.names import KNOTS, MESH, PRINTING
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
-from knotfab_validators.printing.printability import PRINT_CHECKS, printability_checks
+from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.mount_matter import strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
@@ -54,8 +55,8 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_check_build_volume(mesh, scene))
-    if set(PRINT_CHECKS) <= set(skip):
-        return checks + [skipped(name, "left out on request") for name in PRINT_CHECKS]
+    if set(PRINTING) <= set(skip):
+        return checks + [skipped(name, "left out on request") for name in PRINTING]
     if mesh is not None and scene is not None and plates:
         with timed(seconds, "plates"):
             checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
@@ -68,7 +69,7 @@ def _check_mesh(
 ) -> list[Check]:
     """The surface, whether it is the tube of the curves, and the gaps between its strands."""
     if mesh is None:
-        return [skipped(n, "not given the part") for n in (*MESH_CHECKS, "tube", "clearance")]
+        return [skipped(n, "not given the part") for n in (*MESH, "tube", "clearance")]
     mount = scene.mount if scene is not None else Mount("none", "auto", ())
     mounted = mount.kind != "none"
     with timed(seconds, "mesh"):
@@ -116,8 +117,7 @@ def _check_knots(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     if curves is None:
-        names = ("thickness", "bend", "length", "knot_type", "linking")
-        return [skipped(name, "not given the knots") for name in names]
+        return [skipped(name, "not given the knots") for name in KNOTS]
     with timed(seconds, "thickness"):
         checks = _check_curves(curves, scene)
     with timed(seconds, "knot type"):
@@ -141,8 +141,8 @@ def _check_printability(
 ) -> list[Check]:
     """Printability, where the surface is sound enough for the words to mean something."""
     if mesh is None:
-        return [skipped(name, "not given the part") for name in PRINT_CHECKS]
-    broken = [c.name for c in before if c.name in MESH_CHECKS and c.status == "fail" and c.required]
+        return [skipped(name, "not given the part") for name in PRINTING]
+    broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
     lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
     printer = scene.printer if scene is not None else None
     stands = scene is not None and scene.mount.kind == "stand"

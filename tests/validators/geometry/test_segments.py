@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from validator_parts import Array
 
-from knotfab_validators.geometry.segments import (
-    nearest_on_two,
-    point_segment,
-    segment_segment,
-)
+from knotfab_validators.geometry.segments import nearest_on_two, point_segment, segment_segment
 
 
 def rows(*points: tuple[float, ...]) -> list[Array]:

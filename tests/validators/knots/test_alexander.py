@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 from diagrams import WORDS
 
-from knotfab_validators.knots.alexander import (
-    alexander_polynomial,
-)
-from knotfab_validators.knots.planar_diagram import (
-    closed_braid,
-)
+from knotfab_validators.knots.alexander import alexander_polynomial
+from knotfab_validators.knots.planar_diagram import closed_braid
 
 
 def test_the_alexander_polynomial_is_that_of_the_matrix_over_the_rationals() -> None:

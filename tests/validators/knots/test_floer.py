@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from knotfab_validators.knots.floer import floer_homology
-from knotfab_validators.knots.planar_diagram import (
-    closed_braid,
-)
+from knotfab_validators.knots.planar_diagram import closed_braid
 from knotfab_validators.knots.polynomial import Laurent
 
 

@@ -15,16 +15,11 @@ from knot_curves import (
     turned,
 )
 
-from knotfab_validators.knots.alexander import (
-    alexander_polynomial,
-    colouring_number,
-)
+from knotfab_validators.knots.alexander import alexander_polynomial, colouring_number
 from knotfab_validators.knots.floer import Floer
 from knotfab_validators.knots.invariants import UNKNOT, Disagreement, Invariants, invariants
 from knotfab_validators.knots.jones import jones_polynomial
-from knotfab_validators.knots.planar_diagram import (
-    closed_braid,
-)
+from knotfab_validators.knots.planar_diagram import closed_braid
 from knotfab_validators.knots.polynomial import Laurent
 
 

@@ -14,20 +14,21 @@ from solids import (
 )
 
 from knotfab_validators.files.scene import Printer
-from knotfab_validators.printing.printability import PRINT_CHECKS, printability_checks
+from knotfab_validators.names import PRINTING
+from knotfab_validators.printing.printability import printability_checks
 
 
 def test_a_quarter_turn_changes_nothing_beyond_the_grid() -> None:
     mesh = together(bridge(12.0, 7.3), moved(table(), shift=(0, 20, 0)))
     one, two = run(mesh, BARE), run(quarter(mesh), BARE)
-    for name in PRINT_CHECKS:
+    for name in PRINTING:
         a, b = one[name].measured, two[name].measured
         assert a == pytest.approx(b, rel=0.02, abs=1e-9), name
 
 
 def test_no_printer_measures_against_nothing() -> None:
     found = run(box((0, 0, 0), (10, 10, 0.2)), None)
-    assert tuple(found) == PRINT_CHECKS
+    assert tuple(found) == PRINTING
     assert all(c.status == "pass" and not c.required for c in found.values())
     assert all("no printer was named" in c.detail for n, c in found.items() if n != "standing")
     assert run(box((0, 0, 0), (10, 10, 0.2)), Printer("other", None))["feature"].limit is None
@@ -37,7 +38,7 @@ def test_what_cannot_be_measured_is_skipped_with_the_reason() -> None:
     mesh = box((0, 0, 0), (1, 1, 1))
     checks = printability_checks(mesh, PRINTER, seconds={}, lacking="the mesh is open")
     assert [(c.name, c.status, c.detail) for c in checks] == [
-        (name, "skipped", "the mesh is open") for name in PRINT_CHECKS
+        (name, "skipped", "the mesh is open") for name in PRINTING
     ]
     huge = run(box((0, 0, 0), (1e6, 1, 1)))
     assert {c.status for c in huge.values()} == {"skipped"}

@@ -13,24 +13,13 @@ from knotfab_validators.geometry.inside import winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import Surface, survey
 from knotfab_validators.mesh.second_opinion import opinions, self_intersections
+from knotfab_validators.names import MESH
 
-__all__ = ["MESH_CHECKS", "check_mesh", "self_intersections"]
+__all__ = ["check_mesh", "self_intersections"]
 
 
 VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
 BESIDE = 1e-3  # of a face's size: how far behind it one looks (in single precision)
-
-MESH_CHECKS = (
-    "mesh_closed",
-    "mesh_winding",
-    "mesh_degenerate",
-    "mesh_duplicate",
-    "mesh_manifold",
-    "mesh_bodies",
-    "mesh_genus",
-    "mesh_volume",
-    "mesh_self_intersection",
-)
 
 
 def check_mesh(
@@ -40,7 +29,7 @@ def check_mesh(
     bodies: int | None = None,
     genus: Sequence[int] | None = None,
 ) -> list[Check]:
-    """All checks of the surface, in the order of `MESH_CHECKS`; what a failure makes meaningless is skipped.
+    """All checks of the surface, in the order of `names.MESH`; what a failure makes meaningless is skipped.
 
     Args:
         mesh: the part.
@@ -56,7 +45,7 @@ def check_mesh(
     if not mesh.usable:
         why = "coordinates that are not finite" if len(mesh.faces) else "no faces"
         closed = Check("mesh_closed", "fail", True, why, None, "", f"the mesh has {why}")
-        return [closed, *_skip_all(MESH_CHECKS[1:], f"the mesh has {why}")]
+        return [closed, *_skip_all(MESH[1:], f"the mesh has {why}")]
     found = survey(mesh)
     if curves is not None:
         bodies = len(curves.polygons) if bodies is None else bodies
@@ -70,7 +59,7 @@ def check_mesh(
         checks.append(_check_volume(mesh, found, curves, largest, crossing=crossing))
     else:
         lacking = "a surface everywhere" if found.closed else "closed and consistently wound"
-        checks += _skip_all(MESH_CHECKS[5:8], f"the mesh is not {lacking}")
+        checks += _skip_all(MESH[5:8], f"the mesh is not {lacking}")
     return [*checks, crossings]
 
 

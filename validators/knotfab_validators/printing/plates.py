@@ -12,14 +12,14 @@ from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.inside import surface_distance, winding_numbers
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
-from knotfab_validators.mesh.surface_checks import MESH_CHECKS, check_mesh
-from knotfab_validators.printing.printability import PRINT_CHECKS, printability_checks
+from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.names import MESH, PRINTING
+from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.tube.region import check_build_volume
 
-__all__ = ["PLATE_CHECKS", "check_plates", "check_plates_printable"]
+__all__ = ["check_plates", "check_plates_printable"]
 
 
-PLATE_CHECKS = ("plate_mesh", "plates", "plates_volume")
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
 VOLUME_SHARE = 0.02  # of the part, that clearances at its connectors may take
 LARGER_IS_BETTER = ("feature", "gap", "standing")
@@ -28,7 +28,7 @@ LARGER_IS_BETTER = ("feature", "gap", "standing")
 def check_plates(
     part: Mesh, plates: Sequence[Plate], build_volume_mm: tuple[float, float, float] | None
 ) -> list[Check]:
-    """`build_volume`, of each plate instead of the part, and the checks of `PLATE_CHECKS`, all required.
+    """`build_volume`, of each plate instead of the part, and the checks of `names.PLATES`, all required.
 
     - `plate_mesh`: how many of the surface's checks any plate fails.
     - `plates`: with every body moved as the scene says, how far the part's vertices are from the
@@ -55,9 +55,9 @@ def check_plates_printable(
     """The checks of printability, each of the plate that comes out worst."""
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]
     if broken:
-        return [skipped(name, "the surface of a plate is broken") for name in PRINT_CHECKS]
+        return [skipped(name, "the surface of a plate is broken") for name in PRINTING]
     each = [printability_checks(plate.mesh, printer, seconds=seconds) for plate in plates]
-    return [_pick_worst([checks[k] for checks in each], plates) for k in range(len(PRINT_CHECKS))]
+    return [_pick_worst([checks[k] for checks in each], plates) for k in range(len(PRINTING))]
 
 
 def _check_surface(plates: Sequence[Plate]) -> Check:
@@ -74,7 +74,7 @@ def _check_surface(plates: Sequence[Plate]) -> Check:
         failed,
         0,
         "checks",
-        f"of the {len(MESH_CHECKS)} of a surface, failed by any of {len(plates)} plates{text}",
+        f"of the {len(MESH)} of a surface, failed by any of {len(plates)} plates{text}",
         at=at,
     )
 

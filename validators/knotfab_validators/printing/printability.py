@@ -11,6 +11,7 @@ from knotfab_validators.check import Check, at_least, at_most, places, skipped, 
 from knotfab_validators.clock import timed
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.names import PRINTING
 from knotfab_validators.printing.bridges import Stretches, find_unsupported
 from knotfab_validators.printing.columns import Columns, columns
 from knotfab_validators.printing.islands import find_islands
@@ -18,19 +19,9 @@ from knotfab_validators.printing.local_thickness import NEAR_MM, LocalThickness,
 from knotfab_validators.printing.overhang import overhang_areas, support_volume
 from knotfab_validators.printing.standing import Body, bodies, footprint, margin
 
-__all__ = ["PRINT_CHECKS", "printability_checks"]
+__all__ = ["printability_checks"]
 
 
-PRINT_CHECKS = (
-    "feature",
-    "gap",
-    "overhang",
-    "support_volume",
-    "bridge",
-    "floating",
-    "islands",
-    "standing",
-)
 MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine
 FEATURE_TOLERANCE_MM = 1e-4  # what single precision leaves of a wall, far from the origin
 GAP_TOLERANCE = 0.08  # of the nozzle; see `printability_checks`
@@ -65,7 +56,7 @@ def printability_checks(
     desk: Array | None = None,
     lacking: str | None = None,
 ) -> list[Check]:
-    """All checks of `PRINT_CHECKS`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
+    """All checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
 
     - `feature`, `gap`: the thinnest wall and gap against the nozzle, required. Gaps may be 8 %
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
@@ -92,7 +83,7 @@ def printability_checks(
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
         lacking = f"the part is larger than {MOST_MM / 1000:g} m"
     if lacking is not None:
-        return [skipped(name, lacking) for name in PRINT_CHECKS]
+        return [skipped(name, lacking) for name in PRINTING]
     use = _settings(printer)
     with timed(seconds, "feature"):
         probe = Probe(mesh)

@@ -6,19 +6,18 @@ from collections.abc import Mapping
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_least, at_most, skipped
+from knotfab_validators.names import SHADOWS
 from knotfab_validators.shadows.outline_stretch import WRONG_PX
 from knotfab_validators.shadows.verify_view import VerifiedView
 
 __all__ = ["shadow_checks", "skip_shadow_checks"]
-
-SHADOW_CHECKS = ("shadow", "shadow_exact", "outline", "wrong_outline")
 
 MOST_INTRUSION = 0.001  # of the frame, by a mount whose pegs hide in the tube's shadow
 
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:
     """All of them, skipped for one reason."""
-    return [skipped(name, why, required=required) for name in SHADOW_CHECKS]
+    return [skipped(name, why, required=required) for name in SHADOWS]
 
 
 def shadow_checks(
