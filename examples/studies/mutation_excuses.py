@@ -139,6 +139,7 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("printing.plates", "order[0] < len(missing)"): WORDS,
     ("printing.plates", "both[order] > min(APART_MM, worst / 2)"): MARKED,
     ("printing.plates", "outside > APART_MM"): EDGE,
+    ("printing.plates", "winding_numbers(vertices[beyond], part, exact=False) > 0.5"): EDGE,
     ("printing.printability", "longest > 0"): WORDS,
     ("printing.printability", "len(found) > 1"): WORDS,
     ("printing.printability", "found.widths < (use.nozzle or 0.0) - tolerance"): MARKED,
