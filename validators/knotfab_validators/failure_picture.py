@@ -119,7 +119,7 @@ def _cloud(mesh: Mesh | None, curves: Curves | None) -> _Cloud | None:
 
 
 def _of_faces(corners: Array) -> _Cloud:
-    """Points of triangles (m, 3, 3): their middles, and more on large ones; at random, but the same."""
+    """Points of triangles (m, 3, 3), more on large ones, drawn at random with a fixed seed."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(normal, axis=1)
     unit = normal / np.where(twice > 0, twice, 1.0)[:, None]

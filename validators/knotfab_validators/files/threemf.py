@@ -59,7 +59,7 @@ def corners_3mf(content: bytes, name: str) -> Corners:
 
 
 def _open(content: bytes, name: str) -> zipfile.ZipFile:
-    """The archive, found to have no more entries than a 3MF may, and none with a name that leads out."""
+    """The opened archive; refuses too many entries, equal names, and names that lead out of it."""
     if (entries := content.count(ENTRY)) > MOST_ENTRIES:  # before each costs a kilobyte
         raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
     archive = zipfile.ZipFile(io.BytesIO(content))

@@ -71,9 +71,9 @@ class Floer:
 
 
 def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
-    """Of a knot's simplified diagram (`planar_diagram.simplify`); None where it cannot be had.
+    """The homology of a knot's simplified diagram (`planar_diagram.simplify`), or None.
 
-    That is: too many crossings, a rank too large (the coefficients of the Alexander polynomial
+    None means: too many crossings, a rank too large (the coefficients of the Alexander polynomial
     bound it from below), or the program is not installed or refuses. It errs on diagrams that fall
     in two at a crossing, which simplified ones do not.
     """

@@ -17,7 +17,7 @@ Corner = tuple[int, int]  # (crossing, side): the face between that side and the
 
 
 def determinant_and_signature(diagram: PlanarDiagram) -> tuple[int, int]:
-    """Of a knot; the right-handed trefoil has (3, -2)."""
+    """Determinant and signature of a knot's diagram: (3, -2) for the right-handed trefoil."""
     if not diagram.crossings:
         return 1, 0
     face = faces(diagram)

@@ -25,7 +25,7 @@ class Disagreement(Exception):
 
 @dataclass(frozen=True)
 class Invariants:
-    """Of a knot; `jones` (exponents of t doubled) and `floer` are None where they cannot be had."""
+    """Of a knot: `jones` (exponents of t doubled) and `floer` are None where they are not to be had."""
 
     alexander: Laurent
     signature: int
@@ -93,7 +93,7 @@ UNKNOT = Invariants(Laurent(0, (1,)), 0, Laurent(0, (1,)), Floer((((0, 0), 1),))
 
 
 def invariants(diagram: PlanarDiagram) -> Invariants:
-    """Of a knot's diagram, with some 60 crossings at most once simplified.
+    """All invariants of a knot's diagram, of some 60 crossings at most once it is simplified.
 
     Raises:
         Disagreement: the Alexander polynomial is not what Floer homology or Goeritz' matrix say.

@@ -125,7 +125,7 @@ def check_linking(curves: Curves) -> Check:
 
 
 def knot_checks(curves: Curves) -> tuple[Check, Check]:
-    """The checks `knot_type` and `linking`, for the work of one.
+    """The checks `knot_type` and `linking`, from one search for the types.
 
     `knot_type`: `measured` says what each closed polygon is, and whether that is proved or only
     consistent; `limit` is the promise. Polygons that touch fail: they have no type. It is skipped for

@@ -1,4 +1,4 @@
-"""Planar diagrams of knots and links: crossings and arcs, simplify by Reidemeister moves.
+"""Planar diagrams of knots and links: crossings and arcs, simplified by Reidemeister moves.
 
 A crossing is (a, b, c, d): the arc that comes in below, then the others counter-clockwise as seen
 from above (the planar diagram code of KnotTheory and KnotInfo). Each arc leads from one crossing to
@@ -148,7 +148,7 @@ def closed_braid(word: Iterable[int], strands: int | None = None) -> PlanarDiagr
 
 
 def simplify(diagram: PlanarDiagram) -> PlanarDiagram:
-    """Crossings taken out as far as it goes: loops, bigons with one strand above the other
+    """The diagram without what can be undone at once: loops and bigons with one strand above the other
     (Reidemeister's first and second moves), and crossings where the diagram falls in two."""
     while True:
         work = _Untangling(diagram)
@@ -188,7 +188,7 @@ def faces(diagram: PlanarDiagram) -> dict[tuple[int, int], int]:
 
 
 class _Untangling:
-    """A diagram being simplify: crossings that are left, and what each arc has become."""
+    """A diagram being simplified: crossings that are left, and what each arc has become."""
 
     def __init__(self, diagram: PlanarDiagram) -> None:
         self.quads = {i: list(quad) for i, quad in enumerate(diagram.crossings)}

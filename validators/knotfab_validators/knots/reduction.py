@@ -360,7 +360,7 @@ def _middle_between(ring: Ring, i: int, j: int) -> Array:
 
 
 def _find_closest(ring: Ring, reach: float) -> tuple[float, int, int]:
-    """Distance of the closest edges that are not adjacent, and they; infinity if none is within `reach`."""
+    """Distance and numbers of the two closest edges that share no vertex; infinity if none is in `reach`."""
     p, q = ring.at, ring.at[ring.after]
     best = float("inf"), 0, 0
     low, high = np.minimum(p, q) - reach, np.maximum(p, q) + reach

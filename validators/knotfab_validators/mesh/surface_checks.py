@@ -126,7 +126,7 @@ def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
 
 
 def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
-    """Compared as a whole: how many bodies of each genus there are."""
+    """How many bodies of each genus there are, in whatever order, against what is wanted."""
     if wanted is None:
         several = ", ".join(str(g) for g in found.genus[:10])
         more = ", ..." if len(found.genus) > 10 else ""

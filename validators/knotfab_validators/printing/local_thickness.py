@@ -230,7 +230,7 @@ class Probe:
         )
 
     def _nearly_parallel(self, f: Ints, g: Ints) -> Mask:
-        """Face against face within 30°; those too thin to tell pass."""
+        """Whether faces face each other within 30°; slivers pass, for their normals tell nothing."""
         facing = -np.einsum("ij,ij->i", self.normals[f], self.normals[g]) >= FACING
         mask: Mask = (f != g) & (facing | ~self.usable[f] | ~self.usable[g])
         return mask

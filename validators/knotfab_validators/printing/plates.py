@@ -133,7 +133,7 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
 
 
 def _pick_worst(found: Sequence[Check], plates: Sequence[Plate]) -> Check:
-    """The one that fails, or came nearest to it; its places are brought to the part."""
+    """The check of the plate that fails, or comes nearest to failing; its places are moved to the part."""
 
     def badness(number: int) -> tuple[int, float]:
         check = found[number]

@@ -75,7 +75,7 @@ def _depth(surface: Mesh, points: Array) -> Array:
 
 
 def _least_distance(surface: Mesh, start: Array, end: Array) -> tuple[float, Array]:
-    """Between edges and faces, and the place (3,) on the edges; edges are triangles without width."""
+    """Least distance between edges and faces, and its place (3,) on the edges, which are thin triangles."""
     number = np.arange(len(start))
     corners = np.stack([number, number + len(start), number + len(start)], axis=1)
     edges = Mesh(np.concatenate([start, end]), corners)
