@@ -32,6 +32,7 @@ __all__ = [
     "pose_question",
     "read_picture",
     "search_knots",
+    "settle_design",
     "sweep_tube",
     "validate_part",
     "write_files",
@@ -150,6 +151,14 @@ def search_knots(
     from knotfab.search.search import search
 
     return search(problem, start, radius, search_settings(accuracy, settings), device=device)
+
+
+def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:
+    """The design that a search has come to: its knots, and the scene with nothing left to choose."""
+    from knotfab.design.design import settle_design as settle
+    from knotfab.scene.settings import search_settings
+
+    return settle(question, result, search_settings(accuracy, question.scene.search))
 
 
 def sweep_tube(
