@@ -31,11 +31,11 @@ from knotfab.mount.struts import (
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Scene, View
-from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.read_mesh import Mesh
-from knotfab_validators.silhouette import working_frame
-from knotfab_validators.standing import bodies, footprint, margin
-from knotfab_validators.view import view_geometry
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing.standing import bodies, footprint, margin
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
+from knotfab_validators.shadows.frame import working_frame
+from knotfab_validators.shadows.view import view_geometry
 
 RADIUS = 2.0
 PLA = Stiffness(2300.0, 1.24, 0.04)
