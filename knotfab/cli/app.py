@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
@@ -15,9 +15,6 @@ from cyclopts.exceptions import CycloptsError
 from knotfab import __version__
 from knotfab.cli.build_options import BUILD_EXAMPLES, BuildOptions, Flag, Names
 from knotfab.errors import InputError, KnotfabError
-
-if TYPE_CHECKING:
-    from knotfab.progress import Mode
 
 __all__ = ["app", "main"]
 
@@ -44,16 +41,20 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
         Several are several views of one part, spread about the vertical axis: two at right angles,
         three at 60°.
     """
-    from knotfab.cli.requests import prepare_build
-    from knotfab.progress import Progress
+    from knotfab.cli.requests import prepare_request
+    from knotfab.progress import Mode, Progress
+    from knotfab.verify.checks import unmet
 
     mode: Mode = "quiet" if options.quiet else "verbose" if options.verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
     with Progress(mode) as progress:
-        outcome = prepare_build(pictures, options, command, progress)()
-    failed = [
-        c["name"] for c in outcome.report["checks"] if c["status"] == "fail" and c["required"]
-    ]
+        request = prepare_request(pictures, options, command, progress)
+        if options.sequence:
+            from knotfab.sequence.build import build_sequence as run
+        else:
+            from knotfab.pipeline import build as run
+        outcome = run(request, progress)
+    failed = [c["name"] for c in unmet(outcome.report["checks"]) if c["status"] == "fail"]
     if options.quiet and failed:
         print(
             f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
@@ -98,9 +99,8 @@ def validate(
 
     files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
     shadows = files.part is not None and files.scene is not None
-    with Verifier("shadow-render" not in skipped, shadows) as verifier:
-        verifier.begin(files.part, files.knots, files.scene, skipped, None, files.failures)
-        verdict = verifier.verdict()
+    with Verifier(skipped, shadows) as verifier:
+        verdict = verifier.submit(files).result()
     if json:
         import json as codec
 
@@ -131,7 +131,7 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
     view
         Name of the view; the first by default.
     """
-    from knotfab.verify.verifier import render_shadow
+    from knotfab.verify.shadow import render_shadow
 
     render_shadow(part, scene, out, view)
     return 0

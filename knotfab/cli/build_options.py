@@ -72,6 +72,8 @@ class BuildOptions:
     the names."""
     material: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A material's name, such as petg, or a file."""
+    colours: Annotated[Flag, Parameter(group=_PRINT)] = False
+    """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
 
     accuracy: Annotated[Literal["draft", "standard", "fine"] | None, Parameter(group=_SEARCH)] = (
         None

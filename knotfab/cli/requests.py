@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from knotfab.cli.build_options import BuildOptions
 from knotfab.cli.options import scene_of, seconds_of, skips_of
 from knotfab.errors import InputError
 from knotfab.progress import Progress
+from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 from knotfab.target.read import TEXT_PREFIX, read_targets
 
-if TYPE_CHECKING:
-    from knotfab.pipeline import Outcome
-
-__all__ = ["check_names", "prepare_build"]
+__all__ = ["check_names", "prepare_request"]
 
 
-def prepare_build(
+def prepare_request(
     pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
-) -> Callable[[], Outcome]:
+) -> Request:
     """Check a call and read its pictures.
 
     Args:
         pictures: files, SVGs or `text:…`; none: those that the scene names.
         command: the call in words, for the report.
-
-    Returns:
-        What builds, once called: torch and the geometry kernels are loaded only then.
 
     Raises:
         InputError: an option, the scene or a picture is wrong.
@@ -50,70 +44,34 @@ def prepare_build(
     _check_font(options.font, sources)
     base = None if pictures else folder
     if options.sequence:
-        return _prepare_sequence(sources, scene, base, options, skipped, command, progress)
-    if len(sources) > len(scene.views) == 1:
-        from knotfab.design.frames import spread_views
+        from knotfab.sequence.frames import read_frames
+        from knotfab.sequence.require import require_sequence
 
-        scene = spread_views(scene, len(sources))
-    inverts = [view.invert for view in scene.views]
-    with progress.stage("picture"):
-        targets = read_targets(sources, inverts, base=base, font=options.font)
+        require_sequence(scene)
+        invert = scene.views[0].invert
+        with progress.stage("pictures"):
+            targets = read_frames(sources, invert=invert, base=base, font=options.font)
+    else:
+        if len(sources) > len(scene.views) == 1:
+            from knotfab.design.frames import spread_views
 
-    def run() -> Outcome:
-        from knotfab.pipeline import Request, build
-
-        request = Request(
-            scene,
-            sources[0],
-            options.out,
-            base,
-            _prints(options, scene),
-            options.device,
-            skipped,
-            budget,
-            command,
-            sources[1:],
-            targets,
-        )
-        return build(request, progress)
-
-    return run
-
-
-def _prepare_sequence(
-    sources: tuple[str, ...],
-    scene: Scene,
-    base: Path | None,
-    options: BuildOptions,
-    skipped: frozenset[str],
-    command: str,
-    progress: Progress,
-) -> Callable[[], Outcome]:
-    """The same for frames of one moving knot."""
-    from knotfab.sequence.frames import read_frames
-    from knotfab.sequence.require import require_sequence
-
-    require_sequence(scene)
-    with progress.stage("pictures"):
-        frames = read_frames(sources, invert=scene.views[0].invert, base=base, font=options.font)
-
-    def run() -> Outcome:
-        from knotfab.sequence.build import SequenceRequest, build_sequence
-
-        request = SequenceRequest(
-            scene,
-            sources,
-            options.out,
-            base,
-            _prints(options, scene),
-            options.device,
-            skipped,
-            command,
-            frames,
-        )
-        return build_sequence(request, progress)
-
-    return run
+            scene = spread_views(scene, len(sources))
+        inverts = [view.invert for view in scene.views]
+        with progress.stage("picture"):
+            targets = read_targets(sources, inverts, base=base, font=options.font)
+    return Request(
+        scene,
+        sources,
+        options.out,
+        base,
+        _prints(options, scene),
+        options.device,
+        skipped,
+        budget,
+        command,
+        options.colours,
+        targets,
+    )
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:
