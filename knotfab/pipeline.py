@@ -40,9 +40,22 @@ from knotfab.target.read import Target, read_targets
 from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted, refused
 from knotfab.verify.verifier import Files, Verifier
 
-__all__ = ["build"]
+__all__ = ["build", "run_build"]
 
 _RESERVE_S = 5.0  # of a time budget, for what follows the search
+
+
+def run_build(request: Request, progress: Progress | None = None) -> Outcome:
+    """Build what was asked: a piece, or a sequence of them.
+
+    Raises:
+        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    """
+    if request.sequence:
+        from knotfab.sequence.build import build_sequence
+
+        return build_sequence(request, progress)
+    return build(request, progress)
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:

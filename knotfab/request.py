@@ -19,7 +19,7 @@ class Request:
 
     `pictures`: one for each view of the scene, each a file, an SVG or `text:…`; of a sequence its frames:
     a folder of numbered pictures, an animation, or several pictures in order. Where they are relative,
-    they lie in `base`, the working folder by default. `targets`: the same, where they were read already.
+    they lie in `base`, the working folder by default.
     """
 
     scene: Scene
@@ -32,7 +32,8 @@ class Request:
     time_budget_s: float | None = None
     command: str = ""
     colours: bool = False  # whether part-colours.3mf is written
-    targets: tuple[Target, ...] = ()
+    sequence: bool = False  # the pictures are frames of one moving knot
+    targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
 
 
 @dataclass(frozen=True)

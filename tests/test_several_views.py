@@ -9,12 +9,21 @@ import numpy as np
 import pytest
 import shapely
 import torch
+from knotfab.design.several import _left_by_others, require_several
+from knotfab.search.several import (
+    SeveralProblem,
+    Shot,
+    _objective,
+    _survey,
+    search_several,
+    view_axes,
+)
+from knotfab.start.several import start_of
 from numpy.typing import NDArray
 from PIL import Image
 from shapely import MultiPolygon, Point, box
 
 from knotfab.design.hull import HullBound
-from knotfab.design.several import _left_by_others, require_several
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import rings_of_sizes
@@ -29,18 +38,9 @@ from knotfab.search.chamfer import TENSION, chamfer_of
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights, iou_of
 from knotfab.search.phases import Phase
-from knotfab.search.several import (
-    SeveralProblem,
-    Shot,
-    _objective,
-    _survey,
-    search_several,
-    view_axes,
-)
 from knotfab.search.spill import spill_of
 from knotfab.start.deep import deep_curves
 from knotfab.start.filling import even_samples, fill, simple_curves
-from knotfab.start.several import start_of
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.target.read import Target
 from knotfab_validators.view import view_geometry

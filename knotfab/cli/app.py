@@ -7,14 +7,17 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
-from knotfab.cli.build_options import BUILD_EXAMPLES, BuildOptions, Flag, Names
 from knotfab.errors import InputError, KnotfabError
+from knotfab.options import BUILD_EXAMPLES, BuildOptions, Flag, Names
+
+if TYPE_CHECKING:
+    from knotfab.progress import Mode
 
 __all__ = ["app", "main"]
 
@@ -41,19 +44,17 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
         Several are several views of one part, spread about the vertical axis: two at right angles,
         three at 60°.
     """
-    from knotfab.cli.requests import prepare_request
-    from knotfab.progress import Mode, Progress
+    from knotfab.prepare import prepare_build
+    from knotfab.progress import Progress
     from knotfab.verify.checks import unmet
 
     mode: Mode = "quiet" if options.quiet else "verbose" if options.verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
     with Progress(mode) as progress:
-        request = prepare_request(pictures, options, command, progress)
-        if options.sequence:
-            from knotfab.sequence.build import build_sequence as run
-        else:
-            from knotfab.pipeline import build as run
-        outcome = run(request, progress)
+        request = prepare_build(pictures, options, command, progress)
+        from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
+
+        outcome = run_build(request, progress)
     failed = [c["name"] for c in unmet(outcome.report["checks"]) if c["status"] == "fail"]
     if options.quiet and failed:
         print(
@@ -94,10 +95,11 @@ def validate(
     skip
         Checks to go on without, such as shadow-render.
     """
-    from knotfab.cli.options import files_to_validate, skips_of
+    from knotfab.cli.options import files_to_validate
+    from knotfab.read_options import read_skips
     from knotfab.verify.verifier import Verifier
 
-    files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
+    files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
     shadows = files.part is not None and files.scene is not None
     with Verifier(skipped, shadows) as verifier:
         verdict = verifier.submit(files).result()
@@ -170,15 +172,15 @@ def tradeoff(
     quiet
         Say nothing but errors.
     """
-    from knotfab.cli.options import scene_of
-    from knotfab.cli.requests import check_names
+    from knotfab.prepare import check_names
     from knotfab.progress import Progress
+    from knotfab.read_options import read_scene
     from knotfab.target.read import read_target
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
-    chosen, _ = scene_of(options)
+    chosen, _ = read_scene(options)
     check_names(chosen)
     read_target(picture, invert=chosen.views[0].invert)  # what is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run

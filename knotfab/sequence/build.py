@@ -46,6 +46,7 @@ from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["GIF", "build_sequence"]
 
+_RESERVE_S = 5.0  # of a time budget, for what follows the last search
 GIF = "sequence.gif"
 
 
@@ -74,7 +75,10 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
-            frames = chain(request.scene, targets, request.device, progress)
+            left = None
+            if request.time_budget_s is not None:
+                left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
+            frames = chain(request.scene, targets, request.device, progress, left)
             made = [
                 write_frame(folder, frame, target, request, verifier, slicer, progress)
                 for frame, target in zip(frames, targets, strict=True)

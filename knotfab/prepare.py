@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from knotfab.cli.build_options import BuildOptions
-from knotfab.cli.options import scene_of, seconds_of, skips_of
+from knotfab.design.frames import spread_views
 from knotfab.errors import InputError
+from knotfab.options import BuildOptions
 from knotfab.progress import Progress
+from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
+from knotfab.sequence.frames import read_frames
+from knotfab.sequence.require import require_sequence
 from knotfab.target.read import TEXT_PREFIX, read_targets
 
-__all__ = ["check_names", "prepare_request"]
+__all__ = ["check_names", "prepare_build"]
 
 
-def prepare_request(
+def prepare_build(
     pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
 ) -> Request:
-    """Check a call and read its pictures.
+    """Check a call and read its pictures: what can be refused is, before torch is loaded.
 
     Args:
         pictures: files, SVGs or `text:…`; none: those that the scene names.
@@ -30,47 +33,36 @@ def prepare_request(
     Raises:
         InputError: an option, the scene or a picture is wrong.
     """
-    skipped = skips_of(options.skip)
-    budget = None if options.time_budget is None else seconds_of(options.time_budget)
-    if options.sequence and budget is not None:
-        raise InputError(
-            f"--time-budget {options.time_budget}",
-            "it is for one picture, and a sequence has many",
-            "Leave it out, or use --accuracy draft",
-        )
-    scene, folder = scene_of(options)
+    skipped = read_skips(options.skip)
+    budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    scene, folder = read_scene(options)
     check_names(scene)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
     if options.sequence:
-        from knotfab.sequence.frames import read_frames
-        from knotfab.sequence.require import require_sequence
-
         require_sequence(scene)
-        invert = scene.views[0].invert
-        with progress.stage("pictures"):
-            targets = read_frames(sources, invert=invert, base=base, font=options.font)
-    else:
-        if len(sources) > len(scene.views) == 1:
-            from knotfab.design.frames import spread_views
-
-            scene = spread_views(scene, len(sources))
-        inverts = [view.invert for view in scene.views]
-        with progress.stage("picture"):
+    elif len(sources) > len(scene.views) == 1:
+        scene = spread_views(scene, len(sources))
+    inverts = [view.invert for view in scene.views]
+    with progress.stage("picture"):
+        if options.sequence:
+            targets = read_frames(sources, invert=inverts[0], base=base, font=options.font)
+        else:
             targets = read_targets(sources, inverts, base=base, font=options.font)
     return Request(
         scene,
         sources,
         options.out,
-        base,
-        _prints(options, scene),
-        options.device,
-        skipped,
-        budget,
-        command,
-        options.colours,
-        targets,
+        base=base,
+        printing=_prints(options, scene),
+        device=options.device,
+        skip=skipped,
+        time_budget_s=budget,
+        command=command,
+        colours=options.colours,
+        sequence=options.sequence,
+        targets=tuple(targets),
     )
 
 
