@@ -47,12 +47,15 @@ def ask_views(
     polygons: Sequence[MultiPolygon],
     *azimuths_deg: float,
     side_mm: float = 100.0,
+    pixels: int = 200,
     length: float = 1e5,
     goals: tuple[float, ...] | None = None,
 ) -> Problem:
     """The problem of these silhouettes, one a view."""
     views = tuple(
-        TargetView(see_from(azimuth, side_mm, f"v{n}"), draw_mask(polygon, side_mm), polygon)
+        TargetView(
+            see_from(azimuth, side_mm, f"v{n}"), draw_mask(polygon, side_mm, pixels), polygon
+        )
         for n, (azimuth, polygon) in enumerate(zip(azimuths_deg, polygons, strict=True))
     )
     room = ResolvedRegion(size_mm=(1.6 * side_mm,) * 3)
