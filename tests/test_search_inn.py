@@ -209,7 +209,7 @@ def test_what_cannot_be_proved_is_not_called_certified(
 
 
 def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    def explode(*_: object) -> None:
+    def explode(*_: object, **__: object) -> None:
         raise AssertionError("a network where none is asked for")
 
     monkeypatch.setattr(network_search, "CouplingNetwork", explode)
