@@ -20,8 +20,9 @@ from knotfab.effects.base import State
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.pipeline import Request, build
+from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
+from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Mount, Piece, ResolvedView, Scene, View
@@ -298,7 +299,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     file = str(tmp_path / "a.png")
     scene = Scene(views=scene_views(), mount=Mount(kind="wall"))
     with pytest.raises(InputError, match="mount"):
-        build(Request(scene, file, tmp_path / "o", printing=printing, more=(file,)))
+        build(Request(scene, (file, file), tmp_path / "o", printing=printing))
 
 
 def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
@@ -319,7 +320,7 @@ def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
     Image.fromarray(~draw_mask(DISC, 100.0)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="1 pictures are given for 2 views"):
-        build(Request(Scene(views=scene_views()), str(tmp_path / "a.png"), tmp_path / "o"))
+        build(Request(Scene(views=scene_views()), (str(tmp_path / "a.png"),), tmp_path / "o"))
 
 
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
@@ -341,7 +342,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render"})
-    request = Request(scene, pictures[0], tmp_path / "out", skip=skip, more=pictures[1:])
+    request = Request(scene, pictures, tmp_path / "out", skip=skip)
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
@@ -355,11 +356,10 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     again = build(
         Request(
             written,
-            written.views[0].picture,
+            tuple(view.picture for view in written.views),
             tmp_path / "again",
             tmp_path / "out",
             skip=skip,
-            more=(written.views[1].picture,),
         )
     )
     assert again.exit_code == 0
