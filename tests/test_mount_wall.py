@@ -18,7 +18,7 @@ from knotfab.mount.wall import Peg, WallSettings, plan_wall, wall_bodies
 from knotfab.part.clean import as_written
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, Scene, View
+from knotfab.scene.model import Mount, Printer, ResolvedView, Scene
 
 RADIUS = 2.0
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
@@ -37,7 +37,7 @@ def knots(*curves: np.ndarray) -> Knots:
 
 
 def camera(tilt: float = 0.0, **keys: float) -> Camera:
-    view = View(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
+    view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
     return camera_of(view, 90, 90)
 
 
@@ -194,7 +194,9 @@ def test_a_knot_without_a_free_ray_is_named() -> None:
 
 def scene(**keys: object) -> Scene:
     mount = Mount(kind="wall", **keys)
-    return resolve(Scene(views=(View(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount))
+    return resolve(
+        Scene(views=(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount)
+    )
 
 
 def barred() -> Knots:
@@ -238,7 +240,7 @@ def dense(points: np.ndarray) -> np.ndarray:
 
 
 def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
-    scene = resolve(Scene(mount=Mount(kind="wall")), [(90, 90)])
+    scene = resolve(Scene(mount=Mount(kind="wall")))
     mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], camera())
     good = mounted.check_sag()
     assert good is not None and (good["status"], good["required"]) == ("pass", True)
