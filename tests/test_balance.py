@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from knotfab.geometry.neighbours import find_neighbours
@@ -19,7 +20,6 @@ from knotfab.search.phases import Phase
 from knotfab.search.state import begin
 from knotfab.start.filling import fill
 from knotfab.start.views import start_between_views
-from tests.questions import ask_views, start_and_search
 
 RADIUS = 3.5
 DRAFT = PRESETS["draft"].model_copy(

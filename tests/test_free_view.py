@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from questions import ask_heart, start_and_search
 
 from examples.paper.curves import torus_knot
 from knotfab.design.design import design_knots
@@ -33,7 +34,6 @@ from knotfab.search.pose import (
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
 from knotfab.target.read import read_target
-from tests.questions import ask_heart, start_and_search
 
 QUICK = PRESETS["draft"].model_copy(
     update={

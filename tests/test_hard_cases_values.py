@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 
 from examples.studies.nightly_fuzz import KINDS
@@ -27,7 +28,6 @@ from tests.hard_cases.pictures import hard_pictures
 from tests.hard_cases.random_values import random_network, round_trip_share
 from tests.hard_cases.value_error import slope_excess, value_error
 from tests.hard_cases.values import ValueCase, loss_cases, network_cases
-from tests.questions import ask_views, start_and_search
 
 CASES = {case.name: case for case in (*loss_cases(), *network_cases())}
 

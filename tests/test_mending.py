@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from questions import ask_views
 from shapely import MultiPolygon, Point
 from torch import Tensor
 
@@ -18,7 +19,6 @@ from knotfab.search.phases import plan_of, repair_phase
 from knotfab.search.repair import find_stretches, mend_stretches
 from knotfab.search.search import search
 from knotfab.search.state import SearchState, begin
-from tests.questions import ask_views
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from questions import ask_views
 from shapely import MultiPolygon, Point, box
 
 from knotfab.effects.base import State
@@ -20,7 +21,6 @@ from knotfab.search.objective import Objective, Weights, add_limits
 from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 from knotfab.search.state import begin
-from tests.questions import ask_views
 
 Array = NDArray[np.float64]
 RADIUS, TAU = 4.0, 2.0

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from questions import ask_heart, start_and_search
 
 from knotfab.design.region import depth_extent
 from knotfab.effects import survey as survey_module
@@ -24,7 +25,6 @@ from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import fill
 from knotfab.start.legibility import legibility, stretched
 from knotfab.start.start import make_start
-from tests.questions import ask_heart, start_and_search
 
 QUICK = PRESETS["draft"].model_copy(
     update={"coarse_iterations": 30, "fine_iterations": 25, "depth_candidates": 4}

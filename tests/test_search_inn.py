@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from questions import ask_heart, start_and_search
 
 from knotfab.effects.base import Decision
 from knotfab.effects.bend import BEND
@@ -24,7 +25,6 @@ from knotfab.search import network_search
 from knotfab.search.network_search import keep_largest
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template
-from tests.questions import ask_heart, start_and_search
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(

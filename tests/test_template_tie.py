@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
+from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from examples.paper.curves import circle
@@ -23,9 +24,8 @@ from knotfab.start.depth import lift
 from knotfab.start.filling import even_samples, fill, simple_curves
 from knotfab.start.start import tie_knot
 from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
-from tests.questions import ask_heart, start_and_search
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 
 Array = NDArray[np.float64]
 LIGHT = 400.0
