@@ -13,31 +13,23 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-import torch
-from knotfab.search.steps import walked
 from numpy.typing import NDArray
 from PIL import Image
-from torch import Tensor
 
+from examples.questions import cast_shadow
 from examples.side_view import beside, side_view
-from knotfab.design.design import problem_of, resolve_view
-from knotfab.effects.base import Situation
-from knotfab.effects.survey import survey
+from knotfab.design.question import ask
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings
-from knotfab.problem import Account, Problem
-from knotfab.render.frame import Frame
-from knotfab.render.picture import frame_mm, picture_at
+from knotfab.problem import Problem
 from knotfab.render.threads import one_thread
-from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.search.objective import Objective
-from knotfab.search.phases import objective_of, three_phases
+from knotfab.search.flow import Between, flow
+from knotfab.search.phases import three_phases
+from knotfab.search.state import begin
 from knotfab.sequence.gif import write_gif
-from knotfab.start.filling import fill
-from knotfab.start.lift import lifted
+from knotfab.start.start import make_start
 from knotfab.target.read import read_target
 
 __all__ = ["film", "watched"]
@@ -63,52 +55,46 @@ _SETTINGS = PRESETS["draft"].model_copy(
 @one_thread()
 def watched(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
-    limits, account = problem.limits(radius), Account()
-    points, rings, _ = lifted(problem, fill(problem.polygon, radius), limits, _SETTINGS, account)
-    seen = [points]
+    state = begin(problem, make_start(problem, radius, _SETTINGS), radius, _SETTINGS)
+    limits, seen = state.limits, list[Array]()
     for phase in three_phases(_SETTINGS):
-        pixel_mm = max(frame_mm(problem.view)) / phase.pixels
-        effects = survey(
-            Situation(problem.view, limits, points, rings, pixel_mm, _SETTINGS.tolerance_px)
-        )
-        objective = objective_of(
-            problem.view, problem.mask, limits, rings, effects, phase, _SETTINGS, "cpu"
-        )
+        objective = state.objective(phase)
+        update = state.between(objective, phase)
 
         def watch(
-            x: Tensor, near: Neighbours, progress: float, base: Objective = objective
-        ) -> Tensor:
-            if base.calls % every == 0:
-                seen.append(x.detach().numpy().copy())
-            return base(x, near, progress)
+            x: Array, near: Neighbours, iteration: int, progress: float, update: Between = update
+        ) -> None:
+            if iteration % every == 0:
+                seen.append(x)
+            update(x, near, iteration, progress)
 
-        points = walked(points, rings, watch, limits, phase.walk, account, "cpu", None)
-    return [*seen, points], rings
+        state.points = flow(
+            state.points,
+            state.rings,
+            objective,
+            radius,
+            phase.walk,
+            separation=limits.separation,
+            between=watch,
+        ).points
+    return [*seen, state.points], state.rings
 
 
 def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Image]:
     """The pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
     stages, rings = watched(problem, radius, every)
-    frame, target, _ = picture_at(problem.view, problem.mask, PANEL, True, "cpu")
+    image = problem.views[0].image_at(radius, PANEL)
     reach = 1.05 * max(float(np.linalg.norm(p, axis=1).max()) for p in stages) + radius
-    wanted = target.numpy() > 0.5
     found = []
     for points in stages:
-        left = _shadow(points, rings, frame, radius, wanted)
+        left = _shadow(*cast_shadow(points, rings, radius, image))
         right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
         found.append(beside(left, right))
     return found + found[-1:] * LAST
 
 
-def _shadow(
-    points: Array, rings: Rings, frame: Frame, radius: float, wanted: NDArray[np.bool_]
-) -> Image.Image:
+def _shadow(cast: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> Image.Image:
     """The tube's shadow: black where it is wanted, orange where not, blue where it is missing."""
-    p = torch.as_tensor(points, dtype=torch.float32)
-    with torch.no_grad():
-        cast = (
-            render_tiled(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
-        )
     image = np.full((*wanted.shape, 3), 255, dtype=np.uint8)
     image[wanted & cast] = (30, 30, 34)
     image[cast & ~wanted] = (224, 122, 62)
@@ -118,12 +104,9 @@ def _shadow(
 
 def main(source: str, path: Path) -> None:
     """Write the film of the search for one picture."""
-    target = read_target(source)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    problem = problem_of(scene.model_copy(update={"views": (view,)}), target)
-    assert view.frame_width_mm is not None
-    pictures = film(problem, round(SHARE * view.frame_width_mm, 3))
+    question = ask(Scene(), [read_target(source)])
+    radius = round(SHARE * question.views[0].frame_width_mm, 3)
+    pictures = film(question.with_depth(radius).problem, radius)
     write_gif(path, pictures, 80)
     print(f"{path}: {len(pictures)} pictures")
 

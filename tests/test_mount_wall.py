@@ -20,7 +20,7 @@ from knotfab.mount.wall_brace import pegs_on, sites_with
 from knotfab.part.clean import as_written
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, Scene, View
+from knotfab.scene.model import Mount, Printer, ResolvedView, Scene
 
 RADIUS = 2.0
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
@@ -39,7 +39,7 @@ def knots(*curves: np.ndarray) -> Knots:
 
 
 def camera(tilt: float = 0.0, **keys: float) -> Camera:
-    view = View(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
+    view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
     return camera_of(view, 90, 90)
 
 
@@ -204,7 +204,9 @@ def test_a_knot_without_a_free_ray_is_named() -> None:
 
 def scene(**keys: object) -> Scene:
     mount = Mount(kind="wall", **keys)
-    return resolve(Scene(views=(View(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount))
+    return resolve(
+        Scene(views=(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount)
+    )
 
 
 def barred() -> Knots:

@@ -11,14 +11,14 @@ from knotfab.render.dense import render_dense
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
-VIEW = View(frame_width_mm=120.0, frame_height_mm=90.0)
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
 TILTED = VIEW.model_copy(update={"wall_tilt_deg": 25.0})
 
 
 def _frame(
-    view: View = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
+    view: ResolvedView = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
 ):
     return frame_of(camera_of(view, width, height), dtype)
 
@@ -65,7 +65,7 @@ def test_a_ray_meets_the_capsule_exactly_where_the_distance_is_positive() -> Non
 
 @pytest.mark.parametrize("view", [VIEW, TILTED])
 @pytest.mark.parametrize("tau", [0.3, 2.0])
-def test_tiled_gives_the_dense_image_and_gradient(view: View, tau: float) -> None:
+def test_tiled_gives_the_dense_image_and_gradient(view: ResolvedView, tau: float) -> None:
     frame = _frame(view)
     points = _tangle(60, 1).requires_grad_()
     weights = torch.rand(frame.height, frame.width, dtype=torch.float64)

@@ -30,14 +30,14 @@ from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.geometry.tube import mesh_volume, tube_manifold
 from knotfab.knots import Knot, Knots
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.knots.names import promised_knot
 from knotfab_validators.validate import validate
 
 Array = NDArray[np.float64]
-UNIT = Limits(1.0, 0.0, 1.0, np.inf, Region())
+UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
 
 
 def found(*curves: Array, promise: str = "") -> tuple[str, str]:

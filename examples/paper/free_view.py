@@ -8,28 +8,22 @@ second: IoU of the search's end on the project's pictures at the same iterations
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 import torch
-from knotfab.render.free_frame import Sheet, free_frame, render_free
-from knotfab.search.free_search import free_search
 from numpy.typing import NDArray
 
 from examples.paper.curves import figure_eight, torus_knot
-from examples.pictures import pictures
-from knotfab.design.design import problem_of, resolve_view
+from examples.questions import ask_picture
 from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.render.posed_frame import Sheet, posed_frame
 from knotfab.render.threads import one_thread
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
-from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
+from knotfab.search.pose import ALL, Bounds, Name, Pose, ViewNumbers, fit_view
 from knotfab.search.search import search
-from knotfab.start.filling import fill
-from knotfab.target.read import read_target
+from knotfab.start.start import make_start
 
 __all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
 
@@ -48,10 +42,10 @@ def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
 def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torch.Tensor:
     """[height, width] the hard shadow (0 or 1) of one closed knot."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
-    lengths = [numbers.light_distance_mm, numbers.wall_distance_mm, numbers.radius_mm]
-    frame = free_frame(sheet, turn, *torch.tensor(lengths, dtype=torch.float64))
+    lengths = [numbers.light_distance_mm, numbers.wall_distance_mm]
+    frame = posed_frame(sheet, turn, *torch.tensor(lengths, dtype=torch.float64))
     p = torch.as_tensor(points)
-    return (render_free(p, p.roll(-1, 0), frame, 10.0) > 0.5).float()
+    return (render_tiled(p, p.roll(-1, 0), frame, numbers.radius_mm, 10.0) > 0.5).float()
 
 
 def recoveries(seeds: int = 3) -> None:
@@ -89,29 +83,24 @@ def recoveries(seeds: int = 3) -> None:
 def designs(names: list[str]) -> None:
     """Print the search's IoU with the view fixed and free, each from the same radius and template."""
     settings = search_settings("draft", {})
-    every = pictures()
     print("picture    radius   fixed    free   light    wall  radius   turn   CPU seconds")
     gains = []
     for name in names:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{name}.png"
-            every[name].save(path)
-            target = read_target(path)
-        scene = resolve(Scene(), [(target.width, target.height)])
-        view = resolve_view(scene.views[0], target)
-        problem = problem_of(scene.model_copy(update={"views": (view,)}), target)
         radius = RADII_MM.get(name, 2.5)
-        template = fill(problem.polygon, radius)
+        question = ask_picture(name).with_depth(radius)
+        problem, view = question.problem, question.views[0]
+        start = make_start(problem, radius, settings)
         begun = time.process_time()
-        fixed = search(problem, template, radius, settings)
+        fixed = search(problem, start, radius, settings)
         middle = time.process_time()
-        bounds = Bounds(least_radius_mm=scene.printer.min_tube_radius_mm)
-        free = free_search(problem, template, radius, settings, bounds)
+        bounds = Bounds(least_radius_mm=question.scene.printer.min_tube_radius_mm)
+        at = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
+        result = search(problem, start, radius, settings, pose=Pose(at, bounds))
         ended = time.process_time()
-        n = free.numbers
+        n = result.numbers
+        assert n is not None
         still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
-        result = free.result
-        told = "".join(f"  {line}" for line in result.standing.violations)
+        told = "".join(f"  {line}" for line in result.feasibility.violations)
         print(
             f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
             f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "

@@ -9,26 +9,22 @@ settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take 
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from examples.pictures import pictures
-from knotfab.design.design import problem_of, resolve_view
-from knotfab.render.picture import picture_at
-from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from examples.questions import ask_picture, cast_shadow
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.problem import Problem, SearchResult
 from knotfab.scene.settings import PRESETS, SearchSettings
-from knotfab.search.search import Infeasible, Problem, SearchResult, search
-from knotfab.start.filling import Template, fill
-from knotfab.target.read import read_target
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
+from knotfab.start.start import make_start
 
 __all__ = ["Run", "main", "run"]
 
@@ -60,10 +56,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("."))
     asked = parser.parse_args()
-    problem = _problem(asked.picture)
-    assert problem.view.frame_width_mm is not None
-    radius = round(RADIUS * problem.view.frame_width_mm, 3)
-    template = fill(problem.polygon, radius)
+    question = ask_picture(asked.picture)
+    radius = round(RADIUS * question.views[0].frame_width_mm, 3)
+    problem = question.with_depth(radius).problem
     runs = []
     print(f"{asked.picture}, tube radius {radius:g} mm, seed {asked.seed}; IoU at 256 px\n")
     print(
@@ -72,9 +67,9 @@ def main() -> None:
     )
     for way in WAYS:
         for scale in SCALES:
-            runs.append(run(problem, template, radius, way, scale, 0, asked.seed))
+            runs.append(run(problem, radius, way, scale, 0, asked.seed))
             print(_line(runs[-1]), flush=True)
-        runs.append(run(problem, template, radius, way, 1.0, 4, asked.seed))
+        runs.append(run(problem, radius, way, 1.0, 4, asked.seed))
         print(_line(runs[-1]), flush=True)
     asked.out.mkdir(parents=True, exist_ok=True)
     path = asked.out / "search-compare.png"
@@ -84,7 +79,6 @@ def main() -> None:
 
 def run(
     problem: Problem,
-    template: Template,
     radius: float,
     way: str,
     scale: float,
@@ -94,33 +88,21 @@ def run(
     """One search with `scale` times the iterations."""
     base = PRESETS["draft"].model_dump() | WAYS[way] | {"seed": seed}
     settings = SearchSettings(**base).scaled(scale)
+    plan = replace(plan_of(settings), repairs=repairs)
     begun = time.process_time()
-    try:
-        result = search(problem, template, radius, settings, repairs=repairs)
-    except Infeasible as error:
-        result = error.result
+    result = search(problem, make_start(problem, radius, settings), radius, settings, plan=plan)
     return Run(way, scale, repairs, time.process_time() - begun, result)
 
 
 def _line(one: Run) -> str:
-    state, limits = one.result.standing, one.result.standing.limits
-    scale = f"{one.scale:g}" if one.repairs == 0 else f"+{one.result.account.repairs}"
+    state, limits = one.result.feasibility, one.result.feasibility.limits
+    scale = f"{one.scale:g}" if one.repairs == 0 else f"+{one.result.log.repairs}"
     return (
         f"{one.way:13} {scale:>5} {one.cpu_s:6.1f} {one.result.iou_estimate:7.4f} "
-        f"{'certified' if one.result.account.certified else 'unproved':>9} "
+        f"{'certified' if one.result.log.certified else 'unproved':>9} "
         f"{state.bend_mm / limits.bend_radius:6.2f} {state.gap_mm / limits.separation:6.2f}  "
         f"{', '.join(state.broken) or '-'}"
     )
-
-
-def _problem(name: str) -> Problem:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.png"
-        pictures()[name].save(path)
-        target = read_target(path)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    return problem_of(scene.model_copy(update={"views": (view,)}), target)
 
 
 def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
@@ -136,7 +118,7 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
         for r in runs:
             if r.way == way and r.repairs:
                 at = (r.cpu_s, 1 - r.result.iou_estimate)
-                mark = "X" if r.result.standing.broken else "*"
+                mark = "X" if r.result.feasibility.broken else "*"
                 plot.plot(*at, mark, color=drawn.get_color(), markersize=14, markeredgecolor="k")
     plot.set(xscale="log", yscale="log", xlabel="CPU seconds", ylabel="1 - IoU (lower is better)")
     plot.set_title(
@@ -156,13 +138,9 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
 
 def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
     """Shadow and target in one picture: black where both are, red too much, blue missing."""
-    frame, target, _ = picture_at(problem.view, problem.mask, 256, True, "cpu")
-    seen = np.zeros(target.shape, dtype=bool)
-    for knot in result.knots.knots:
-        points = torch.as_tensor(knot.points, dtype=torch.float32)
-        ahead = torch.roll(points, -1, dims=0)
-        seen |= (render_tiled(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
-    wanted = (target > 0.5).numpy()
+    rings = rings_of_sizes(tuple(len(k.points) for k in result.knots.knots))
+    image = problem.views[0].image_at(radius, 256)
+    seen, wanted = cast_shadow(result.knots.points, rings, radius, image)
     picture = np.full((*seen.shape, 3), 255, dtype=np.uint8)
     picture[seen & wanted] = (40, 40, 40)
     picture[seen & ~wanted] = (210, 50, 40)

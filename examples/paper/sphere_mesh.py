@@ -9,7 +9,6 @@ search.
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
 from pathlib import Path
 
@@ -24,17 +23,14 @@ from scipy.ndimage import label
 from torch import Tensor
 
 from examples.pictures import Canvas, pictures
-from knotfab.design.design import problem_of, resolve_view
-from knotfab.design.radius import choose_radius
+from examples.questions import ask_picture, cast_shadow
+from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
-from knotfab.render.picture import picture_at
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.progress import Progress
 from knotfab.render.threads import one_thread
-from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
-from knotfab.target.read import read_target
 
 __all__ = ["fit_sphere", "hard_silhouette", "holes", "main", "soft_silhouette"]
 
@@ -160,23 +156,15 @@ def _square(mask: Mask, pixels: int) -> Array:
     return np.asarray(image, dtype=np.float64)
 
 
-def _tube(path: Path) -> tuple[Mask, Mask]:
+def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
-    target = read_target(path)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    scene = scene.model_copy(update={"views": (view,)})
-    problem, settings = problem_of(scene, target), search_settings("draft", {})
-    assert view.frame_width_mm is not None
-    least = scene.printer.min_tube_radius_mm
-    choice = choose_radius(problem, view.frame_width_mm, least, None, settings)
-    knots = search(problem, choice.template, choice.radius_mm, settings).knots
-    frame, picture, _ = picture_at(view, target.mask, COMPARED_PX, True, "cpu")
-    starts = torch.as_tensor(knots.points).float()
-    ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
-    with torch.no_grad():
-        seen = (render_tiled(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
-    return _square(picture.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
+    settings = search_settings("draft", {})
+    question, radius, start, _ = choose_tube(ask_picture(picture), settings, Progress("quiet"))
+    knots = search(question.problem, start, radius, settings).knots
+    rings = rings_of_sizes(tuple(len(k.points) for k in knots.knots))
+    image = question.problem.views[0].image_at(radius, COMPARED_PX)
+    seen, target = cast_shadow(knots.points, rings, radius, image)
+    return _square(target, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
 
 
 def _iou(a: Mask, b: Mask) -> float:
@@ -197,12 +185,10 @@ def main() -> None:
     print("                holes             IoU              CPU seconds")
     print("picture    target mesh tube   mesh    tube      mesh    tube")
     for row, name in zip(axes, asked.names, strict=True):
-        with tempfile.TemporaryDirectory() as folder, one_thread():
-            path = Path(folder) / f"{name}.png"
-            every[name].save(path)
+        with one_thread():
             begun = time.process_time()
             try:
-                target, tube = _tube(path)
+                target, tube = _tube(every[name])
             except SceneError as error:
                 print(f"{name:<10} {error}")
                 continue

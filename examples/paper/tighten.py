@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["Tight", "tighten"]
 
@@ -52,31 +52,28 @@ def tighten(points: Array) -> Tight:
     from knotfab.geometry.measures import bend_radii, strand_gap
     from knotfab.geometry.neighbours import Neighbours
     from knotfab.geometry.polylines import rings_of_sizes
-    from knotfab.problem import Account
+    from knotfab.geometry.resample import resample, subdivide
     from knotfab.render.threads import one_thread
-    from knotfab.search.flow import FlowSettings
-    from knotfab.search.steps import evened, walked
+    from knotfab.search.flow import FlowSettings, flow
 
-    limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
+    limits = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
     clearance, bend = CLEARANCE.term, BEND.term
     assert clearance is not None and bend is not None
-    rings, account = rings_of_sizes((len(points),)), Account()
+    rings = rings_of_sizes((len(points),))
 
     def round_of(n: int, first: float, last: float, edge: float, pull: float) -> float:
         nonlocal points, rings
-        points, rings = evened(points, rings, edge, account)
+        even, even_rings, verdict = resample(points, rings, edge)
+        points, rings = (even, even_rings) if verdict.valid else subdivide(points, rings, edge)
         following = torch.as_tensor(rings.next)
 
         def objective(p: torch.Tensor, near: Neighbours, _: float) -> torch.Tensor:
-            edges = p[following] - p
-            length = edges.norm(dim=-1)
-            spacing = float(length.detach().mean())
-            state = State(p, edges, edges[following], following, rings, near, spacing)
-            loss: torch.Tensor = pull * length.sum()
+            state = State.at(p, following, rings, near)
+            loss: torch.Tensor = pull * state.edge.norm(dim=-1).sum()
             return loss + 3.0 * clearance(state, limits) + 0.5 * bend(state, limits)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
-        points = walked(points, rings, objective, limits, walk, account, "cpu", None)
+        points = flow(points, rings, objective, 1.0, walk, separation=limits.separation).points
         return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
 
     with one_thread():
