@@ -239,7 +239,7 @@ def dense(points: np.ndarray) -> np.ndarray:
 
 def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
     scene = resolve(Scene(mount=Mount(kind="wall")), [(90, 90)])
-    mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], camera())
+    mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], [camera()])
     good = mounted.check_sag()
     assert good is not None and (good["status"], good["required"]) == ("pass", True)
     assert "max_sag_mm" not in good["detail"] and mounted.wall is not None
@@ -250,13 +250,13 @@ def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
 
 def test_the_foot_follows_from_the_printer() -> None:
     tubes = [sweep(ONE.points, RADIUS, 12)]
-    mounted = mount_piece(scene(), ONE, tubes, camera())
+    mounted = mount_piece(scene(), ONE, tubes, [camera()])
     assert mounted.scene.mount.foot == "plate" and mounted.upright is not None
     assert mounted.scene.mount.pegs == (len(mounted.wall.pegs),)  # type: ignore[union-attr]
     small = scene().model_copy(update={"printer": Printer(build_volume_mm=(195.0, 200.0, 200.0))})
-    assert mount_piece(small, ONE, tubes, camera()).scene.mount.foot == "dowel"
+    assert mount_piece(small, ONE, tubes, [camera()]).scene.mount.foot == "dowel"
     exact = scene().model_copy(update={"printer": Printer(build_volume_mm=(196.0, 196.0, 200.0))})
-    assert mount_piece(exact, ONE, tubes, camera()).scene.mount.foot == "plate"
+    assert mount_piece(exact, ONE, tubes, [camera()]).scene.mount.foot == "plate"
     report = mounted.report()
     assert report["pegs"] == len(mounted.wall.pegs)  # type: ignore[union-attr]
     sag = mounted.check_sag()
@@ -266,7 +266,7 @@ def test_the_foot_follows_from_the_printer() -> None:
 def test_without_a_mount_nothing_is_added() -> None:
     tubes = [sweep(ONE.points, RADIUS, 12)]
     bare = scene().model_copy(update={"mount": Mount()})
-    mounted = mount_piece(bare, ONE, tubes, camera())
+    mounted = mount_piece(bare, ONE, tubes, [camera()])
     assert mounted.bodies is tubes and mounted.upright is None and mounted.check_sag() is None
     assert mounted.report() == {"kind": "none"}
 

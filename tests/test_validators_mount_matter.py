@@ -33,7 +33,7 @@ def moved_outwards(by_mm: float) -> np.ndarray:
 @cache
 def on_a_stand(by_mm: float = 0.0) -> Body:
     own = Knots((Knot(moved_outwards(by_mm)),), RADIUS)
-    mount = plan_stand(own, camera(), EMPTY, 0.4, PLA, StandSettings(4.0, 10.0, 0.8))
+    mount = plan_stand(own, [camera()], [EMPTY], 0.4, PLA, StandSettings(4.0, 10.0, 0.8))
     return stand_bodies([sweep(own.knots[0].points, RADIUS, 96)], mount)[0]
 
 

@@ -63,7 +63,7 @@ def build(
         An image file, an SVG, or text:… (a glyph); may be left out where the scene names it. Several
         are several views of one part, spread about the vertical axis: two at right angles, three at 60°.
     print_
-        Check it against the printer too, and pose it for printing.
+        Check it against the printer too, and pose it for printing; --mount implies it.
     sequence
         The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
         the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well.
@@ -91,8 +91,8 @@ def build(
         view: pose, light and wall distance and the tube's radius are found with the knots, and written
         to scene.toml.
     mount
-        What holds the piece, with --print: wall (pegs along light rays, in the tube's own shadow, on a
-        plate whose face is the wall, or in drilled holes), stand (a base below the picture), none (default).
+        What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a
+        plate whose face is the wall, or in drilled holes), stand (a base below all pictures), none (default).
     printer
         A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
         the names.
@@ -133,6 +133,7 @@ def build(
         free_view=free == "view",
         invert=invert,
     )
+    print_ = print_ or mount in ("wall", "stand")
     sources = _sources(pictures, [view.picture for view in chosen.views], scene)
     if sequence and time_budget is not None:
         raise InputError(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from knotfab.knots import Knots
 from knotfab.mount.choose import DOWN, Stiffness
 from knotfab.mount.frame_model import Frame, frame_of, round_beams, stiffness_of
-from knotfab.mount.shade import Shade
+from knotfab.mount.shade import Shadows
 from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined, sites_of
 
 __all__ = ["Braced", "brace", "sag_of_members"]
@@ -46,7 +46,7 @@ def brace(
     knots: Knots,
     sites: Sites,
     obstacles: Obstacles,
-    shade: Shade,
+    shadows: Shadows,
     candidates: Candidates,
     visible: Mask,
     given: Candidates,
@@ -64,19 +64,19 @@ def brace(
     end those are taken away that the limit does not need.
 
     Args:
-        obstacles, shade: hold the given members already; more are added.
+        obstacles, shadows: hold the given members already; more are added.
         visible: (n,) which candidates may darken pixels; those are asked for what they cost.
         given: hold every knot already; they stay, and where `settled` they are not thickened either.
     """
-    dear = DEAR_SHARE * shade.pixels
+    dear = DEAR_SHARE * shadows.pixels
     shown = np.flatnonzero(visible)
     cost = np.zeros(len(candidates))
-    cost[shown] = shade.cost(candidates.of(shown))
+    cost[shown] = shadows.cost(candidates.of(shown))
     search = _Search(candidates, obstacles, APART_RADII * knots.radius_mm)
     limit = WANTED * stiffness.max_sag_mm
     members, best = given, given
     least, idle = np.inf, 0
-    # of each member, the share of the frame that it alone darkens; what is settled is not asked
+    # of each member, the share of the frames that it alone darkens, summed; what is settled is not asked
     seen = np.zeros(len(given) if settled else 0)
     while True:
         frame = _frame(knots, sites, members, stiffness)
@@ -88,7 +88,7 @@ def brace(
             break
         promise = _promise(frame, sites, candidates, moved) / (1 + cost / dear)
         for n in range(len(seen), len(members)):
-            seen = np.append(seen, shade.darkened(members.of([n])))
+            seen = np.append(seen, shadows.darkened(members.of([n])).sum())
         old = np.flatnonzero(seen > SEEN_SHARE)
         thicker = members.of(old).thickened(THICKER, MOST_SHARE * knots.radius_mm)
         clear = np.array(
@@ -96,7 +96,7 @@ def brace(
         )
         use = np.flatnonzero(clear & (thicker.radius > members.radius[old])) if len(old) else old
         old, thicker = old[use], thicker.of(use)
-        dark = seen[old] * shade.pixels
+        dark = seen[old] * shadows.pixels
         while idle < IDLE_ROUNDS:
             hidden = search.best(promise, ~visible, TRIED)
             tried = np.concatenate([hidden, search.best(promise, visible, TRIED_VISIBLE)])
@@ -124,15 +124,15 @@ def brace(
             number = int(old[pick - len(tried)])
             members = members.with_radius(number, float(one.radius[0]))
             obstacles.members = members
-            seen[number] = shade.darkened(one)
+            seen[number] = shadows.darkened(one).sum()
             search.afresh()
         if price[pick] > 0:
-            shade.add(one)
-            cost[shown] = shade.cost(candidates.of(shown))
+            shadows.add(one)
+            cost[shown] = shadows.cost(candidates.of(shown))
     thinnest = float(candidates.radius[shown].min()) if len(shown) else np.inf
     shown_by = np.array(
         [
-            0.0 if settled and n < len(given) else shade.darkened(best.of([n]))
+            0.0 if settled and n < len(given) else shadows.darkened(best.of([n])).sum()
             for n in range(len(best))
         ]
     )
@@ -324,7 +324,7 @@ def _pruned(
     """Take away added members that the limit does not need, and thin those that show.
 
     Args:
-        dark: (n,) the share of the frame that each member alone darkens.
+        dark: (n,) the share of the frames, summed, that each member alone darkens.
     """
 
     def solved(some: Candidates) -> tuple[float, Array]:

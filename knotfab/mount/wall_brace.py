@@ -9,7 +9,7 @@ from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.choose import Stiffness
 from knotfab.mount.rays import Rays
-from knotfab.mount.shade import HIDDEN_SHARE, Shade, hidden_struts
+from knotfab.mount.shade import HIDDEN_SHARE, Shadows, hidden_struts
 from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined, sites_of
 from knotfab.scene.camera import Camera
 
@@ -63,22 +63,22 @@ def hidden_braces(
 
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(pegs(root[chosen]))
-    shade = Shade(knots, camera, target)
+    shadows = Shadows(knots, (camera,), (target,))
     pool = joined(
         [
-            hidden_struts(sites, shade, knots.radius_mm),
-            _leaning(sites, shade, camera, knots.radius_mm),
+            hidden_struts(sites, shadows, knots.radius_mm),
+            _leaning(sites, shadows, camera, knots.radius_mm),
         ]
     )
-    pool = pool.of(shade.behind_knots(pool))
+    pool = pool.of(shadows.behind_knots(pool))
     # no stiffer than the cone: what is found must hold in the finer model too
     given = pegs(np.sqrt(top * foot[chosen]))
     none = np.zeros(len(pool), dtype=bool)
-    braced = brace(knots, sites, obstacles, shade, pool, none, given, stiffness, settled=True)
+    braced = brace(knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True)
     return sites, braced.members.of(np.arange(len(given), len(braced.members)))
 
 
-def _leaning(sites: Sites, shade: Shade, camera: Camera, tube_mm: float) -> Candidates:
+def _leaning(sites: Sites, shadows: Shadows, camera: Camera, tube_mm: float) -> Candidates:
     """Pegs from sites to the wall that end in the shadow of other sites, and stay in the dark on the way."""
     normal, offset = camera.receiver[:3], camera.receiver[3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
@@ -95,4 +95,4 @@ def _leaning(sites: Sites, shade: Shade, camera: Camera, tube_mm: float) -> Cand
     n = np.flatnonzero(fits)
     radius = np.full(len(n), HIDDEN_SHARE * tube_mm)
     every = Candidates(first[n], np.full(len(n), GROUND), start[n], end[n], radius)
-    return every.of(shade.hidden(every))
+    return every.of(shadows.hidden(every))

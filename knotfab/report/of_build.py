@@ -192,9 +192,8 @@ def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
-        how = "; --mount wall adds one." if printing else "; --print --mount wall adds one."
-        if views > 1:
-            how = ", and a mount would hide from one view alone."
+        kind = "wall" if views == 1 else "stand"
+        how = f"; --{'' if printing else 'print --'}mount {kind} adds one."
         return [without + how, loose] if knots > 1 else [without + how]
     if mount.get("foot") == "dowel":
         each = " Each knot has its own." if knots > 1 else ""

@@ -182,6 +182,7 @@ def _report(
         "recall": found.whole.recall,
         "outline_error_px": found.outline_px,
         "outline_error_mm": found.outline.largest_mm if found.outline is not None else None,
+        "intrusion": found.intrusion,
         "outline_stretch_px": found.wrong.length_px,
         "outline_stretch_mm": found.wrong.length_px * fine_mm,
         "outline_stretch_off_px": found.wrong.off_px,
