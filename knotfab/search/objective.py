@@ -32,6 +32,7 @@ class Weights:
     region: float = 10.0
     length: float = 1.0
     hold: float = 4.0  # of an anchor to another frame of a sequence
+    grace: float = 1.0  # times the setting of that name
 
 
 class Term:

@@ -19,6 +19,7 @@ from knotfab.render.picture import ViewImage
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.balance import Balance
 from knotfab.search.flow import Between, flow
+from knotfab.search.grace import Grace
 from knotfab.search.objective import Objective, Term
 from knotfab.search.phases import Phase
 from knotfab.search.pose import Pose, ViewNumbers, descend_pose, look_from
@@ -133,6 +134,8 @@ def begin(
     device: str = "cpu",
 ) -> SearchState:
     """The state at the start of a search, its effects judged there."""
+    if settings.grace > 0:
+        terms += (Grace(radius, settings.grace),)
     state = SearchState(
         problem,
         radius,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -29,6 +30,7 @@ _GIVE = (
     0.01  # IoU that a frame's opening may lose against the first one's before the tube is thinner
 )
 _THINNER = 0.93
+_OF_FIRST = 0.8  # time of a later frame's search and finish over the first one's search
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ def chain(
     targets: Sequence[Target],
     device: str = "cpu",
     progress: Progress | None = None,
+    budget_s: float | None = None,
 ) -> Iterator[Frame]:
     """The frames one after the other, each final as it comes.
 
@@ -79,11 +82,13 @@ def chain(
     may close, within what the outlines' motion back to the first frame allows.
 
     Args:
-        scene: of one view, as for `design`.
+        scene: of one view, as for `design_knots`.
+        budget_s: seconds that all searches may take; the iterations are set to fit, on the first frame.
 
     Raises:
-        SceneError, InputError: as `design`.
+        SceneError, InputError: as `design_knots`.
     """
+    begun = time.perf_counter()
     require_sequence(scene)
     progress = progress or Progress("quiet")
     settings = search_settings(scene.accuracy.name, scene.search)
@@ -94,9 +99,14 @@ def chain(
     piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
     view = scene.views[0].model_copy(update={"name": targets[0].name})
     asked = scene.model_copy(update={"piece": piece, "views": (view,)})
-    first = design_knots(asked, targets[:1], device, progress)
+    share = None
+    if budget_s is not None:
+        share = (budget_s - (time.perf_counter() - begun)) / (1.0 + _OF_FIRST * (len(targets) - 1))
+    first = design_knots(asked, targets[:1], device, progress, share)
+    # the region as it was asked for: a mesh lies where the scene says, not yet beside the result
+    within = first.scene.model_copy(update={"region": question.problem.region})
     with progress.stage("search"):
-        problems = [ask(_renamed(first.scene, t), [t]).problem for t in targets]
+        problems = [ask(_renamed(within, t), [t]).problem for t in targets]
         outlines = [
             outline_motion(p, q)
             for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
