@@ -23,7 +23,7 @@ from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 from tests.hard_cases.pictures import hard_pictures
 from tests.hard_cases.random_values import random_network, round_trip_share
 from tests.hard_cases.value_error import slope_excess, value_error
@@ -119,7 +119,7 @@ def test_noise_whose_inset_once_crossed_itself_is_filled() -> None:
 
 
 def test_a_template_that_crosses_itself_has_an_iou() -> None:
-    comb = polygon_of(next(c for c in hard_pictures() if c.name == "comb").draw())
+    comb = trace_polygon(next(c for c in hard_pictures() if c.name == "comb").draw())
     for radius in (2.0, 3.0):
         assert 0 <= template_iou(fill(comb, radius), comb) <= 1
 

@@ -29,7 +29,7 @@ from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.geometry.tube import mesh_volume, tube_manifold
 from knotfab.knots import Knot, Knots
-from knotfab.scene.knot_names import BRAIDS, knot_name, named_knot
+from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
 from knotfab.scene.model import Region
 from knotfab_validators.knot_names import promised_knot
 from knotfab_validators.knot_type import knot_types
@@ -100,21 +100,21 @@ def test_a_torus_about_its_own_axis_and_empty_braids_are_refused() -> None:
 
 @pytest.mark.parametrize("name", BRAIDS)
 def test_every_named_knot_is_that_knot_and_fits_its_tube(name: str) -> None:
-    points = named_knot(name)
+    points = load_knot(name)
     rings = rings_of_sizes((len(points),))
     assert strand_gap(points, rings, UNIT.separation, 4.0).gap > 2.0
     assert bend_radii(points, rings).min() > 0.95
-    sentence, verdict = found(points, promise=knot_name(name).promise)
+    sentence, verdict = found(points, promise=parse_knot_name(name).promise)
     assert verdict in ("proved", "consistent"), sentence
     # the braid is of the same knot, by the same check
-    assert found(closed_braid(BRAIDS[name])[0], promise=knot_name(name).promise)[1] == verdict or (
-        verdict == "consistent" or name in ("8_8", "8_16")
-    )
+    assert found(closed_braid(BRAIDS[name])[0], promise=parse_knot_name(name).promise)[
+        1
+    ] == verdict or (verdict == "consistent" or name in ("8_8", "8_16"))
 
 
 @pytest.mark.parametrize("name", ["3_1", "5_2", "7_4", "8_19", "8_20"])
 def test_a_mirrored_knot_is_left_handed(name: str) -> None:
-    points = named_knot(name, mirrored=True)
+    points = load_knot(name, mirrored=True)
     assert found(points, promise=f"left-handed {name}")[1] in ("proved", "consistent")
     assert found(points, promise=f"right-handed {name}")[1] == "refuted"
 
@@ -137,7 +137,7 @@ def test_a_mirrored_knot_is_left_handed(name: str) -> None:
     ],
 )
 def test_names(asked: str, promise: str) -> None:
-    name = knot_name(asked)
+    name = parse_knot_name(asked)
     assert name.promise == promise
     assert promised_knot(name.promise).meant, "the validator understands it"
     assert len(promised_knot(name.promise).meant) == 1, "and it is one knot, of one hand"
@@ -148,7 +148,7 @@ def test_names(asked: str, promise: str) -> None:
 )
 def test_unknown_names_say_what_is_known(asked: str) -> None:
     with pytest.raises(InputError) as error:
-        knot_name(asked)
+        parse_knot_name(asked)
     assert error.value.exit_code == 2
     assert "8_19" in str(error.value) or "at most" in str(error.value)
 

@@ -25,7 +25,7 @@ from knotfab.errors import KnotfabError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.dense import render_dense
 from knotfab.start.filling import fill
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 from tests.hard_cases.curves import hard_knots
 from tests.hard_cases.measure import forward_error, image
 from tests.hard_cases.random_values import random_loss, random_network, round_trip_share
@@ -70,7 +70,7 @@ def _picture(rng: np.random.Generator) -> str:
     """Blurred noise, from specks to blobs, filled by a tube of any thickness."""
     noise = ndimage.gaussian_filter(rng.normal(size=(160, 200)), float(rng.uniform(0, 12)))
     mask = noise > np.quantile(noise, rng.uniform(0.2, 0.95))
-    polygon = polygon_of(mask)
+    polygon = trace_polygon(mask)
     if not polygon.is_valid:
         return "the outline is not valid"
     if polygon.is_empty:

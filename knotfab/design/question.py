@@ -24,7 +24,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
 from knotfab.search.balance import goals_of
 from knotfab.target.read import Target
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["Question", "ask", "opening_iou", "silhouette_polygon"]
 
@@ -184,7 +184,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
         share = camera.eye[2] / (camera.eye[2] - at[:, 2])
         return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
 
-    moved = shapely.transform(polygon_of(target.mask), to_plane)
+    moved = shapely.transform(trace_polygon(target.mask), to_plane)
     parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
     return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
 

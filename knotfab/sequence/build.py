@@ -49,6 +49,7 @@ from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["GIF", "build_sequence"]
 
+_RESERVE_S = 5.0  # of a time budget, for what follows the last search
 GIF = "sequence.gif"
 
 
@@ -74,11 +75,16 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     with OutputFolder(request.out) as folder:
         with progress.stage("pictures"):
             invert = request.scene.views[0].invert
-            targets = read_frames(request.pictures, invert=invert, base=request.base)
+            targets = request.targets or read_frames(
+                request.pictures, invert=invert, base=request.base
+            )
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
-            frames = chain(request.scene, targets, request.device, progress)
+            left = None
+            if request.time_budget_s is not None:
+                left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
+            frames = chain(request.scene, targets, request.device, progress, left)
             made = [
                 write_frame(folder, frame, target, request, verifier, slicer, progress)
                 for frame, target in zip(frames, targets, strict=True)
