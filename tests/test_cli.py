@@ -21,9 +21,9 @@ from PIL import Image
 import knotfab as package
 from knotfab import pipeline
 from knotfab.cli.app import app
-from knotfab.cli.build_options import BUILD_EXAMPLES, BuildOptions
-from knotfab.cli.options import seconds_of
 from knotfab.errors import InputError, MachineError
+from knotfab.options import BUILD_EXAMPLES, BuildOptions
+from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
@@ -158,7 +158,7 @@ def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) ->
     ],
 )  # fmt: skip
 def test_times(text: str, seconds: float) -> None:
-    assert seconds_of(text) == pytest.approx(seconds)
+    assert read_seconds(text) == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_times(text: str, seconds: float) -> None:
 )
 def test_what_is_no_time(text: str) -> None:
     with pytest.raises(InputError, match=r"--time-limit .*not a positive time"):
-        seconds_of(text, "--time-limit")
+        read_seconds(text, "--time-limit")
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
-from knotfab.cli.build_options import BUILD_EXAMPLES, BuildOptions, Flag, Names
 from knotfab.errors import InputError, KnotfabError
+from knotfab.options import BUILD_EXAMPLES, BuildOptions, Flag, Names
 
 if TYPE_CHECKING:
     from knotfab.progress import Mode
@@ -44,7 +44,7 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
         Several are several views of one part, spread about the vertical axis: two at right angles,
         three at 60°.
     """
-    from knotfab.cli.requests import prepare_build
+    from knotfab.prepare import prepare_build
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
 
@@ -95,10 +95,11 @@ def validate(
     skip
         Checks to go on without, such as shadow-render.
     """
-    from knotfab.cli.options import files_to_validate, skips_of
+    from knotfab.cli.options import files_to_validate
+    from knotfab.read_options import read_skips
     from knotfab.verify.verifier import Verifier
 
-    files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
+    files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
     shadows = files.part is not None and files.scene is not None
     with Verifier(skipped, shadows) as verifier:
         verdict = verifier.submit(files).result()
@@ -171,15 +172,15 @@ def tradeoff(
     quiet
         Say nothing but errors.
     """
-    from knotfab.cli.options import scene_of
-    from knotfab.cli.requests import check_names
+    from knotfab.prepare import check_names
     from knotfab.progress import Progress
+    from knotfab.read_options import read_scene
     from knotfab.target.read import read_target
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
-    chosen, _ = scene_of(options)
+    chosen, _ = read_scene(options)
     check_names(chosen)
     read_target(picture, invert=chosen.views[0].invert)  # what is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run

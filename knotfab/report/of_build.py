@@ -92,7 +92,7 @@ def report_of(
     progress: Progress,
 ) -> Record:
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
-    from knotfab.geometry.measures import bend_radii
+    from knotfab.geometry.measures import bend_radii, measure_curvature
     from knotfab.geometry.polylines import rings_of_sizes
     from knotfab_validators.thickness import thickness
 
@@ -101,6 +101,7 @@ def report_of(
     for knot in placed.knots:
         rings = rings_of_sizes((len(knot.points),))
         bend = float(bend_radii(knot.points, rings).min())
+        curved = measure_curvature(knot.points, placed.radius_mm)
         knots.append(
             {
                 "type": knot.type,
@@ -108,6 +109,9 @@ def report_of(
                 "length_mm": knot.length_mm,
                 "thickness_mm": thickness([knot.points]).value,
                 "min_bend_radius_mm": bend,
+                "mean_curvature_radii": round(curved.mean, 4),
+                "curvature_90_radii": round(curved.quantile_90, 4),
+                "turns": round(curved.turns, 2),
             }
         )
     volume = sum(mesh_volume(v, f) for v, f in bodies)

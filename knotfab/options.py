@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-__all__ = ["BUILD_EXAMPLES", "BuildOptions", "Flag", "Names"]
+from knotfab.errors import InputError
+
+__all__ = ["BUILD_EXAMPLES", "BuildOptions", "Flag", "Names", "options_from"]
 
 _PICTURE = Group.create_ordered("Picture")
 _PIECE = Group.create_ordered("Piece")
@@ -97,3 +100,27 @@ class BuildOptions:
     """Say nothing but errors."""
     verbose: Annotated[Flag, Parameter(group=_OUTPUT)] = False
     """Say how long each stage took."""
+
+
+def options_from(given: Mapping[str, Any]) -> BuildOptions:
+    """The options by their names, as a library's caller gives them: numbers and paths in their own types.
+
+    Raises:
+        InputError: there is no such option.
+    """
+    known = {field.name: str(field.type) for field in fields(BuildOptions)}
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        key = "print_" if name == "print" else name
+        if key not in known:
+            raise InputError(
+                f"the option {name}", "there is none of that name", f"Known: {', '.join(known)}"
+            )
+        if value is not None and "[str | None" in known[key]:
+            value = str(value)
+        elif value is not None and "Path" in known[key]:
+            value = Path(value)
+        elif key == "skip":
+            value = (value,) if isinstance(value, str) else tuple(value)
+        values[key] = value
+    return BuildOptions(**values)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from knotfab.cli.build_options import BuildOptions
-from knotfab.cli.options import scene_of, seconds_of, skips_of
 from knotfab.design.frames import spread_views
 from knotfab.errors import InputError
+from knotfab.options import BuildOptions
 from knotfab.progress import Progress
+from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
@@ -33,9 +33,9 @@ def prepare_build(
     Raises:
         InputError: an option, the scene or a picture is wrong.
     """
-    skipped = skips_of(options.skip)
-    budget = None if options.time_budget is None else seconds_of(options.time_budget)
-    scene, folder = scene_of(options)
+    skipped = read_skips(options.skip)
+    budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    scene, folder = read_scene(options)
     check_names(scene)
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
