@@ -112,9 +112,9 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
     """
     named = {"name": asked.views[0].name, "picture": PICTURES}
     views = (first.views[0].model_copy(update=named),)
-    accuracy = first.accuracy.model_copy(update={"iou_floor": asked.accuracy.iou_floor})
-    keys = {"views": views, "accuracy": accuracy, "mount": asked.mount, "pose": None}
-    whole = first.model_copy(update=keys)
+    # open again, so no resolved scene: what is required of each frame, and its mount, are its own
+    keys = {"views": views, "accuracy": asked.accuracy, "mount": asked.mount, "pose": None}
+    whole = asked.model_copy(update={**dict(first), **keys})
     return folder.write("scene.toml", dump_scene(whole))
 
 
