@@ -10,6 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import test_mount_stand as single
+from knotfab_validators.shadow_checks import shadow_checks
+from knotfab_validators.verify_view import VerifiedView, verify_view
+from knotfab_validators.view import view_geometry
 from setups import OFF, setup
 from test_mount_drawing import texts
 from test_mount_stand import ASKED, EMPTY, ONE, PLA, RADIUS, one
@@ -22,15 +25,13 @@ from knotfab.mount.placement import placement_of
 from knotfab.mount.plinth import Slope, Weights, base_for, slope_below
 from knotfab.mount.shade import Shadows
 from knotfab.mount.solids import strut_solid
-from knotfab.mount.stand import StandMount, plan_stand, stand_bodies
+from knotfab.mount.stand import StandMount, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.words import steps_of
 from knotfab.part.assemble import _posed
 from knotfab.scene.camera import Camera
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, Scene, View
-from knotfab_validators.shadow_checks import shadow_checks
-from knotfab_validators.verify_view import VerifiedView, verify_view
-from knotfab_validators.view import view_geometry
 
 AZIMUTHS = (0.0, 90.0)
 VIEWS = tuple(

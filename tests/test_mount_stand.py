@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from knotfab.errors import SceneError
+from knotfab.geometry.neighbours import segment_distance
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.mount.brace import sag_of_members
-from knotfab.mount.choose import Stiffness
 from knotfab.mount.mount import BASE_DOWN, mount_piece
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import slope_below
 from knotfab.mount.shade import ViewShadow
-from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -24,18 +25,17 @@ from knotfab.mount.struts import (
     Obstacles,
     joined,
     nothing,
-    segment_gap,
     sites_of,
     struts,
 )
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Scene, View
-from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.read_mesh import Mesh
-from knotfab_validators.silhouette import working_frame
-from knotfab_validators.standing import bodies, footprint, margin
-from knotfab_validators.view import view_geometry
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing.standing import bodies, footprint, margin
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
+from knotfab_validators.shadows.frame import working_frame
+from knotfab_validators.shadows.view import view_geometry
 
 RADIUS = 2.0
 PLA = Stiffness(2300.0, 1.24, 0.04)
@@ -91,7 +91,7 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
     # what joins the knots to the ground does not do
     sites = sites_of(own)
     first = mount.members.of(np.arange(len(mount.members)) < len(own.knots))
-    assert sag_of_members(own, sites, first, PLA) > PLA.max_sag_mm
+    assert sag_of(own, sites, first, PLA)[0] > PLA.max_sag_mm
 
 
 @pytest.mark.parametrize("island", [False, True])
@@ -167,7 +167,7 @@ def test_members_touch_nothing_but_their_ends() -> None:
         t = np.linspace(0, 1, 400)[:, None]
         line = m.start[i] + t * (m.end[i] - m.start[i])
         for j in range(i):
-            gap = segment_gap(m.start[[i]], m.end[[i]], m.start[[j]], m.end[[j]])[0]
+            gap = segment_distance(m.start[[i]], m.end[[i]], m.start[[j]], m.end[[j]])[0]
             assert gap >= m.radius[i] + m.radius[j] + 0.4 - 1e-9
         for curve in ISLAND.knots:
             away = np.linalg.norm(line[:, None] - curve.points[None], axis=2).min(axis=1)
@@ -192,14 +192,14 @@ def test_segments_as_near_as_dense_samples_say() -> None:
     random = np.random.default_rng(3)
     a, b, c, d = random.normal(size=(4, 300, 3))
     d[:20] = c[:20] + (b - a)[:20] * 1.3  # parallel ones
-    found = segment_gap(a, b, c, d)
+    found = segment_distance(a, b, c, d)
     t = np.linspace(0, 1, 160)[:, None, None]
     p, q = a + t * (b - a), c + t * (d - c)
     dense = np.array(
         [np.linalg.norm(p[:, None, i] - q[None, :, i], axis=2).min() for i in range(300)]
     )
     assert (found <= dense + 1e-12).all() and (dense - found < 0.03).all()
-    cross = segment_gap(
+    cross = segment_distance(
         *(np.array([x], dtype=float) for x in ([-1, 0, 0], [1, 0, 0], [0, -1, 2], [0, 1, 2]))
     )
     assert cross == pytest.approx([2.0])

@@ -43,7 +43,7 @@ from knotfab.start.deep import deep_curves
 from knotfab.start.filling import even_samples, fill, simple_curves
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.target.read import Target
-from knotfab_validators.view import view_geometry
+from knotfab_validators.shadows.view import view_geometry
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from knotfab.errors import InputError
 from knotfab.knots import Knots
-from knotfab.mount.choose import Stiffness
-from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, Scene

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace, sag_of_members
-from knotfab.mount.choose import Stiffness
+from knotfab.mount.brace import brace
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import (
     CHAMFER_MM,
     CORNER_MM,
@@ -30,7 +29,6 @@ from knotfab.mount.plinth import (
     slope_below,
 )
 from knotfab.mount.shade import Shadows, hidden_struts
-from knotfab.mount.solids import as_manifold, frame_along, strut_solid
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -44,27 +42,22 @@ from knotfab.mount.struts import (
 )
 from knotfab.scene.camera import Camera
 
-if TYPE_CHECKING:
-    from manifold3d import Manifold
-
-__all__ = ["StandMount", "StandSettings", "plan_stand", "stand_bodies"]
+__all__ = ["StandMount", "StandSettings", "plan_stand"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Mesh = tuple[Array, NDArray[np.int32]]
 
 VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
-ROOT_HEIGHT_MM = 3.0
 DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the roots stay out of it
-OVERLAP_MM = 0.5
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
 LEAST_POSTS = 3  # so that a push does not turn the piece about one of them
 APART_RADII = 5.0  # between their feet
 POSTS = 1600  # candidates that show least: half of all, half of each stretch
 STRETCHES = 50  # of equal length, about, of the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
+FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
@@ -177,7 +170,7 @@ def plan_stand(
         base.tip_deg,
         braced.sag_mm,
         braced.sag_at,
-        sag_of_members(knots, sites, members, stiffness),
+        sag_of(knots, sites, members, stiffness, step_radii=FINE_RADII)[0],
         shadows.darkened(members),
     )
 
@@ -336,73 +329,3 @@ def _weights(knots: Knots, members: Candidates) -> Weights:
     volume += list(np.pi * members.radius**2 * members.length_mm)
     center += list((members.start + members.end) / 2)
     return Weights(np.array(volume), np.array(center))
-
-
-def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
-    """Tubes, posts, struts and base as one watertight body, scene coordinates.
-
-    Raises:
-        SceneError: the union is not what the members predict: something else touches.
-    """
-    from manifold3d import Manifold, OpType
-
-    solids = [as_manifold(tube) for tube in tubes]
-    solids += _member_solids(mount)
-    solids.append(_base_solid(mount.base))
-    solid = Manifold.batch_boolean(solids, OpType.Add)
-    parts, genus = len(solid.decompose()), len(mount.members)
-    if parts != 1 or solid.genus() != genus:
-        raise SceneError(
-            "the stand",
-            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
-            "Use --mount none, or report this scene",
-        )
-    merged = solid.to_mesh64()
-    return [
-        (
-            np.array(merged.vert_properties[:, :3], dtype=np.float64),
-            np.array(merged.tri_verts, dtype=np.int32),
-        )
-    ]
-
-
-def _member_solids(mount: StandMount) -> list[Manifold]:
-    from knotfab_fixtures.peg import peg
-
-    slope, members = mount.base.slope, mount.members
-    normal = slope.axes[1] - slope.rise * slope.axes[2]
-    normal /= np.linalg.norm(normal)
-    found = []
-    for i in range(len(members)):
-        top, foot = members.start[i], members.end[i]
-        length, radius = float(np.linalg.norm(top - foot)), float(members.radius[i])
-        if members.second[i] != GROUND:
-            found.append(strut_solid(top, foot, radius))
-            continue
-        axis = (top - foot) / length
-        cosine = float(axis @ normal)
-        root = ROOT_SHARE * radius
-        sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
-        mesh = peg(
-            length,
-            radius,
-            radius,
-            root_radius_mm=root,
-            root_height_mm=ROOT_HEIGHT_MM,
-            sink_mm=sink + OVERLAP_MM,
-        )
-        solid = as_manifold(mesh).transform(np.column_stack([frame_along(axis), foot]))
-        # what the slant needs must not come out of the underside
-        found.append(solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0))
-    return found
-
-
-def _base_solid(base: Base) -> Manifold:
-    from knotfab_fixtures.stand import plinth
-
-    width, depth, front, back = base.size_mm
-    mesh = plinth(width, depth, front, back, corner_radius_mm=CORNER_MM, chamfer_mm=CHAMFER_MM)
-    right, up, out = base.slope.axes
-    middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
-    turn = np.column_stack([right, -out, up])
-    return as_manifold(mesh).transform(np.column_stack([turn, middle + base.bottom * up]))

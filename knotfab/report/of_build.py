@@ -94,7 +94,7 @@ def report_of(
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
     from knotfab.geometry.measures import bend_radii, measure_curvature
     from knotfab.geometry.polylines import rings_of_sizes
-    from knotfab_validators.thickness import thickness
+    from knotfab_validators.tube.thickness import thickness
 
     scene, result = made.scene, made.result
     knots = []

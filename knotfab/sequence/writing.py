@@ -110,11 +110,11 @@ def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
         asked: the scene as a person wrote it: what is required of the IoU follows from each picture,
             unless it was given.
     """
+    keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
     named = {"name": asked.views[0].name, "picture": PICTURES}
-    views = (first.views[0].model_copy(update=named),)
-    # open again, so no resolved scene: what is required of each frame, and its mount, are its own
-    keys = {"views": views, "accuracy": asked.accuracy, "mount": asked.mount, "pose": None}
-    whole = asked.model_copy(update={**dict(first), **keys})
+    keys["views"] = [{**keys["views"][0], **named}]
+    keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
+    whole = Scene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
 
 
