@@ -17,7 +17,7 @@ from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall import Peg, WallSettings, plan_wall, wall_bodies
 from knotfab.mount.wall_brace import pegs_on, sites_with
-from knotfab.part.clean import as_written
+from knotfab.part.clean import clean_body
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, ResolvedView, Scene
@@ -289,7 +289,7 @@ def test_a_united_body_survives_single_precision() -> None:
     view = camera()
     mount = plan_wall(ONE, view, 0.4, PLA, PLATE)
     vertices, faces = wall_bodies([sweep(ONE.points, RADIUS, 24)], mount, view)[0]
-    body = as_written((vertices - vertices.min(axis=0), faces))
+    body = clean_body((vertices - vertices.min(axis=0), faces))
     assert (body[0].astype(np.float32).astype(np.float64) == body[0]).all()
     _, pairs, _ = predicates.find_self_intersections(body[0], body[1].astype(np.int64))
     assert len(pairs) == 0
