@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from knotfab.paper.losses import (
+from examples.paper.losses import (
     ball,
     bending_loss,
     box,
@@ -19,8 +19,8 @@ from knotfab.paper.losses import (
     random_pairs,
     squared_curvature,
 )
-from knotfab.paper.ring import circle, even_ring, random_ring
-from knotfab.paper.settings import PAPER, PaperSettings
+from examples.paper.ring import circle, even_ring, random_ring
+from examples.paper.settings import PAPER, PaperSettings
 
 RADIUS = 0.2
 

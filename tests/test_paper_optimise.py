@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from examples.paper.camera import PaperCamera, camera_around
+from examples.paper.losses import ball
+from examples.paper.optimise import PaperResult, PaperView, iou, search_paper
+from examples.paper.ring import circle, even_ring
+from examples.paper.settings import PAPER, PaperSettings
 from knotfab.errors import InputError, SceneError
-from knotfab.paper.camera import PaperCamera, camera_around
-from knotfab.paper.losses import ball
-from knotfab.paper.optimise import PaperResult, PaperView, iou, search_paper
-from knotfab.paper.render import render
-from knotfab.paper.ring import circle, even_ring
-from knotfab.paper.settings import PAPER, PaperSettings
+from knotfab.render.outlines import render_outlines
 
 CAMERA = PaperCamera(width=32, height=32)
 SMALL = PAPER.model_copy(
@@ -35,7 +35,7 @@ def _view(camera: PaperCamera, *loops: Tensor) -> PaperView:
     """A camera and the hard image of loops [n, 3] at radius 0.12."""
     starts = torch.cat(loops)
     ends = torch.cat([loop.roll(-1, 0) for loop in loops])
-    return PaperView(camera, (render(starts, ends, camera, 0.12, 40.0) > 0.5).double())
+    return PaperView(camera, (render_outlines(starts, ends, camera, 0.12, 40.0) > 0.5).double())
 
 
 def _oval(wide: float, high: float, x: float = 0.0) -> Tensor:

@@ -9,12 +9,12 @@ import shapely
 import torch
 from torch import Tensor
 
-from knotfab.paper.camera import PaperCamera, camera_around
-from knotfab.paper.capsule import clipped, touching
-from knotfab.paper.ellipse import conic, ellipses, support, support_point
-from knotfab.paper.render import render, render_dense, signed_distance, winners
+from examples.paper.camera import PaperCamera, camera_around
+from knotfab.render.capsule_outline import clip_segments, contact_corners
 from knotfab.render.dense import render_dense as render_rays
+from knotfab.render.ellipse import conic, project_spheres, support, support_point
 from knotfab.render.frame import Frame
+from knotfab.render.outlines import render_outlines, render_outlines_dense, signed_distance, winners
 
 CAMERA = PaperCamera(width=40, height=32, focal=(1.0, 0.8, 2.0))
 TAU = 60.0
@@ -66,7 +66,7 @@ def test_the_printed_cone_is_too_narrow_and_ours_touches_the_sphere(
 def test_conic_support_and_half_axes_are_one_ellipse() -> None:
     centres, radius, focal = _points(50, 1), 0.3, 2.0
     coefficients = conic(centres, radius, focal)
-    shape = ellipses(centres, radius, focal)
+    shape = project_spheres(centres, radius, focal)
     turn = torch.linspace(0, 2 * math.pi, 13, dtype=torch.float64)[:, None]
     u = torch.stack([turn.cos(), turn.sin()], -1).expand(13, 50, 2)
     q = support_point(u, centres, radius, focal)
@@ -108,7 +108,7 @@ def _slope_tangents(centre: Tensor, other: Tensor, radius: float, focal: float) 
 
 def test_corners_are_those_of_the_vanishing_point_where_that_is_defined() -> None:
     a, b, radius, focal = _points(20, 2), _points(20, 3), 0.08, 2.0
-    corners, exist = touching(a, b, radius, focal)
+    corners, exist = contact_corners(a, b, radius, focal)
     assert exist.sum() >= 18
     for k in exist.nonzero()[:, 0]:
         p1, p2, p4, p3 = corners[k]
@@ -155,7 +155,7 @@ def test_images_agree_with_the_ray_distance_form() -> None:
     camera = replace(CAMERA, height=32, focal=(1.0, 31 / 39, 2.0))
     a, b, radius = _points(15, 7), _points(15, 8), 0.06
     pixel = camera.pitch[0]
-    ours = render_dense(a, b, camera, radius, TAU)
+    ours = render_outlines_dense(a, b, camera, radius, TAU)
     rays = render_rays(a, b, _ray_frame(camera), radius, TAU * pixel)
     assert torch.equal(ours > 0.5, rays > 0.5)
     assert float((ours - rays).abs().max()) < 0.06
@@ -169,7 +169,7 @@ def test_winners_give_the_dense_image_and_gradient(ball: bool, tau: float) -> No
     ends = None if ball else points.roll(-1, 0)
     weights = torch.rand(CAMERA.height, CAMERA.width, dtype=torch.float64)
     images, gradients = [], []
-    for draw in (render_dense, render):
+    for draw in (render_outlines_dense, render_outlines):
         image = draw(points, ends, CAMERA, 0.05, tau)
         (gradient,) = torch.autograd.grad((image * weights).sum(), points)
         images.append(image.detach())
@@ -186,7 +186,7 @@ def test_gradient_against_finite_differences(ball: bool) -> None:
     camera = camera_around((0.0, 0.0, 3.0), 3.0, 20.0, -10.0, width=40, height=32)
 
     def value(p: Tensor) -> Tensor:
-        image = render(p, None if ball else p.roll(-1, 0), camera, 0.1, 30.0)
+        image = render_outlines(p, None if ball else p.roll(-1, 0), camera, 0.1, 30.0)
         return (image * weights).sum()
 
     variable = points.clone().requires_grad_()
@@ -254,15 +254,15 @@ def test_what_reaches_the_eye_is_cut_and_what_is_behind_it_is_not_seen() -> None
     a = torch.tensor([[0.1, 0.0, 2.0], [0.1, 0.0, 2.0], [0.0, 0.0, -1.0], [0.0, 0.3, 2000.0]])
     b = torch.tensor([[0.1, 0.2, 1.0], [0.3, 0.1, -2.0], [0.3, 0.0, -2.0], [0.1, 0.3, 1500.0]])
     a, b = a.double().requires_grad_(), b.double()
-    one, two, index = clipped(a, b, 0.1, camera.near, camera.far)
+    one, two, index = clip_segments(a, b, 0.1, camera.near, camera.far)
     assert index.tolist() == [0, 1]
     assert torch.equal(one, a[:2]) and torch.equal(two[0], b[0])
     assert float(two[1, 2].detach()) == pytest.approx(0.15, abs=1e-12)
-    image = render(a, b, camera, 0.1, TAU)
+    image = render_outlines(a, b, camera, 0.1, TAU)
     (gradient,) = torch.autograd.grad(image.sum(), a)
     assert bool(image.isfinite().all()) and bool(gradient.isfinite().all())
     assert gradient[:2].norm() > 0 and gradient[2:].norm() == 0
-    hidden = render(a[2:].detach(), b[2:], camera, 0.1, TAU)
+    hidden = render_outlines(a[2:].detach(), b[2:], camera, 0.1, TAU)
     assert float(hidden.abs().max()) == 0
 
 
@@ -272,7 +272,7 @@ def test_few_samples_break_the_ellipse_image_and_not_the_capsules() -> None:
         s = 2 * math.pi * torch.arange(count, dtype=torch.float64) / count
         p = torch.stack([s.cos(), s.sin(), torch.full_like(s, 3.0)], -1)
         return tuple(
-            render(p, e, PaperCamera(width=96, height=96), 0.05, 100.0)
+            render_outlines(p, e, PaperCamera(width=96, height=96), 0.05, 100.0)
             for e in (None, p.roll(-1, 0))
         )  # type: ignore[return-value]
 
@@ -287,8 +287,8 @@ def test_winners_of_before_bound_the_image_from_below() -> None:
     points = _points(30, 15)
     won = winners(points, points.roll(-1, 0), CAMERA, 0.05, 0.2)
     moved = points + 0.01 * torch.randn(30, 3, generator=torch.Generator().manual_seed(1))
-    stale = render(moved, moved.roll(-1, 0), CAMERA, 0.05, TAU, won=won)
-    fresh = render(moved, moved.roll(-1, 0), CAMERA, 0.05, TAU)
+    stale = render_outlines(moved, moved.roll(-1, 0), CAMERA, 0.05, TAU, won=won)
+    fresh = render_outlines(moved, moved.roll(-1, 0), CAMERA, 0.05, TAU)
     assert bool((stale <= fresh + 1e-5).all())
 
 

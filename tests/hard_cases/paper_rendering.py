@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.paper.camera import PaperCamera
-from knotfab.paper.render import render, signed_distance
+from examples.paper.camera import PaperCamera
+from knotfab.render.outlines import render_outlines, signed_distance
 
 from .measure import EPSILONS
 from .rendering import RenderCase
@@ -68,7 +68,7 @@ def paper_error(case: RenderCase, balls: bool, most: int = 400) -> tuple[float, 
         e = torch.as_tensor(case.edges)
         ends = None if balls else p[e[:, 1]]
         tau = case.tau / case.step
-        shown = render(p[e[:, 0]], ends, camera, case.radius, tau)
+        shown = render_outlines(p[e[:, 0]], ends, camera, case.radius, tau)
         (g,) = torch.autograd.grad(shown.sum(), p)
         finite &= bool(shown.isfinite().all()) and bool(g.isfinite().all())
     shown = found[0] > -1e6 / case.step

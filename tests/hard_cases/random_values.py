@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotfab.effects.region import outside
-from knotfab.paper.losses import (
+from examples.paper.losses import (
     ball,
     bending_loss,
     box,
@@ -20,6 +19,7 @@ from knotfab.paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
+from knotfab.effects.region import outside
 from knotfab.scene.model import Region
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 

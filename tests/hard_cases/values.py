@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 from torch.func import functional_call
 
-from knotfab.effects.region import outside
-from knotfab.paper.losses import (
+from examples.paper.losses import (
     ball,
     bending_loss,
     box,
@@ -22,6 +21,7 @@ from knotfab.paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
+from knotfab.effects.region import outside
 from knotfab.scene.model import Region
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.network.rigid import rotation

@@ -1,21 +1,35 @@
-"""The paper's images: sigmoid(tau S), at each pixel the largest over ellipses or capsules.
+"""Images by the distance to outlines in the image plane: sigmoid(tau S), of ellipses or of capsules.
 
-Paper, section 3.3. sigmoid(tau S) grows with S, so a pixel needs its winning primitive alone. It is found
-on squares of pixels that are halved again and again: a signed distance changes by at most the way gone,
-so its value in a square's middle bounds it all over the square. `render_dense` asks every primitive at
-every pixel, and is the other's oracle.
+Paper, section 3.3: at each pixel S is the largest signed distance of all primitives. The product draws by
+ray distance (`knotfab.render.tiled`); both have the same silhouette. sigmoid(tau S) grows with S, so a
+pixel needs its winning primitive alone. It is found on squares of pixels that are halved again and again:
+a signed distance changes by at most the distance moved, so its value in a square's middle bounds it all
+over the square. `render_outlines_dense` asks every primitive at every pixel, and is the other's oracle.
 """
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import torch
 from torch import Tensor
 
-from knotfab.paper.camera import PaperCamera
-from knotfab.paper.capsule import Outlines, clipped, outline_distance, outlines
-from knotfab.paper.ellipse import support
+from knotfab.render.capsule_outline import (
+    Outlines,
+    clip_segments,
+    outline_capsules,
+    outline_distance,
+)
+from knotfab.render.ellipse import support
 
-__all__ = ["REACH", "render", "render_dense", "signed_distance", "winners"]
+__all__ = [
+    "REACH",
+    "Pinhole",
+    "render_outlines",
+    "render_outlines_dense",
+    "signed_distance",
+    "winners",
+]
 
 REACH = 16.0  # pixels with tau S below minus this are empty: sigmoid(-16) is 1e-7
 _SQUARES = 256  # at most, on the first level
@@ -25,10 +39,39 @@ _TINY = 1e-30
 Won = tuple[Tensor, Tensor]  # flat pixels and their primitives, as in the call
 
 
+class Pinhole(Protocol):
+    """What these images need of a camera: x right, y down, z away from the eye, any unit of length."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def focal(self) -> tuple[float, float, float]:
+        """Half the picture's width and height on the image plane, and the plane's depth."""
+        ...
+
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    def local(self, points: Tensor) -> Tensor:
+        """[..., 3] world -> [..., 3] camera coordinates."""
+        ...
+
+    def plane(self, u: Tensor, v: Tensor) -> Tensor:
+        """[...] pixel columns and rows -> [..., 2] points of the image plane."""
+        ...
+
+    def half_diagonal(self, pixels: int) -> float:
+        """How far the centres of a square of so many pixels lie from its middle, on the plane."""
+        ...
+
+
 def winners(
     starts: Tensor,  # [n, 3] world
     ends: Tensor,  # [n, 3]
-    camera: PaperCamera,
+    camera: Pinhole,
     radius: float,
     reach: float,
 ) -> Won:
@@ -37,10 +80,10 @@ def winners(
     Not differentiable. Capsules start-end; spheres where they are the same points.
     """
     with torch.no_grad():
-        a, b, index = clipped(
+        a, b, index = clip_segments(
             camera.local(starts), camera.local(ends), radius, camera.near, camera.far
         )
-        shape = outlines(a, b, radius, camera.focal[2])
+        shape = outline_capsules(a, b, radius, camera.focal[2])
         width, height = camera.width, camera.height
         size = 1
         while -(-width // size) * -(-height // size) > _SQUARES:
@@ -77,7 +120,7 @@ def _may_win(
     u: Tensor,
     v: Tensor,
     size: int,
-    camera: PaperCamera,
+    camera: Pinhole,
     reach: float,
 ) -> Tensor:
     """[m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
@@ -110,7 +153,7 @@ def signed_distance(
     starts: Tensor,  # [m, 3] world
     ends: Tensor,  # [m, 3]
     q: Tensor,  # [m, 2] on the image plane
-    camera: PaperCamera,
+    camera: Pinhole,
     radius: float,
 ) -> Tensor:
     """[m] signed distance of q to the silhouettes of capsules (spheres where start = end), positive inside.
@@ -118,25 +161,29 @@ def signed_distance(
     In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
     subgradient where two places of the outline are equally near. -1e9 for what is clipped away.
     """
-    a, b, index = clipped(camera.local(starts), camera.local(ends), radius, camera.near, camera.far)
+    a, b, index = clip_segments(
+        camera.local(starts), camera.local(ends), radius, camera.near, camera.far
+    )
     focal_z = camera.focal[2]
-    _, u, share = outline_distance(outlines(a, b, radius, focal_z), q[index], radius, focal_z)
+    _, u, share = outline_distance(
+        outline_capsules(a, b, radius, focal_z), q[index], radius, focal_z
+    )
     one, two = support(u, a, radius, focal_z), support(u, b, radius, focal_z)
     s = (1 - share) * one + share * two - (u * q[index]).sum(-1)
     empty = torch.full((len(q),), _EMPTY, dtype=q.dtype, device=q.device)
     return empty.index_put((index,), s)
 
 
-def render(
+def render_outlines(
     starts: Tensor,  # [n, 3] world
     ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
-    camera: PaperCamera,
+    camera: Pinhole,
     radius: float,
     tau: float,
     reach: float = REACH,
     won: Won | None = None,
 ) -> Tensor:
-    """[height, width] the paper's image of capsules start-end, or of spheres, up to sigmoid(-reach).
+    """[height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
 
     Differentiable with respect to the points. `tau` is per unit of the image plane. `won` takes the winners
     of an earlier call: a lower bound of the image, exact wherever the winner is still the same.
@@ -152,10 +199,10 @@ def render(
     return image.reshape(camera.height, camera.width)
 
 
-def render_dense(
+def render_outlines_dense(
     starts: Tensor,  # [n, 3] world
     ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
-    camera: PaperCamera,
+    camera: Pinhole,
     radius: float,
     tau: float,
     pixels_at_once: int = 512,

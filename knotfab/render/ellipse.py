@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["Ellipses", "conic", "ellipses", "nearest_normal", "support", "support_point"]
+__all__ = ["Ellipses", "conic", "nearest_normal", "project_spheres", "support", "support_point"]
 
 _TINY = 1e-30
 _STEPS = 5  # of the iteration for the nearest point: from then on rounding rules
@@ -86,7 +86,7 @@ class Ellipses:
         return Ellipses(self.middle[index], self.axis[index], self.major[index], self.minor[index])
 
 
-def ellipses(
+def project_spheres(
     centres: Tensor,  # [n, 3]
     radius: float,
     focal_z: float,

@@ -4,7 +4,7 @@ Paper, section 3.3 and supplement, "Equation of Projection of Cylinder". The tan
 point to both ellipses are the traces of the two planes through the eye that touch the cylinder. Those
 planes are found in space, so a vanishing point at infinity (ends of equal depth) or an upright
 tangent is a case like any other. The three shapes together are convex: their common support
-function is the larger of the two ellipses' (see `knotfab.paper.ellipse`).
+function is the larger of the two ellipses' (see `knotfab.render.ellipse`).
 """
 
 from __future__ import annotations
@@ -14,15 +14,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from knotfab.paper.ellipse import Ellipses, ellipses, nearest_normal, support, support_point
+from knotfab.render.ellipse import Ellipses, nearest_normal, project_spheres, support, support_point
 
-__all__ = ["Outlines", "clipped", "outline_distance", "outlines", "tangent_normals", "touching"]
+__all__ = [
+    "Outlines",
+    "clip_segments",
+    "contact_corners",
+    "outline_capsules",
+    "outline_distance",
+    "tangent_normals",
+]
 
 _TINY = 1e-30
 _GRAZING = 1e-12  # of 1 - (r / h)^2: below it the eye is taken to be in the cylinder
 
 
-def clipped(
+def clip_segments(
     a: Tensor,  # [n, 3] camera coordinates
     b: Tensor,  # [n, 3]
     radius: float,
@@ -80,7 +87,7 @@ def tangent_normals(
         return torch.stack([ratio * foot + across, ratio * foot - across]), exist
 
 
-def touching(
+def contact_corners(
     a: Tensor,  # [n, 3]
     b: Tensor,  # [n, 3]
     radius: float,
@@ -119,7 +126,7 @@ class Outlines:
         )
 
 
-def outlines(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
+def outline_capsules(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
     """The silhouettes of capsules a-b [n, 3] wholly in front of the eye; spheres where a = b."""
     with torch.no_grad():
         a, b = a.detach(), b.detach()
@@ -129,8 +136,8 @@ def outlines(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
         return Outlines(
             a,
             b,
-            ellipses(a, radius, focal_z),
-            ellipses(b, radius, focal_z),
+            project_spheres(a, radius, focal_z),
+            project_spheres(b, radius, focal_z),
             -flat / size.clamp_min(_TINY),
             exist & (size > _TINY).all(0)[:, 0],
         )

@@ -15,9 +15,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from knotfab.errors import InputError, SceneError
-from knotfab.paper.camera import PaperCamera
-from knotfab.paper.losses import (
+from examples.paper.camera import PaperCamera
+from examples.paper.losses import (
     Region,
     bending_loss,
     image_loss,
@@ -26,9 +25,10 @@ from knotfab.paper.losses import (
     occupancy_loss,
     random_pairs,
 )
-from knotfab.paper.render import REACH, Won, render, winners
-from knotfab.paper.ring import Curve, circle, even_ring, random_ring
-from knotfab.paper.settings import PAPER, PaperSettings
+from examples.paper.ring import Curve, circle, even_ring, random_ring
+from examples.paper.settings import PAPER, PaperSettings
+from knotfab.errors import InputError, SceneError
+from knotfab.render.outlines import REACH, Won, render_outlines, winners
 from knotfab.render.threads import one_thread
 
 __all__ = ["PaperResult", "PaperView", "iou", "search_paper"]
@@ -168,7 +168,7 @@ def _seen(
     ends = knots.roll(-1, 1).reshape(-1, 3) if settings.renderer == "capsule" else starts
     if won is None:
         won = winners(starts, ends, view.camera, settings.radius, REACH / settings.tau)
-    image = render(starts, ends, view.camera, settings.radius, settings.tau, won=won)
+    image = render_outlines(starts, ends, view.camera, settings.radius, settings.tau, won=won)
     return image, won
 
 
