@@ -7,7 +7,6 @@ from functools import cache
 import manifold3d
 import numpy as np
 import pytest
-from test_mount_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
@@ -16,6 +15,7 @@ from knotfab_validators.mount_matter import tube_vertices
 from knotfab_validators.shadow_checks import shadow_checks
 from knotfab_validators.verify_view import VerifiedView, verify_view
 from knotfab_validators.view import view_geometry
+from tests.mount.test_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
 CURVE = ONE.knots[0].points
 GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]

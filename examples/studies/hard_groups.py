@@ -15,6 +15,13 @@ import torch
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from examples.hard_cases.curves import circle, hard_knots
+from examples.hard_cases.isotopy import fuzz
+from examples.hard_cases.measure import image, sampled_error
+from examples.hard_cases.pictures import hard_pictures
+from examples.hard_cases.rendering import RenderCase, large_cases
+from examples.hard_cases.value_error import slope_excess, value_error
+from examples.hard_cases.values import ValueCase, loss_cases, network_cases
 from examples.studies.hard_sheets import (
     Draw,
     draw_image,
@@ -25,7 +32,6 @@ from examples.studies.hard_sheets import (
     draw_shadow,
     draw_tube,
 )
-from examples.studies.isotopy_fuzz import fuzz
 from knotfab.design.design import Design, design
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
@@ -35,12 +41,6 @@ from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
 from knotfab.target.read import Target, read_target
 from knotfab.target.silhouette import polygon_of
-from tests.hard_cases.curves import circle, hard_knots
-from tests.hard_cases.measure import image, sampled_error
-from tests.hard_cases.pictures import hard_pictures
-from tests.hard_cases.rendering import RenderCase, large_cases
-from tests.hard_cases.value_error import slope_excess, value_error
-from tests.hard_cases.values import ValueCase, loss_cases, network_cases
 
 __all__ = ["GROUPS", "Line", "groups"]
 

@@ -18,7 +18,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.hard_cases.pictures import HardPicture, hard_pictures
+from examples.hard_cases.pictures import HardPicture, hard_pictures
 
 __all__ = ["Built", "built", "main"]
 

@@ -11,10 +11,7 @@ import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from knotfab.render.dense import render_dense
-from knotfab.render.frame import Frame
-from knotfab.render.tiled import render_tiled, winners
-from tests.hard_cases.measure import (
+from examples.hard_cases.measure import (
     distances,
     double_error,
     forward_error,
@@ -23,7 +20,10 @@ from tests.hard_cases.measure import (
     image,
     subgradient_excess,
 )
-from tests.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
+from examples.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
+from knotfab.render.dense import render_dense
+from knotfab.render.frame import Frame
+from knotfab.render.tiled import render_tiled, winners
 
 CASES = {case.name: case for case in render_cases()}
 

@@ -10,7 +10,11 @@ import pytest
 import torch
 from shapely import MultiPolygon, Point
 
-from examples.studies.nightly_fuzz import KINDS
+from examples.hard_cases.pictures import hard_pictures
+from examples.hard_cases.random_cases import KINDS
+from examples.hard_cases.random_values import random_network, round_trip_share
+from examples.hard_cases.value_error import slope_excess, value_error
+from examples.hard_cases.values import ValueCase, loss_cases, network_cases
 from knotfab.design.design import design
 from knotfab.design.prices import SHORT, prices_several
 from knotfab.design.radius import template_iou
@@ -24,10 +28,6 @@ from knotfab.start.filling import fill
 from knotfab.start.several import start_of
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
-from tests.hard_cases.pictures import hard_pictures
-from tests.hard_cases.random_values import random_network, round_trip_share
-from tests.hard_cases.value_error import slope_excess, value_error
-from tests.hard_cases.values import ValueCase, loss_cases, network_cases
 
 CASES = {case.name: case for case in (*loss_cases(), *network_cases())}
 

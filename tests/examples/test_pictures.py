@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-SOURCE = Path(__file__).parents[1] / "examples" / "pictures.py"
+SOURCE = Path(__file__).parents[2] / "examples" / "pictures.py"
 
 
 def drawn() -> dict[str, Image.Image]:

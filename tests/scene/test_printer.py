@@ -95,7 +95,7 @@ print(len(checks), {c.status for c in checks})
 """
     done = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parent,
+        cwd=Path(__file__).parents[1] / "shared",
         capture_output=True,
         text=True,
         check=False,

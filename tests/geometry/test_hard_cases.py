@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
+from examples.hard_cases.curves import circle
+from examples.hard_cases.pictures import HardPicture, hard_pictures
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import _transport, mesh_volume, sweep
 from knotfab.start.filling import fill
 from knotfab.target.silhouette import polygon_of
-from tests.hard_cases.curves import circle
-from tests.hard_cases.pictures import HardPicture, hard_pictures
 
 # those whose outlines alone take seconds are left to `examples.studies.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}

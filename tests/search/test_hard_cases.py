@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from examples.studies.isotopy_fuzz import fuzz, types_of
+from examples.hard_cases.crossing import linking_number, passes_through
+from examples.hard_cases.curves import HardKnot, circle, hard_knots
+from examples.hard_cases.isotopy import fuzz, types_of
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.search.flow import FlowSettings, flow
-from tests.hard_cases.crossing import linking_number, passes_through
-from tests.hard_cases.curves import HardKnot, circle, hard_knots
 
 
 @pytest.mark.parametrize("case", hard_knots(), ids=lambda case: case.name)
