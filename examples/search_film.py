@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from examples.measurement import paint_comparison, read_problem
 from examples.side_view import beside, side_view
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects.base import Situation
 from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours
@@ -29,8 +29,6 @@ from knotfab.render.frame import Frame
 from knotfab.render.picture import frame_mm, picture_at
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Objective
 from knotfab.search.phases import objective_of, three_phases
@@ -38,7 +36,6 @@ from knotfab.search.steps import walked
 from knotfab.sequence.gif import write_gif
 from knotfab.start.filling import fill
 from knotfab.start.lift import lifted
-from knotfab.target.read import read_target
 
 __all__ = ["film", "watched"]
 
@@ -103,27 +100,20 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
 def _shadow(
     points: Array, rings: Rings, frame: Frame, radius: float, wanted: NDArray[np.bool_]
 ) -> Image.Image:
-    """The tube's shadow: black where it is wanted, orange where not, blue where it is missing."""
+    """The tube's shadow: black where it is wanted, red where not, blue where it is missing."""
     p = torch.as_tensor(points, dtype=torch.float32)
     with torch.no_grad():
         cast = (
             render_tiled(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
         )
-    image = np.full((*wanted.shape, 3), 255, dtype=np.uint8)
-    image[wanted & cast] = (30, 30, 34)
-    image[cast & ~wanted] = (224, 122, 62)
-    image[wanted & ~cast] = (120, 170, 214)
-    return Image.fromarray(image)
+    return Image.fromarray(paint_comparison(cast, wanted))
 
 
 def main(source: str, path: Path) -> None:
     """Write the film of the search for one picture."""
-    target = read_target(source)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    problem = problem_of(scene.model_copy(update={"views": (view,)}), target)
-    assert view.frame_width_mm is not None
-    pictures = film(problem, round(SHARE * view.frame_width_mm, 3))
+    _, problem = read_problem(source)
+    assert problem.view.frame_width_mm is not None
+    pictures = film(problem, round(SHARE * problem.view.frame_width_mm, 3))
     write_gif(path, pictures, 80)
     print(f"{path}: {len(pictures)} pictures")
 

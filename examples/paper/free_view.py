@@ -8,28 +8,22 @@ second: IoU of the search's end on the project's pictures at the same iterations
 from __future__ import annotations
 
 import argparse
-import tempfile
-import time
-from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from examples.measurement import Stopwatch, read_problem
 from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.render.free_frame import Sheet, free_frame, render_free
 from knotfab.render.threads import one_thread
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 from knotfab.search.free_search import free_search
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
 from knotfab.start.filling import fill
-from knotfab.target.read import read_target
 
 __all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
 
@@ -75,13 +69,13 @@ def recoveries(seeds: int = 3) -> None:
             start = ViewNumbers(light, 100.0, 3.0, *(pose + astray).tolist())
             target = shadow_of(points, truth)
             for free in (known, ALL):
-                begun = time.process_time()
+                watch = Stopwatch()
                 found = fit_view(points, rings, SHEET, target, start, Bounds(free)).numbers
                 print(
                     f"{name:<14} {len(free):>6} {angle_deg(start, truth):>7.1f} "
                     f"{angle_deg(found, truth):>6.2f} {found.light_distance_mm / 4 - 100:>7.2f} "
                     f"{found.wall_distance_mm - 100:>7.2f} {found.radius_mm / 0.03 - 100:>6.2f} "
-                    f"{time.process_time() - begun:>9.1f}",
+                    f"{watch.cpu_s:>9.1f}",
                     flush=True,
                 )
 
@@ -93,21 +87,15 @@ def designs(names: list[str]) -> None:
     print("picture    radius   fixed    free   light    wall  radius   turn   CPU seconds")
     gains = []
     for name in names:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{name}.png"
-            every[name].save(path)
-            target = read_target(path)
-        scene = resolve(Scene(), [(target.width, target.height)])
-        view = resolve_view(scene.views[0], target)
-        problem = problem_of(scene.model_copy(update={"views": (view,)}), target)
+        scene, problem = read_problem(every[name])
         radius = RADII_MM.get(name, 2.5)
         template = fill(problem.polygon, radius)
-        begun = time.process_time()
+        watch = Stopwatch()
         fixed = search(problem, template, radius, settings)
-        middle = time.process_time()
+        fixed_s = watch.cpu_s
         bounds = Bounds(least_radius_mm=scene.printer.min_tube_radius_mm)
         free = free_search(problem, template, radius, settings, bounds)
-        ended = time.process_time()
+        free_s = watch.cpu_s - fixed_s
         n = free.numbers
         still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
         result = free.result
@@ -115,7 +103,7 @@ def designs(names: list[str]) -> None:
         print(
             f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
             f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "
-            f"{angle_deg(n, still):>6.1f}  {middle - begun:>6.1f} {ended - middle:>5.1f}{told}",
+            f"{angle_deg(n, still):>6.1f}  {fixed_s:>6.1f} {free_s:>5.1f}{told}",
             flush=True,
         )
         gains.append(result.iou_estimate - fixed.iou_estimate)

@@ -6,7 +6,6 @@ carries them all, so they stay unlinked), or several views of one knot (their im
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from examples.measurement import Stopwatch
 from examples.paper.camera import PaperCamera
 from examples.paper.losses import (
     Region,
@@ -90,7 +90,7 @@ def search_paper(
         from knotfab.search.network import CouplingNetwork
 
         network = CouplingNetwork(settings.depth, settings.width, settings.seed)
-    begun, begun_cpu = time.perf_counter(), time.process_time()
+    watch = Stopwatch()
     adam = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
     generator = torch.Generator().manual_seed(settings.seed)
     losses: list[dict[str, float]] = []
@@ -130,8 +130,8 @@ def search_paper(
         tuple(losses),
         tuple(ious),
         tuple(iou(i, v.target) for i, v in zip(images, views, strict=True)),
-        time.perf_counter() - begun,
-        time.process_time() - begun_cpu,
+        watch.wall_s,
+        watch.cpu_s,
     )
 
 

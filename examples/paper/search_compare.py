@@ -9,8 +9,6 @@ settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take 
 from __future__ import annotations
 
 import argparse
-import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,16 +17,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from examples.measurement import Stopwatch, paint_comparison, read_problem
 from examples.pictures import pictures
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.render.picture import picture_at
 from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import Infeasible, Problem, SearchResult, search
 from knotfab.start.filling import Template, fill
-from knotfab.target.read import read_target
 
 __all__ = ["Run", "main", "run"]
 
@@ -60,7 +55,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("."))
     asked = parser.parse_args()
-    problem = _problem(asked.picture)
+    _, problem = read_problem(pictures()[asked.picture])
     assert problem.view.frame_width_mm is not None
     radius = round(RADIUS * problem.view.frame_width_mm, 3)
     template = fill(problem.polygon, radius)
@@ -94,12 +89,12 @@ def run(
     """One search with `scale` times the iterations."""
     base = PRESETS["draft"].model_dump() | WAYS[way] | {"seed": seed}
     settings = SearchSettings(**base).scaled(scale)
-    begun = time.process_time()
+    watch = Stopwatch()
     try:
         result = search(problem, template, radius, settings, repairs=repairs)
     except Infeasible as error:
         result = error.result
-    return Run(way, scale, repairs, time.process_time() - begun, result)
+    return Run(way, scale, repairs, watch.cpu_s, result)
 
 
 def _line(one: Run) -> str:
@@ -111,16 +106,6 @@ def _line(one: Run) -> str:
         f"{state.bend_mm / limits.bend_radius:6.2f} {state.gap_mm / limits.separation:6.2f}  "
         f"{', '.join(state.broken) or '-'}"
     )
-
-
-def _problem(name: str) -> Problem:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.png"
-        pictures()[name].save(path)
-        target = read_target(path)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    return problem_of(scene.model_copy(update={"views": (view,)}), target)
 
 
 def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
@@ -162,12 +147,7 @@ def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[
         points = torch.as_tensor(knot.points, dtype=torch.float32)
         ahead = torch.roll(points, -1, dims=0)
         seen |= (render_tiled(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
-    wanted = (target > 0.5).numpy()
-    picture = np.full((*seen.shape, 3), 255, dtype=np.uint8)
-    picture[seen & wanted] = (40, 40, 40)
-    picture[seen & ~wanted] = (210, 50, 40)
-    picture[~seen & wanted] = (70, 120, 220)
-    return picture
+    return paint_comparison(seen, (target > 0.5).numpy())
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ search.
 from __future__ import annotations
 
 import argparse
-import tempfile
-import time
 from pathlib import Path
 
 import matplotlib
@@ -23,18 +21,15 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import label
 from torch import Tensor
 
+from examples.measurement import Stopwatch, read_problem
 from examples.pictures import Canvas, pictures
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.design.radius import choose_radius
 from knotfab.errors import SceneError
 from knotfab.render.picture import picture_at
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
-from knotfab.target.read import read_target
 
 __all__ = ["fit_sphere", "hard_silhouette", "holes", "main", "soft_silhouette"]
 
@@ -160,23 +155,20 @@ def _square(mask: Mask, pixels: int) -> Array:
     return np.asarray(image, dtype=np.float64)
 
 
-def _tube(path: Path) -> tuple[Mask, Mask]:
+def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
-    target = read_target(path)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    scene = scene.model_copy(update={"views": (view,)})
-    problem, settings = problem_of(scene, target), search_settings("draft", {})
+    scene, problem = read_problem(picture)
+    view, settings = problem.view, search_settings("draft", {})
     assert view.frame_width_mm is not None
     least = scene.printer.min_tube_radius_mm
     choice = choose_radius(problem, view.frame_width_mm, least, None, settings)
     knots = search(problem, choice.template, choice.radius_mm, settings).knots
-    frame, picture, _ = picture_at(view, target.mask, COMPARED_PX, True, "cpu")
+    frame, target, _ = picture_at(view, problem.mask, COMPARED_PX, True, "cpu")
     starts = torch.as_tensor(knots.points).float()
     ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
     with torch.no_grad():
         seen = (render_tiled(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
-    return _square(picture.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
+    return _square(target.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
 
 
 def _iou(a: Mask, b: Mask) -> float:
@@ -197,22 +189,20 @@ def main() -> None:
     print("                holes             IoU              CPU seconds")
     print("picture    target mesh tube   mesh    tube      mesh    tube")
     for row, name in zip(axes, asked.names, strict=True):
-        with tempfile.TemporaryDirectory() as folder, one_thread():
-            path = Path(folder) / f"{name}.png"
-            every[name].save(path)
-            begun = time.process_time()
+        with one_thread():
+            watch = Stopwatch()
             try:
-                target, tube = _tube(path)
+                target, tube = _tube(every[name])
             except SceneError as error:
                 print(f"{name:<10} {error}")
                 continue
-            middle = time.process_time()
+            tube_s = watch.cpu_s
             coarse = torch.as_tensor(_square(target, asked.pixels), dtype=torch.float32)
             mesh = hard_silhouette(*fit_sphere(coarse), COMPARED_PX)
-            ended = time.process_time()
+            mesh_s = watch.cpu_s - tube_s
         print(
             f"{name:<10} {holes(target):>5} {holes(mesh):>5} {holes(tube):>4}   {_iou(mesh, target):.4f}  "
-            f"{_iou(tube, target):.4f}  {ended - middle:>7.1f} {middle - begun:>7.1f}",
+            f"{_iou(tube, target):.4f}  {mesh_s:>7.1f} {tube_s:>7.1f}",
             flush=True,
         )
         for axis, mask, title in zip(

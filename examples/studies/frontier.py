@@ -8,16 +8,10 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import tempfile
-from pathlib import Path
 
+from examples.measurement import read_problem
 from examples.pictures import pictures
-from knotfab.design.design import problem_of, resolve_view
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
-from knotfab.search.search import Problem
 from knotfab.start.filling import fill
-from knotfab.target.read import read_target
 from knotfab.tradeoff.measure import measure
 from knotfab.tradeoff.points import points
 
@@ -27,29 +21,19 @@ NAMES = ("knight", "smiley", "anchor", "ampersand", "cat", "wheel")
 RADIUS = 0.0115  # of the frame's width
 
 
-def _problem(path: Path) -> Problem:
-    target = read_target(path)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    return problem_of(scene.model_copy(update={"views": (view,)}), target)
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     asked = parser.parse_args()
     problems = []
-    with tempfile.TemporaryDirectory() as folder:
-        for name, image in pictures().items():
-            if name in asked.names:
-                path = Path(folder) / f"{name}.png"
-                image.save(path)
-                problem = _problem(path)
-                width = problem.view.frame_width_mm
-                assert width is not None
-                radius = RADIUS * width
-                problems.append((problem, radius, fill(problem.polygon, radius)))
+    for name, image in pictures().items():
+        if name in asked.names:
+            _, problem = read_problem(image)
+            width = problem.view.frame_width_mm
+            assert width is not None
+            radius = RADIUS * width
+            problems.append((problem, radius, fill(problem.polygon, radius)))
     print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
     rows = [measure(p, t, r, points()) for p, r, t in problems]
     for column in zip(*rows, strict=True):

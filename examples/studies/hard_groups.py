@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +21,7 @@ from examples.hard_cases.pictures import hard_pictures
 from examples.hard_cases.rendering import RenderCase, large_cases
 from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
+from examples.measurement import Stopwatch
 from examples.studies.hard_sheets import (
     Draw,
     draw_image,
@@ -91,9 +91,9 @@ def _drawn(case: ValueCase) -> Draw:
 
 def _images() -> Iterator[Line]:
     for case in large_cases():
-        start = time.process_time()
+        watch = Stopwatch()
         error, share = sampled_error(case)
-        spent = time.process_time() - start
+        spent = watch.cpu_s
         cells = (str(len(case.edges)), f"{error:.0e}", f"{share:.3f}", f"{spent:.0f}")
         good = share <= 1 and error <= 1e-3
         yield Line(case.name, case.why, cells, good, partial(_draw_small, case=case))

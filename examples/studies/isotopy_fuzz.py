@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 
 from examples.hard_cases.curves import hard_knots
 from examples.hard_cases.isotopy import fuzz
+from examples.measurement import Stopwatch
 
 __all__ = ["main"]
 
@@ -26,7 +26,7 @@ def main(argv: list[str] | None = None) -> int:
     cases = hard_knots()
     each = -(-asked.steps // len(cases))
     bad = 0
-    begun = time.process_time()
+    watch = Stopwatch()
     print(f"{'knot':<12} {'steps':>8} {'accepted':>8} {'crossing':>8} {'faults':>6} {'changed':>7}")
     for case in cases:
         row = fuzz(case, each, asked.seed)
@@ -36,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
             f"{row.changed:>7}",
             flush=True,
         )
-    print(f"{each * len(cases)} steps, {bad} faults, {time.process_time() - begun:.0f} CPU s")
+    print(f"{each * len(cases)} steps, {bad} faults, {watch.cpu_s:.0f} CPU s")
     return int(bad > 0)
 
 

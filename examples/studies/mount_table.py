@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from examples.measurement import build_apart
 from examples.pictures import pictures
-from examples.studies.accuracy_table import measure
 
 __all__ = ["main", "row_of"]
 
@@ -104,8 +104,8 @@ def main() -> None:
             if done is None:
                 path = folder / f"{name}.png"
                 image.save(path)
-                got = measure(path, out, "--mount", kind, *options)
-                report, code, error = got["report"], got["code"], got["error"]
+                built = build_apart(path, out, "--mount", kind, *options)
+                report, code, error = built.report, built.code, built.said
             else:
                 report, error = json.loads(done.read_text()), ""
                 code = 0 if report["status"] == "pass" else 1
