@@ -106,6 +106,7 @@ def test_bad_pictures(bad: Path, tmp_path: Path, name: str, why: str) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_picture_too_fine_for_any_printable_tube(tmp_path: Path) -> None:
     lines = np.zeros((256, 256), dtype=bool)
     lines[100:156:16, 8:248] = True  # strokes of 0.7 mm, and the thinnest tube is 1.6 mm
@@ -227,6 +228,7 @@ def test_help_and_version() -> None:
     assert (done.code, done.out.strip(), done.err) == (0, package.__version__, "")
 
 
+@pytest.mark.slow
 def test_doctor_reports_and_an_example_of_what_is_missing() -> None:
     done = knotfab("doctor")
     assert done.code in (0, 3) and "torch" in done.out and done.err == ""
@@ -248,6 +250,7 @@ def gone(process: int) -> bool:
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs the process table of Linux")
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_in_the_middle_of_the_search(tmp_path: Path, asked: signal.Signals) -> None:
@@ -324,6 +327,7 @@ def ring(n: int = 200, size: float = 20.0) -> list[list[float]]:
     return np.column_stack([size * np.cos(t), size * np.sin(t), np.zeros(n)]).tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "status", "code"), [(2.0, "pass", 0), (19.9, "pass", 0), (20.1, "fail", 1)]
 )

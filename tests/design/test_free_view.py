@@ -127,6 +127,7 @@ def _angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_pose_and_light_distance_are_found_again(share: float) -> None:
     sheet = Sheet(112, 112, 1.8)
@@ -235,6 +236,7 @@ def test_a_thicker_tube_costs_clearance_and_bends(problem: Problem) -> None:
     assert slope == pytest.approx((more - less) / 0.02, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None:
     template = fill(problem.polygon, 4.0)
     fixed = search(problem, template, 4.0, QUICK)
@@ -263,6 +265,7 @@ TINY = {
 }
 
 
+@pytest.mark.build
 def test_a_build_with_a_free_view_writes_a_scene_that_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
     first = design(Scene(search=TINY), target)

@@ -29,6 +29,8 @@ from knotfab.start.several import start_of
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
 
+pytestmark = pytest.mark.slow
+
 CASES = {case.name: case for case in (*loss_cases(), *network_cases())}
 
 

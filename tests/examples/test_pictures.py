@@ -73,6 +73,7 @@ def test_bicycle_and_tree_have_thin_parts(images: dict[str, Image.Image]) -> Non
         assert (ink & opened).sum() < 0.6 * ink.sum(), name
 
 
+@pytest.mark.slow
 def test_pictures_are_the_same_every_time(images: dict[str, Image.Image]) -> None:
     for name, image in drawn().items():
         assert image.tobytes() == images[name].tobytes(), name

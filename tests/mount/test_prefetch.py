@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import sys
 from knotfab.mount.prefetch import prefetch_modeller
@@ -15,6 +17,7 @@ assert "cadquery" in sys.modules
 """
 
 
+@pytest.mark.slow
 def test_it_is_loaded_in_a_thread() -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")

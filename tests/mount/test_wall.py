@@ -144,6 +144,7 @@ def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
     assert soft == pytest.approx(2 * sags[-1], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [0.0, 15.0])
 @pytest.mark.parametrize("settings", [PLATE, DOWEL], ids=["plate", "dowel"])
 def test_the_bodies_are_what_the_pegs_predict(settings: WallSettings, tilt: float) -> None:
@@ -206,6 +207,7 @@ def barred() -> Knots:
     return knots(front, rear)
 
 
+@pytest.mark.slow
 def test_where_rays_are_barred_struts_hold_the_piece() -> None:
     """Struts take what pegs cannot, in the shadow of the tubes alone, and touch nothing else."""
     piece, view = barred(), camera()
@@ -248,6 +250,7 @@ def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
     assert "set mount.max_sag_mm to 0.32" in bad["detail"]
 
 
+@pytest.mark.slow
 def test_the_foot_follows_from_the_printer() -> None:
     tubes = [sweep(ONE.points, RADIUS, 12)]
     mounted = mount_piece(scene(), ONE, tubes, camera())

@@ -234,6 +234,7 @@ def checks_of(part: Surface, plates: list[Laid]) -> dict[str, tuple[str, object]
     return {c.name: (c.status, c.measured) for c in check_plates(part, plates, ROOM)}
 
 
+@pytest.mark.slow
 def test_plates_that_make_up_the_part_pass(
     written: tuple[Surface, list[Laid], Path, str],
 ) -> None:

@@ -249,6 +249,7 @@ def test_the_weights_of_a_pose() -> None:
 # --- the depth that would do ---
 
 
+@pytest.mark.slow
 def test_a_flatter_piece_is_proposed_where_no_pose_keeps_the_limit() -> None:
     knots = knots_of(wave(deep=100.0))
 

@@ -25,6 +25,8 @@ from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame
 from knotfab.render.tiled import render_tiled, winners
 
+pytestmark = pytest.mark.slow
+
 CASES = {case.name: case for case in render_cases()}
 
 

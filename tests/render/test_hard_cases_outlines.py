@@ -10,6 +10,8 @@ from examples.hard_cases.measure import distances
 from examples.hard_cases.paper_rendering import applies, paper_error, printed_corners, printed_fails
 from examples.hard_cases.rendering import render_cases
 
+pytestmark = pytest.mark.slow
+
 CASES = {case.name: case for case in render_cases() if applies(case)}
 
 

@@ -121,6 +121,7 @@ def test_the_objective_weighs_each_image_by_its_share() -> None:
     assert shared.balance.shares[1] > shares[1]
 
 
+@pytest.mark.slow
 def test_the_search_gives_to_the_view_that_falls_short_of_its_bound() -> None:
     """Two pictures that cannot both be drawn: each is drawn better when the bound asks for it."""
     asked = problem(None)

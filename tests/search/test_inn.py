@@ -160,6 +160,7 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
     assert carry(np.concatenate([fine, ring(161, -0.1)]), even, waved, 0.5).reached == 1
 
 
+@pytest.mark.slow
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
     result, _, seen = _searched(problem, QUICK)
     assert result.account.certified
@@ -169,6 +170,7 @@ def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) 
     assert [k.type for k in result.knots.knots] == ["unknot"]
 
 
+@pytest.mark.slow
 def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) -> None:
     circle = QUICK.model_copy(update={"network_start": "circle"})
     result, _, seen = _searched(problem, circle)
@@ -178,6 +180,7 @@ def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) 
     assert result.iou_estimate > seen[0] + 0.1
 
 
+@pytest.mark.slow
 def test_network_then_flow_ends_feasible(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"method": "inn+flow", "network_iterations": 30})
     result, fractions, _ = _searched(problem, settings, repairs=4)
@@ -188,6 +191,7 @@ def test_network_then_flow_ends_feasible(problem: Problem) -> None:
     assert fractions[-1] <= 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     short = QUICK.model_copy(update={"network_iterations": 5})
     one, two = (_searched(problem, short)[0].knots.points for _ in range(2))

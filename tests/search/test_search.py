@@ -45,6 +45,7 @@ def test_the_search_ends_feasible_and_certified(problem: Problem) -> None:
     assert np.ptp(points[:, 2]) / across > 0.6
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     short = QUICK.model_copy(update={"coarse_iterations": 10, "fine_iterations": 5})
     one, two = (
@@ -59,6 +60,7 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     )
 
 
+@pytest.mark.slow
 def test_an_impossible_bend_limit_is_told_with_its_place(problem: Problem) -> None:
     stiff = replace(problem, bend_radius=60.0)
     with pytest.raises(SceneError, match=r"bend radius .* below 60\.000 mm at \(") as error:
@@ -66,6 +68,7 @@ def test_an_impossible_bend_limit_is_told_with_its_place(problem: Problem) -> No
     assert error.value.exit_code == 1
 
 
+@pytest.mark.slow
 def test_a_length_budget_below_need_is_told(problem: Problem) -> None:
     short = replace(problem, length=200.0)
     with pytest.raises(SceneError, match="exceeds the budget of 200 mm"):
@@ -192,6 +195,7 @@ def test_parallel_light_is_not_taken_on_a_tilted_wall(problem: Problem) -> None:
     assert survey(replace(_situation(problem), view=far))["perspective"].simulated
 
 
+@pytest.mark.slow
 def test_a_large_clearance_is_felt_from_far_enough(problem: Problem) -> None:
     # neighbour lists of four radii would miss strands that must keep 5.2 radii apart
     wide = replace(problem, clearance=4.0)

@@ -263,6 +263,7 @@ def test_the_objective_is_the_sum_of_its_views() -> None:
     assert np.abs(apart[0][1][:, 0]).max() > 1e-3 and np.abs(apart[1][1][:, 2]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_two_views_end_feasible_certified_and_drawn() -> None:
     problem = asked([DISC, SQUARE], 0.0, 90.0)
     start = start_of(problem.shots, [DISC, SQUARE], 4.0, QUICK)
@@ -323,6 +324,7 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.build
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     """One light and one eye, verified on the written file, and the same again from its own scene."""
     for name, polygon in (("a", DISC), ("b", SQUARE)):

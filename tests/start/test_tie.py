@@ -67,6 +67,7 @@ def verdicts(tied: Tied, promise: str) -> list[str]:
     return [knot.verdict for knot in found.knots]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "asked",
     ["trefoil", "left trefoil", "4_1", "5_2", "left 7_4", "8_19", "8_18", "square", "3_1#4_1"],
@@ -167,6 +168,7 @@ def template(problem: Problem) -> Template:
     return fill(problem.polygon, 3.0)
 
 
+@pytest.mark.slow
 def test_the_search_keeps_the_type_and_costs_no_iou(problem: Problem, template: Template) -> None:
     assert problem.knot == "left trefoil"
     tied = search(problem, template, 3.0, QUICK)
@@ -180,6 +182,7 @@ def test_the_search_keeps_the_type_and_costs_no_iou(problem: Problem, template: 
     assert knot_types(curves).knots[0].verdict == "proved"
 
 
+@pytest.mark.slow
 def test_a_flat_piece_holds_a_knot_too(problem: Problem, template: Template) -> None:
     short = QUICK.model_copy(update={"coarse_iterations": 10, "fine_iterations": 5})
     flat = search(replace(problem, depth_mm=None, knot="4_1"), template, 3.0, short, repairs=0)

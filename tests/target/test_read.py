@@ -419,6 +419,7 @@ def test_svg_that_multiplies_by_use_is_refused(tmp_path: Path) -> None:
 # --- text ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["♞", "R", "abc", "♫", "☺", "∮", "-"])
 def test_text_hugs_the_ink(tmp_path: Path, text: str) -> None:
     target = read_target(f"text:{text}")

@@ -153,6 +153,7 @@ def test_gradient_against_finite_differences_where_visibility_stays() -> None:
         assert float((gradient * way).sum()) == pytest.approx(slope, rel=1e-4, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_shading_tells_the_depth_that_a_silhouette_hides() -> None:
     at = trial(samples=70, pixels=48)
     lit = fit(at, at.shaded, 60, 5)
