@@ -14,6 +14,7 @@ if __package__ in (None, ""):
 
 import numpy as np
 import torch
+from knotfab.search.steps import walked
 from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
@@ -32,7 +33,6 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Objective
 from knotfab.search.phases import objective_of, three_phases
-from knotfab.search.steps import walked
 from knotfab.sequence.gif import write_gif
 from knotfab.start.filling import fill
 from knotfab.start.lift import lifted

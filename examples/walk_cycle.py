@@ -116,12 +116,13 @@ def _moved(at: Point, by: Point) -> Point:
 def _built(frames: Path, parts: Path) -> tuple[int, dict[str, Any]]:
     """Build the sequence with its parts posed for printing; exit code and report."""
     from knotfab.progress import Progress
-    from knotfab.sequence.build import SequenceRequest, build_sequence
+    from knotfab.request import Request
+    from knotfab.sequence.build import build_sequence
 
     with Progress("quiet") as progress:
-        found = build_sequence(
-            SequenceRequest(Scene(), [str(frames)], parts, printing=True), progress
-        )
+        skip = frozenset({"slicer"})  # which takes longer than all frames together
+        request = Request(Scene(), (str(frames),), parts, printing=True, skip=skip)
+        found = build_sequence(request, progress)
     return found.exit_code, found.report
 
 

@@ -72,7 +72,8 @@ def zoetrope_picture(part: Path, path: Path, pixels: int = 1100) -> bool:
     triangles: Any = mesh.faces
     whole = pyvista.PolyData.from_regular_faces(tilted, triangles)
     parted = whole.compute_normals(split_vertices=True, feature_angle=50.0)
-    draw_part(np.array(parted.points), parted.regular_faces, path, 900.0, (0.0,), pixels)
+    eye = np.array([[0.0, 0.0, 900.0]])
+    draw_part(np.array(parted.points), parted.regular_faces, path, eye, pixels)
     with Image.open(path) as drawn:
         image = drawn.convert("RGB")
     paper = Image.new("RGB", image.size, PAPER)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import tempfile
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from knotfab.design.design import Design, design
-from knotfab.errors import InputError, MachineError, SceneError
+from knotfab.design.design import Design, design_knots
+from knotfab.errors import InputError, SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
-from knotfab.flatten import flattened
+from knotfab.flatten import flatten
+from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.prefetch import prefetch_modeller
-from knotfab.part.assemble import Part, part_of, pose_of, write_part
-from knotfab.part.pose import PrintPose
+from knotfab.part.assemble import Part, part_of
+from knotfab.part.write import COLOURED, posed_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.of_bounds import add_bounds
@@ -28,58 +24,25 @@ from knotfab.report.of_build import (
     check_3mf,
     check_certificate,
     check_limits,
-    check_part,
     report_of,
 )
-from knotfab.report.pictures import draw_part
+from knotfab.report.of_slicer import check_slicing
+from knotfab.report.pictures import draw_part, eyes_of, pictures_of
 from knotfab.report.posing import add_posing
-from knotfab.report.report_html import Picture, write_report_html
+from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
-from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Scene
-from knotfab.slicer.plates import PlateSlicing
-from knotfab.slicer.report import slicer_check
-from knotfab.slicer.run import Slicing
+from knotfab.request import Outcome, Request, require_device
+from knotfab.scene.model import ResolvedScene, Scene
+from knotfab.slicer.profile import write_profile
+from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
+from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target, read_target
-from knotfab.verify.verifier import Verifier
+from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted, refused
+from knotfab.verify.verifier import Files, Verifier
 
-__all__ = ["PRINTER_CHECKS", "Outcome", "Request", "build", "require_device"]
+__all__ = ["build"]
 
-Array = NDArray[np.float64]
-Mesh = tuple[Array, NDArray[np.int32]]
-
-# The validators' checks that are of no concern to a piece that is not to be printed.
-PRINTER_CHECKS = (
-    *("build_volume", "feature", "gap", "overhang", "support_volume", "bridge"),
-    *("floating", "islands", "standing"),
-    *("plate_mesh", "plates", "plates_volume"),
-)
 _RESERVE_S = 5.0  # of a time budget, for what follows the search
-
-
-@dataclass(frozen=True)
-class Request:
-    """What `knotfab build` was asked."""
-
-    scene: Scene
-    source: str  # the picture: a file, an SVG or text:…
-    out: Path
-    base: Path | None = None  # where a scene's relative picture lies
-    printing: bool = False
-    device: str = "cpu"
-    skip: frozenset[str] = frozenset()
-    time_budget_s: float | None = None
-    command: str = ""
-    more: tuple[str, ...] = ()  # the pictures of the second view and on
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Exit code by the contract, the report, and the folder that was written."""
-
-    exit_code: int
-    report: dict[str, Any]
-    folder: Path
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
@@ -93,38 +56,44 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     """
     progress = progress or Progress("quiet")
     require_device(request.device)
+    skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
-            targets = _targets(request)
+            targets = _read_targets(request)
             target = targets[0]
-        with Verifier(graphics="shadow-render" not in request.skip) as verifier:
+        with Verifier(skip) as verifier, SlicerQueue() as slicer:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
             if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
-            made = _designed(request, targets, progress, left)
+            made = design_knots(request.scene, targets, request.device, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
                 part = part_of(made, request.printing, target, progress)
                 flattening = None
                 if len(targets) == 1:
-                    made, part, flattening = flattened(request, target, made, part, progress)
+                    made, part, flattening = flatten(request, target, made, part, progress)
             except SceneError as error:
                 return _reject_unbuilt(folder, request, made, targets, progress, str(error))
             with progress.stage("part"):
-                pose = pose_of(part.pose.matrix, part.plates)
-                scene = part.mounted.scene.model_copy(update={"pose": pose})
-                write_part(folder, part, scene, targets)
-            with _slicing(folder, scene, request) as slicing:
-                with progress.stage("verify"):
-                    verdict, drawn = _verified(verifier, folder, part, scene, request)
-                with progress.stage("slicer"):
-                    sliced = None if slicing is None else slicing.result()
+                scene = posed_scene(part)
+                write_part(folder, part, scene, targets, request.colours)
+            slicings = _begin_slicing(folder, scene, request, slicer)
+            with progress.stage("verify"):
+                answer = verifier.submit(_written_files(folder))
+                # decoration, so a lack of graphics is no error
+                if "shadow-render" not in request.skip:
+                    _draw(part, scene, folder.file("part.png"))
+                verdict = answer.result()
+            with progress.stage("slicer"):
+                sliced = _end_slicing(slicings)
+        if not request.printing:
+            explain_unprinted(verdict["checks"], request.skip)
         verdict["checks"] += _own_checks(made, part, _read_back(folder))
         if sliced is not None:
-            verdict["checks"].append(slicer_check(sliced))
+            verdict["checks"].append(check_slicing(sliced))
         plan = None
         if scene.material.process == "wire":
             with progress.stage("bending plan"):
@@ -133,8 +102,6 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 picture = folder.file(scene.views[0].picture)
                 plan = write_bending_plan(folder.work, made.knots, scene, picture)
                 verdict["checks"] += plan.checks
-        if any(c["required"] and c["status"] == "fail" for c in verdict["checks"]):
-            verdict["status"], verdict["exit_code"] = "fail", 1
         drawings: list[str] = []
         if request.printing:
             with progress.stage("drawings"):
@@ -146,25 +113,31 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             add_binding(report, made)
             add_bounds(report, made)
             add_posing(report, part, flattening)
-            write_report_json(folder.file("report.json"), report)
-            write_report_html(
-                folder.file("report.html"), report, _pictures(folder, drawn), target.name
-            )
-        code = int(verdict["exit_code"])
-        if code == 0:
-            folder.commit()
-            return Outcome(0, report, request.out)
-        folder.reject()
-        return Outcome(code, report, request.out / "rejected")
+        return _finish(folder, request, report, targets)
 
 
-def _targets(request: Request) -> list[Target]:
+def _finish(
+    folder: OutputFolder, request: Request, report: dict[str, Any], targets: list[Target]
+) -> Outcome:
+    """Write the report, and move the whole to where its checks say that it belongs."""
+    write_report_json(folder.file("report.json"), report)
+    title = " and ".join(target.name for target in targets)
+    write_report_html(folder.file("report.html"), report, pictures_of(folder.work), title)
+    code = exit_code(report["checks"])
+    if code == 0:
+        folder.commit()
+        return Outcome(0, report, request.out)
+    folder.reject()
+    return Outcome(code, report, request.out / "rejected")
+
+
+def _read_targets(request: Request) -> list[Target]:
     """The pictures of all views, in their order.
 
     Raises:
         InputError: one cannot be read, or there are not as many as views.
     """
-    sources, views = (request.source, *request.more), request.scene.views
+    sources, views = request.pictures, request.scene.views
     if len(sources) != len(views):
         raise InputError(
             "the call",
@@ -177,63 +150,40 @@ def _targets(request: Request) -> list[Target]:
     ]
 
 
-def _designed(
-    request: Request, targets: list[Target], progress: Progress, budget_s: float | None
-) -> Design:
-    """The design for one view, or for several."""
-    if len(targets) == 1:
-        return design(request.scene, targets[0], request.device, progress, budget_s)
-    from knotfab.design.several import design_several, require_several
+def _begin_slicing(
+    folder: OutputFolder, scene: Scene, request: Request, slicer: SlicerQueue
+) -> dict[str, Future[Sliced | NotSliced]]:
+    """The slicer at work on the other core, where the part is to be printed; by file."""
+    if not request.printing:
+        return {}
+    write_profile(folder.work, scene)
+    if "slicer" in request.skip:
+        return {}
+    files = _plate_files(folder) or [folder.file("part.3mf")]
+    return {path.name: slicer.submit(path, scene) for path in files}
 
-    require_several(request.scene)
-    return design_several(request.scene, targets, request.device, progress, budget_s)
 
-
-def _slicing(
-    folder: OutputFolder, scene: Scene, request: Request
-) -> AbstractContextManager[Slicing | PlateSlicing | None]:
-    """The slicer at work on the other core, where the part is to be printed."""
-    if not request.printing or "slicer" in request.skip:
-        return nullcontext()
-    plates = _plate_files(folder)
-    if plates:
-        return PlateSlicing(plates, scene, Path(tempfile.gettempdir()))
-    return Slicing(folder.file("part.3mf"), scene, Path(tempfile.gettempdir()))
+def _end_slicing(slicings: dict[str, Future[Sliced | NotSliced]]) -> Sliced | NotSliced | None:
+    """What the slicer made of the files together, None where it was not asked."""
+    found = {name: slicing.result() for name, slicing in slicings.items()}
+    return sum_slicings(found) if found else None
 
 
 def _plate_files(folder: OutputFolder) -> list[Path]:
     return sorted(folder.work.glob("plate-*.3mf"), key=lambda p: int(p.stem.split("-")[1]))
 
 
+def _written_files(folder: OutputFolder) -> Files:
+    part, knots, scene = (folder.file(n) for n in ("part.stl", "knots.json", "scene.toml"))
+    return Files(part, knots, scene, folder.work, folder.file("failures.png"))
+
+
 def _read_back(folder: OutputFolder) -> list[str]:
     """What lib3mf says of the files for the slicer, by name where there are several."""
     warnings = read_back_strict(folder.file("part.3mf"))
-    for path in _plate_files(folder):
+    for path in (*_plate_files(folder), *folder.work.glob(COLOURED)):
         warnings += [f"{path.name}: {warning}" for warning in read_back_strict(path)]
     return warnings
-
-
-def _verified(
-    verifier: Verifier, folder: OutputFolder, part: Part, scene: Scene, request: Request
-) -> tuple[dict[str, Any], bool]:
-    """The validators' verdict on the written files, and whether the part was drawn meanwhile."""
-    skip = set(request.skip) | (set() if request.printing else set(PRINTER_CHECKS))
-    verifier.begin(
-        folder.file("part.stl"),
-        folder.file("knots.json"),
-        folder.file("scene.toml"),
-        skip,
-        folder.work,
-        folder.file("failures.png"),
-    )
-    light = scene.views[0].light_distance_mm
-    drawn = _draw(folder, part.bodies, part.pose, light, request.skip)
-    verdict = verifier.verdict()
-    if not request.printing:
-        for check in verdict["checks"]:
-            if check["name"] in PRINTER_CHECKS and check["name"] not in request.skip:
-                check["detail"] = "checked with --print"
-    return verdict, drawn
 
 
 def _own_checks(made: Design, part: Part, warnings: list[str]) -> list[dict[str, Any]]:
@@ -241,6 +191,12 @@ def _own_checks(made: Design, part: Part, warnings: list[str]) -> list[dict[str,
     sag = part.mounted.check_sag()
     own = [check_3mf(warnings), check_certificate(made), check_limits(made)]
     return own if sag is None else [*own, sag]
+
+
+def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
+    vertices, faces = join_meshes(part.bodies)
+    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
+    draw_part(seen, faces, path, eyes_of(scene.views))
 
 
 def _reject_unbuilt(
@@ -252,69 +208,9 @@ def _reject_unbuilt(
     why: str,
 ) -> Outcome:
     """Report knots about which no tube can be swept, or whose part fits no pose of the printer."""
-    scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
-    made.knots.write(folder.file("knots.json"))
-    for view, target in zip(scene.views, targets, strict=True):
-        folder.write(view.picture, target.png_bytes)
-    folder.write("scene.toml", dump_scene(scene))
-    verdict: dict[str, Any] = {
-        "checks": [check_part(why), check_certificate(made), check_limits(made)],
-        "views": [],
-        "seconds": {},
-    }
+    write_unbuilt(folder, made, targets)
+    verdict = refused(why)
+    verdict["checks"] += [check_certificate(made), check_limits(made)]
     report = report_of(request, made, made.knots, [], verdict, progress)
     add_binding(report, made)
-    write_report_json(folder.file("report.json"), report)
-    write_report_html(folder.file("report.html"), report, [], targets[0].name)
-    folder.reject()
-    return Outcome(1, report, request.out / "rejected")
-
-
-def require_device(name: str) -> None:
-    """Refuse a device that this machine has not.
-
-    Raises:
-        MachineError: torch finds none of that kind.
-    """
-    if name == "cpu":
-        return
-    import torch
-
-    if not torch.cuda.is_available():
-        raise MachineError(
-            f"--device {name}",
-            "torch finds no CUDA device here",
-            "Use --device cpu, or install a torch with CUDA (knotfab doctor says what is here).",
-        )
-
-
-def _draw(
-    folder: OutputFolder, bodies: list[Mesh], pose: PrintPose, light_mm: float, skip: frozenset[str]
-) -> bool:
-    """The part from several sides, for the report; decoration, so a lack of graphics is no error."""
-    if "shadow-render" in skip:
-        return False
-    vertices = np.concatenate([v for v, _ in bodies])
-    shift = np.cumsum([0] + [len(v) for v, _ in bodies[:-1]])
-    faces = np.concatenate([f + s for (_, f), s in zip(bodies, shift, strict=True)])
-    seen = vertices @ pose.matrix[:3, :3].T + pose.matrix[:3, 3]
-    return draw_part(seen, faces, folder.file("part.png"), light_mm)
-
-
-def _pictures(folder: OutputFolder, drawn: bool) -> list[Picture]:
-    """The report's pictures that exist, with their captions."""
-    found = []
-    failures = folder.work / "failures.png"
-    if failures.is_file():
-        found.append(Picture(failures, "part", "where the part fails its checks"))
-    for path in sorted(folder.work.glob("compare-*.png")):
-        name = path.stem.removeprefix("compare-")
-        found.append(
-            Picture(
-                path, "compare", "target, shadow of the written file, and where they differ", name
-            )
-        )
-    if drawn:
-        caption = "from the light, and turned by 30, 60 and 90 degrees"
-        found.append(Picture(folder.file("part.png"), "part", caption))
-    return found
+    return _finish(folder, request, report, targets)

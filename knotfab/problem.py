@@ -1,49 +1,139 @@
-"""What a search is asked, and what it answers: knots, how they stand, and the account of certificates."""
+"""What a search is asked, where it starts, and what it answers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.effects.base import Decision, Limits
-from knotfab.errors import SceneError
+from knotfab.effects.feasibility import Feasibility
 from knotfab.knots import Knots
-from knotfab.scene.model import Region, View
-from knotfab.search.feasibility import Standing
-from knotfab.start.depth import DepthChoice
+from knotfab.render.picture import ViewImage, image_at
+from knotfab.scene.camera import view_axes
+from knotfab.scene.model import ResolvedRegion, ResolvedView
 
-__all__ = ["Account", "Infeasible", "Problem", "Report", "SearchResult"]
+__all__ = [
+    "CertificateLog",
+    "Problem",
+    "Report",
+    "SearchResult",
+    "Start",
+    "TargetView",
+    "ViewNumbers",
+]
 
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What is to be drawn, and what the knots must keep to (mm)."""
+class TargetView:
+    """One view and the silhouette wanted there."""
 
-    view: View
-    mask: Mask
-    polygon: MultiPolygon  # the silhouette in the plane z = 0
+    view: ResolvedView
+    mask: Mask  # (H, W)
+    polygon: (
+        MultiPolygon  # the silhouette in the plane through the origin, along the view's axes, mm
+    )
+    left: MultiPolygon | None = None  # what the other views' pictures leave of it; None: all
+
+    def image_at(self, radius: float, pixels: int, device: str = "cpu") -> ViewImage:
+        """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
+        return image_at(self.view, self.mask, radius, pixels, device)
+
+    @cached_property
+    def axes(self) -> Array:
+        """(3, 3) rows: the view's right, up and towards its light, in the scene."""
+        return view_axes(self.view)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be drawn in one view or several, and what the knots must keep to. Lengths in mm.
+
+    With `goals`, the IoU that each view is to reach, a view that falls short of its own counts for more.
+    """
+
+    views: tuple[TargetView, ...]
     clearance: float
     bend_radius: float | None  # None: the tube radius plus half the clearance
     length: float
-    region: Region
-    depth_mm: float | None  # extent of the centre lines along the axis; None: flat
+    region: ResolvedRegion
+    depth_mm: float | None = (
+        None  # of one view: extent of the centre lines along its axis; None: flat
+    )
     knot: str = "unknot"  # tied into the longest curve
+    goals: tuple[float, ...] | None = None
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
         bend = max(self.bend_radius or 0.0, radius + 0.5 * self.clearance)
         return Limits(radius, self.clearance, bend, self.length, self.region)
 
+    @property
+    def polygons(self) -> list[MultiPolygon]:
+        """The silhouettes, view by view."""
+        return [v.polygon for v in self.views]
+
+
+@dataclass(frozen=True)
+class DepthChoice:
+    """Depths (mm towards the light) of each template vertex, and the legibility they were chosen for."""
+
+    depths: tuple[Array, ...]
+    legibility: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """Closed polylines [(n, 3) mm] of known type, and why it is known.
+
+    `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
+    direction between two views.
+    """
+
+    curves: tuple[Array, ...]
+    why: str
+    types: tuple[str, ...] = ()
+    depth: DepthChoice | None = None
+    far: bool = False
+    facing: int | None = 0
+
+    def __post_init__(self) -> None:
+        if not self.types:
+            object.__setattr__(self, "types", ("unknot",) * len(self.curves))
+
+
+@dataclass(frozen=True)
+class ViewNumbers:
+    """A view's pose and distances, and the tube's radius."""
+
+    light_distance_mm: float
+    wall_distance_mm: float
+    radius_mm: float
+    azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0  # of the light above the horizon
+    roll_deg: float = 0.0  # of the picture, counter-clockwise seen from the light
+
+    @property
+    def turn(self) -> Array:
+        """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
+        import torch
+
+        from knotfab.render.posed_frame import turn_matrix
+
+        turn = torch.tensor([self.azimuth_deg, self.elevation_deg, self.roll_deg]).double()
+        return np.asarray(turn_matrix(turn).numpy())
+
 
 @dataclass
-class Account:
+class CertificateLog:
     """The certificates of a search, for its report."""
 
     template: str = ""
@@ -61,26 +151,35 @@ class Account:
         """Whether every step from the template to the end is a proved isotopy."""
         return bool(self.template) and self.least_margin_mm > 0
 
+    def add_margin(self, margin_mm: float) -> None:
+        """Enter the margin of a certificate that was granted."""
+        self.least_margin_mm = min(self.least_margin_mm, margin_mm)
+
 
 @dataclass
 class SearchResult:
-    """Knots in scene coordinates, and how they came about."""
+    """Knots in scene coordinates, how they came about, and how it ended.
+
+    Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
+    `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
+    the knots stand (`numbers` says how it is turned against the one that was asked for).
+    """
 
     knots: Knots
-    standing: Standing
-    account: Account
+    feasibility: Feasibility
+    log: CertificateLog
     effects: dict[str, Decision]
     depth: DepthChoice | None
-    iou_estimate: float
+    ious: tuple[float, ...]  # one a view, as the search itself saw them
+    views: tuple[ResolvedView, ...] = ()
+    numbers: ViewNumbers | None = None  # of a pose that was found
 
+    @property
+    def iou_estimate(self) -> float:
+        """That of the view that is drawn worst."""
+        return min(self.ious, default=0.0)
 
-class Infeasible(SceneError):
-    """The search ended with a violated limit; `result` is the best it came to."""
-
-    def __init__(self, result: SearchResult) -> None:
-        self.result = result
-        super().__init__(
-            "the search",
-            "; ".join(result.standing.violations),
-            "Give the piece more room (a larger frame, a thinner tube, more depth), or loosen that limit.",
-        )
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit holds."""
+        return not self.feasibility.violations

@@ -60,9 +60,9 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
         designs.append(original(*arguments))
         return designs[-1]
 
-    original = building.design
+    original = building.design_knots
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, "design", design)
+        patch.setattr(building, "design_knots", design)
         call = ["build", "text:♥", "--tube-radius", "2.5", "--accuracy", "draft"]
         done = knotfab(*call, "--print", "--out", folder)
     assert done.code == 0, done
@@ -72,7 +72,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
 @pytest.fixture
 def designed(good: Good, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A build whose search is done already: only what follows it runs."""
-    monkeypatch.setattr(building, "design", lambda *arguments: good.design)
+    monkeypatch.setattr(building, "design_knots", lambda *arguments: good.design)
     return ["build", "text:♥"]
 
 

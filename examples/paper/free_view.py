@@ -11,16 +11,16 @@ import argparse
 
 import numpy as np
 import torch
+from knotfab.render.free_frame import Sheet, free_frame, render_free
+from knotfab.search.free_search import free_search
 from numpy.typing import NDArray
 
 from examples.measurement import Stopwatch, read_problem
 from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
 from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.render.free_frame import Sheet, free_frame, render_free
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
-from knotfab.search.free_search import free_search
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
 from knotfab.start.filling import fill

@@ -45,6 +45,7 @@ def tighten(points: Array) -> Tight:
         SceneError: the tube overlaps itself at the end.
     """
     import torch
+    from knotfab.search.steps import evened, walked
 
     from knotfab.effects.base import Limits, State
     from knotfab.effects.bend import BEND
@@ -55,7 +56,6 @@ def tighten(points: Array) -> Tight:
     from knotfab.problem import Account
     from knotfab.render.threads import one_thread
     from knotfab.search.flow import FlowSettings
-    from knotfab.search.steps import evened, walked
 
     limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
     clearance, bend = CLEARANCE.term, BEND.term

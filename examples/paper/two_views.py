@@ -19,8 +19,9 @@ from examples.measurement import Stopwatch, make_folder, save_pictures
 from examples.pictures import pictures
 from knotfab.design.frames import spread_views
 from knotfab.errors import KnotfabError
-from knotfab.pipeline import Outcome, Request, build
-from knotfab.report.pictures import PAPER, draw_part
+from knotfab.pipeline import build
+from knotfab.report.pictures import PAPER, draw_part, turn_eye
+from knotfab.request import Outcome, Request
 from knotfab.scene.model import Scene
 
 __all__ = ["CASES", "build_case", "draw_case", "main"]
@@ -46,7 +47,7 @@ def build_case(name: str, folder: Path) -> Outcome:
     if name.endswith("by-eye"):
         views = tuple(v.model_copy(update={"kind": "eye"}) for v in scene.views)
         scene = scene.model_copy(update={"views": views})
-    return build(Request(scene, files[0], folder / name, more=tuple(files[1:])))
+    return build(Request(scene, tuple(files), folder / name))
 
 
 def draw_case(outcome: Outcome, path: Path) -> None:
@@ -61,7 +62,7 @@ def draw_case(outcome: Outcome, path: Path) -> None:
     panels = []
     for view in outcome.report["views"]:
         panels.append(Image.open(outcome.folder / f"compare-{view['name']}.png").convert("RGB"))
-    if draw_part(points, mesh.faces, scratch, angles_deg=(between,)):
+    if draw_part(points, mesh.faces, scratch, turn_eye((0.0, 0.0, 500.0), (between,))):
         panels.append(Image.open(scratch).convert("RGB"))
         panels[-1].load()
         scratch.unlink()

@@ -17,9 +17,10 @@ from PIL import Image
 
 from examples.measurement import Stopwatch
 from examples.paper.two_views import draw_case
-from knotfab.pipeline import Outcome, Request, build
+from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
+from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Accuracy, Piece, Scene, View
 
@@ -74,11 +75,8 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
         accuracy=Accuracy(iou_floor=0.9),
         search={"network_start": start},
     )
-    pictures = [view.picture for view in views]
-    request = Request(
-        scene, pictures[0], folder / "built", folder, printing, more=tuple(pictures[1:])
-    )
-    return build(request)
+    pictures = tuple(view.picture for view in views)
+    return build(Request(scene, pictures, folder / "built", folder, printing))
 
 
 def main() -> None:

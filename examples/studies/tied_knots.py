@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Literal, cast
 
 from examples.measurement import Stopwatch, make_folder
-from knotfab.pipeline import Request, build
+from knotfab.pipeline import build
+from knotfab.request import Request
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Piece, Scene
 
@@ -45,7 +46,7 @@ def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
     """Build one piece and read its report."""
     watch = Stopwatch()
     preset = cast(Literal["draft", "standard", "fine"], accuracy)
-    outcome = build(Request(Scene(piece=piece, accuracy=Accuracy(name=preset)), picture, out))
+    outcome = build(Request(Scene(piece=piece, accuracy=Accuracy(name=preset)), (picture,), out))
     report = outcome.report
     check = next(c for c in report["checks"] if c["name"] == "knot_type")
     radius = load_scene(outcome.folder / "scene.toml").piece.tube_radius_mm

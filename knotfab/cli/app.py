@@ -6,19 +6,14 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
 from knotfab.errors import InputError, KnotfabError
-
-if TYPE_CHECKING:
-    from knotfab.pipeline import Outcome
 
 __all__ = ["app", "main"]
 
@@ -55,6 +50,7 @@ def build(
     seed: int | None = None,
     invert: Annotated[bool, Parameter(negative="")] = False,
     device: Literal["cpu", "cuda"] = "cpu",
+    colours: Annotated[bool, Parameter(negative="")] = False,
     skip: Skip = (),
     quiet: Annotated[bool, Parameter(negative="")] = False,
     verbose: Annotated[bool, Parameter(negative="")] = False,
@@ -108,6 +104,8 @@ def build(
         Draw what is light on dark.
     device
         Where the search runs.
+    colours
+        Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments.
     skip
         Checks to go on without, such as shadow-render.
     quiet
@@ -117,6 +115,8 @@ def build(
     """
     from knotfab.cli.options import scene_of, seconds_of, skips_of
     from knotfab.progress import Mode, Progress
+    from knotfab.request import Request
+    from knotfab.verify.checks import unmet
 
     chosen, base = scene_of(
         scene,
@@ -149,26 +149,14 @@ def build(
     mode: Mode = "quiet" if quiet else "verbose" if verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
     base = base if not pictures else None
-    run: Callable[[Progress], Outcome]
     if sequence:
-        from knotfab.sequence.build import SequenceRequest, build_sequence
-
-        frames = SequenceRequest(chosen, sources, out, base, print_, device, skipped, command)
-        run = partial(build_sequence, frames)
+        from knotfab.sequence.build import build_sequence as run
     else:
-        from knotfab.pipeline import Request
-        from knotfab.pipeline import build as build_one
-
-        first, *more = sources
-        request = Request(
-            chosen, first, out, base, print_, device, skipped, budget, command, tuple(more)
-        )
-        run = partial(build_one, request)
+        from knotfab.pipeline import build as run
+    request = Request(chosen, sources, out, base, print_, device, skipped, budget, command, colours)
     with Progress(mode) as progress:
-        outcome = run(progress)
-    failed = [
-        c["name"] for c in outcome.report["checks"] if c["status"] == "fail" and c["required"]
-    ]
+        outcome = run(request, progress)
+    failed = [c["name"] for c in unmet(outcome.report["checks"]) if c["status"] == "fail"]
     if quiet and failed:
         print(
             f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
@@ -213,9 +201,8 @@ def validate(
 
     files, skipped = files_to_validate(part, knots, scene, failures), skips_of(skip)
     shadows = files.part is not None and files.scene is not None
-    with Verifier("shadow-render" not in skipped, shadows) as verifier:
-        verifier.begin(files.part, files.knots, files.scene, skipped, None, files.failures)
-        verdict = verifier.verdict()
+    with Verifier(skipped, shadows) as verifier:
+        verdict = verifier.submit(files).result()
     if json:
         import json as codec
 
@@ -246,7 +233,7 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
     view
         Name of the view; the first by default.
     """
-    from knotfab.verify.verifier import render_shadow
+    from knotfab.verify.shadow import render_shadow
 
     render_shadow(part, scene, out, view)
     return 0

@@ -5,33 +5,15 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Scene
+from knotfab.verify.checks import CHECKS
+from knotfab.verify.verifier import Files
 
-__all__ = ["CHECKS", "Files", "files_to_validate", "scene_of", "seconds_of", "skips_of"]
-
-# What `--skip` knows: the validators' checks, and the rendering that some of them use.
-CHECKS = (
-    *("shadow-render", "slicer"),
-    *("shadow", "shadow_exact", "outline", "intrusion", "wrong_outline"),
-    *("thickness", "clearance", "bend", "length", "knot_type", "linking", "tube"),
-    *("region", "build_volume"),
-    *(
-        "mesh_closed",
-        "mesh_winding",
-        "mesh_degenerate",
-        "mesh_duplicate",
-        "mesh_manifold",
-        "mesh_bodies",
-    ),
-    *("mesh_genus", "mesh_volume", "mesh_self_intersection"),
-    *("feature", "gap", "overhang", "support_volume", "bridge", "floating", "islands", "standing"),
-    *("plate_mesh", "plates", "plates_volume"),
-)
+__all__ = ["CHECKS", "files_to_validate", "scene_of", "seconds_of", "skips_of"]
 
 _UNITS = {"mm": "millimetres", "s": "seconds"}
 
@@ -143,16 +125,6 @@ def scene_of(
     return scene, None if path is None else path.resolve().parent
 
 
-@dataclass(frozen=True)
-class Files:
-    """What `knotfab validate` measures, None for what was not given, and where it draws failures."""
-
-    part: Path | None
-    knots: Path | None
-    scene: Path | None
-    failures: Path | None
-
-
 def files_to_validate(
     part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
 ) -> Files:
@@ -194,7 +166,7 @@ def files_to_validate(
         raise InputError(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
         )
-    return Files(part, knots, scene, failures)
+    return Files(part, knots, scene, failures=failures)
 
 
 def _beside(measured: Path | None) -> Path | None:

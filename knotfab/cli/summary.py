@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from knotfab.doctor import Finding
-    from knotfab.pipeline import Outcome
+    from knotfab.request import Outcome
     from knotfab.scene.model import Material, Printer
     from knotfab.tradeoff.run import Tradeoff
 

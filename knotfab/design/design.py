@@ -1,311 +1,238 @@
-"""The design as plain functions: from a scene and its picture to feasible knots."""
+"""The design: from a scene and its pictures, one or several, to feasible knots; every "auto" is resolved."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-import shapely
-from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
-
 from knotfab.design.budget import within
 from knotfab.design.fineness import VERIFIED_PX, fine_enough
-from knotfab.design.free_view import free_start, freed
-from knotfab.design.prices import Price, prices, sparser
+from knotfab.design.free_view import place_start, start_pose
+from knotfab.design.hull import HullBound
+from knotfab.design.prices import Price, price_limits
+from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.errors import InputError, SceneError
+from knotfab.design.sparser import search_sparser
+from knotfab.effects.feasibility import Feasibility
+from knotfab.errors import SceneError
 from knotfab.knots import Knots
+from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
-from knotfab.scene.camera import camera_of
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Region, Scene, View
+from knotfab.scene.model import (
+    ResolvedAccuracy,
+    ResolvedMaterial,
+    ResolvedPiece,
+    ResolvedRegion,
+    ResolvedScene,
+    Scene,
+)
 from knotfab.scene.settings import SearchSettings, search_settings
-from knotfab.search.feasibility import Standing
-from knotfab.search.search import Infeasible, Problem, SearchResult, search
-from knotfab.start.filling import fill
+from knotfab.search.phases import plan_of
+from knotfab.search.pose import Pose
+from knotfab.search.search import search
+from knotfab.start.start import make_start
+from knotfab.start.views import start_ious
 from knotfab.target.read import Target
-from knotfab.target.silhouette import polygon_of
 
-__all__ = ["Design", "design", "problem_of", "resolve_view", "silhouette_polygon"]
-
-Array = NDArray[np.float64]
+__all__ = ["Design", "choose_tube", "design_knots"]
 
 REGION_FILE = "region.stl"
-DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
+_FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
 @dataclass(frozen=True)
 class Design:
     """A finished search: knots in scene coordinates, and the scene with every value resolved.
 
-    Where the picture's own filling could not meet a limit, `unmet` says which and where, and the result is
+    Where the pictures' own filling could not meet a limit, `unmet` says which and where, and the result is
     the best that meets them all, or if there is none the one that broke them. `binding` says which
-    limits keep the picture from its IoU.
+    limits keep the pictures from their IoU. `bounds`, of several views: what they leave of each other.
     """
 
-    scene: Scene
+    scene: ResolvedScene
     knots: Knots
     result: SearchResult
     radius: RadiusChoice | None
     opening_iou: float
     settings: SearchSettings
     region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
-    unmet: Standing | None = None
+    unmet: Feasibility | None = None
     binding: tuple[Price, ...] = ()
+    bounds: tuple[HullBound, ...] = ()
+    start_ious: tuple[float, ...] = ()
 
 
-def resolve_view(view: View, target: Target) -> View:
-    """A view with its frame's size settled, checked against its picture.
-
-    Raises:
-        InputError: the frame would squash the picture.
-    """
-    w, h = view.frame_width_mm, view.frame_height_mm
-    assert w is not None and h is not None
-    if abs((w / target.width) / (h / target.height) - 1) > 0.01:
-        raise InputError(
-            f"scene view {view.name}",
-            f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
-            "Leave out frame_width_mm or frame_height_mm",
-        )
-    if view.azimuth_deg != 0:
-        raise InputError(
-            "scene key views.azimuth_deg",
-            "with one view it is 0",
-            "Turn the finished piece instead",
-        )
-    return view.model_copy(update={"picture": f"picture-{view.name}{target.suffix}"})
-
-
-def silhouette_polygon(view: View, target: Target) -> MultiPolygon:
-    """The silhouette as a polygon in the plane z = 0 (mm), along the light's rays from the receiver."""
-    camera = camera_of(view, target.width, target.height)
-
-    def to_plane(pixels: Array) -> Array:
-        at = camera.corner + pixels[:, :1] * camera.du + pixels[:, 1:] * camera.dv
-        share = camera.eye[2] / (camera.eye[2] - at[:, 2])
-        return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
-
-    moved = shapely.transform(polygon_of(target.mask), to_plane)
-    parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
-    return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
-
-
-def _region(region: Region, view: View) -> Region:
-    """The region with its size settled: clear of wall and lamp, a quarter wider than the picture."""
-    if region.kind == "mesh":
-        least, most = _mesh_bounds(region)
-        extents = tuple(round(float(s), 4) for s in most - least)
-        return region.model_copy(update={"size_mm": extents})
-    if region.size_mm != "auto":
-        return region
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    shrink = 1.0 / view.magnification
-    deep = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
-    wide, high = 1.25 * shrink * view.frame_width_mm, 1.25 * shrink * view.frame_height_mm
-    if region.kind == "box":
-        size = (wide, high, deep)
-    else:
-        around = min(max(wide, deep, high), 1.9 * view.light_distance_mm)
-        size = (around, high, around) if region.kind == "cylinder" else (around, around, around)
-    return region.model_copy(update={"size_mm": tuple(round(s, 4) for s in size)})
-
-
-def _mesh_bounds(region: Region) -> tuple[Array, Array]:
-    """Least and largest coordinates (3,) of a region that is a mesh; InputError if it is unfit."""
-    from knotfab.effects.region_mesh import region_mesh
-
-    assert region.file is not None
-    return region_mesh(region.file, region.center_mm).bounds
-
-
-def problem_of(scene: Scene, target: Target) -> Problem:
-    """What the search is asked, from a scene with one resolved view."""
-    view = scene.views[0]
-    region = _region(scene.region, view)
-    polygon = silhouette_polygon(view, target)
-    if polygon.is_empty:
-        raise InputError(
-            f"picture {target.name}", "its silhouette vanishes when traced", "Use a bolder picture"
-        )
-    bend = scene.material.min_bend_radius_mm
-    return Problem(
-        view,
-        target.mask,
-        polygon,
-        scene.piece.clearance_mm,
-        None if bend == "auto" else float(bend),
-        scene.material.max_length_mm,
-        region,
-        _depth(scene, polygon, region, scene.printer.min_tube_radius_mm),
-        scene.piece.knot,
-    )
-
-
-def _depth(scene: Scene, polygon: MultiPolygon, region: Region, radius: float) -> float | None:
-    """Extent of the centre lines along the axis in mm, None for a flat piece."""
-    if scene.piece.depth == "flat":
-        return None
-    assert not isinstance(region.size_mm, str)
-    low_x, low_y, high_x, high_y = polygon.bounds
-    wanted = (
-        DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
-        if scene.piece.depth == "auto"
-        else float(scene.piece.depth)
-    )
-    if region.kind == "mesh":
-        least, most = _mesh_bounds(region)
-        across = 2 * float(min(most[2], -least[2]))
-    else:
-        across = region.size_mm[2] - 2 * abs(region.center_mm[2])
-    room = across - 4.0 * radius
-    if room <= 0:
-        raise SceneError(
-            "the region",
-            f"a tube of {radius:g} mm radius has no room between the light and the wall",
-            "Move the wall away (wall_distance_mm), or enlarge the region.",
-        )
-    if scene.piece.depth != "auto" and wanted > room + 1e-3:
-        raise SceneError(
-            "scene key piece.depth",
-            f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
-            "Ask for less depth, or enlarge the region and the distance to the wall",
-        )
-    # an auto depth is rounded down, so that a rebuild from the number finds the same room
-    return float(np.floor(min(wanted, room) * 1e4) / 1e4) if scene.piece.depth == "auto" else wanted
-
-
-def opening_iou(polygon: MultiPolygon, radius: float) -> float:
-    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
-    opened = polygon.buffer(-radius).buffer(radius)
-    return float(opened.intersection(polygon).area / polygon.union(opened).area)
-
-
-def _allowed_mm(view: View, radius: float, deep: float, limit_px: float) -> float:
-    """How far the outline's limit is on the piece, where the shadow is largest."""
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    pixel = max(view.frame_width_mm, view.frame_height_mm) / VERIFIED_PX
-    light = view.light_distance_mm
-    largest = (light + view.wall_distance_mm) / max(light - 0.5 * deep - radius, 0.1 * light)
-    return limit_px * pixel / largest
-
-
-def design(
+def design_knots(
     scene: Scene,
-    target: Target,
+    targets: Sequence[Target],
     device: str = "cpu",
     progress: Progress | None = None,
     budget_s: float | None = None,
 ) -> Design:
-    """From scene and picture to feasible knots, with every "auto" resolved.
+    """From a scene and the pictures of its views, in their order, to feasible knots.
 
     Args:
         scene: as a person wrote it, or resolved by an earlier build: that gives the same knots.
         budget_s: seconds that the design may take; the iterations are set to fit.
 
     Raises:
-        SceneError: the scene cannot be met; InputError: the scene or picture is wrong.
+        SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
     begun = time.perf_counter()
-    scene = resolve(scene, [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    settings = search_settings(scene.accuracy.name, scene.search)
-    if settings.free_view:
-        scene, view, settings = free_start(scene, view, settings, device, budget_s)
-    scene = scene.model_copy(update={"views": (view,)})
-    problem = problem_of(scene, target)
-    count = None if scene.piece.knots == "auto" else int(scene.piece.knots)
     progress = progress or Progress("quiet")
-    choice = None
-    if scene.piece.tube_radius_mm == "auto":
-        assert view.frame_width_mm is not None
-        with progress.stage("radius"):
-            choice = choose_radius(
-                problem,
-                view.frame_width_mm,
-                scene.printer.min_tube_radius_mm,
-                count,
-                settings,
-                progress.update,
-                device,
-            )
-        radius, template = choice.radius_mm, choice.template
-    else:
-        radius = float(scene.piece.tube_radius_mm)
-        if radius < scene.printer.min_tube_radius_mm:
-            raise SceneError(
-                "scene key piece.tube_radius_mm",
-                f"{radius:g} mm is thinner than {scene.printer.name} prints",
-                f"Use at least {scene.printer.min_tube_radius_mm:g} mm, or another printer",
-            )
-        with progress.stage("template"):
-            template = fill(problem.polygon, radius, count)
-    depth = _depth(scene, problem.polygon, problem.region, radius)
-    problem = replace(problem, depth_mm=depth)
-    bend = problem.limits(radius).bend_radius
-    outline = scene.accuracy.max_outline_error_px
-    allowed = _allowed_mm(view, radius, depth or 0.0, outline)
-    settings = fine_enough(settings, radius, bend, allowed)
+    settings = search_settings(scene.accuracy.name, scene.search)
+    if "coarse_iterations" not in scene.search:  # a build's own scene has them resolved already
+        # each view adds wishes that pull against the others'
+        settings = settings.scaled(len(targets)) if len(targets) > 1 else settings
+    if settings.free_view and len(targets) == 1:
+        scene, settings = place_start(scene, settings)
+    with progress.stage("question"):
+        question = ask(scene, targets, progress)
+    question, radius, start, choice = choose_tube(question, settings, progress, device)
+    problem = question.problem
+    settings = _fine_enough(question, settings, radius)
+    pose: Pose | None = None
     if budget_s is not None:
         with progress.stage("calibrate"):
-            settings = within(
-                budget_s - (time.perf_counter() - begun),
-                settings,
-                lambda few: search(problem, template, radius, few, device, repairs=0),
-            )
-    unmet: SearchResult | None = None
+
+            def trial(few: SearchSettings) -> None:
+                moved = start_pose(scene, problem, radius, few)[0] if few.free_view else None
+                plan = replace(plan_of(few, len(problem.views)), repairs=0)
+                search(problem, start, radius, few, pose=moved, plan=plan, device=device)
+
+            settings = within(budget_s - (time.perf_counter() - begun), settings, trial)
     with progress.stage("search"):
-        try:
-            if settings.free_view:
-                found, settings = freed(scene, problem, template, radius, settings, progress.update)
-                result, view, radius = found.result, found.view, found.knots.radius_mm
-                problem = replace(problem, view=view, polygon=silhouette_polygon(view, target))
-                allowed = _allowed_mm(view, radius, depth or 0.0, outline)
-                fine = fine_enough(settings, radius, bend, allowed)
-                settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
-            else:
-                result = search(problem, template, radius, settings, device, progress.update)
-        except Infeasible as error:
-            result = unmet = error.result
-            if not settings.free_view:
-                result = sparser(problem, radius, count, settings, device) or unmet
-    opened = opening_iou(problem.polygon, radius)
+        if settings.free_view:
+            pose, settings = start_pose(scene, problem, radius, settings)
+        result = search(
+            problem, start, radius, settings, pose=pose, device=device, report=progress.update
+        )
+        unmet = None if result.feasible else result
+        if unmet is not None:
+            knots = _knots_asked(question.scene)
+            result = search_sparser(problem, radius, knots, settings, device) or unmet
+    if settings.free_view:
+        radius = result.knots.radius_mm
+        question = question.seen_from(result.views, targets)
+        fine = _fine_enough(question, settings, radius)
+        settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
     floor = scene.accuracy.iou_floor
-    if floor == "auto":
-        floor = settings.floor(opened)
+    if isinstance(floor, str):
+        floor = settings.floor(question.most_iou(radius))
     binding: tuple[Price, ...] = ()
-    if not settings.free_view and (unmet is not None or result.iou_estimate < float(floor)):
+    if unmet is not None or result.iou_estimate < floor:
         with progress.stage("limits"):
-            roomy, first = _region(Region(), view), unmet or result
-            iou = None if unmet is None else result.iou_estimate
-            binding = prices(problem, template, first, settings, roomy, device, iou)
-    limits = problem.limits(radius)
-    region, region_stl = problem.region, None
+            binding = price_limits(
+                question.problem,
+                start,
+                unmet or result,
+                settings,
+                question.roomy(),
+                device,
+                None if unmet is None else result.iou_estimate,
+            )
+    region, region_stl = question.problem.region, None
     if region.file is not None:  # the build writes it beside the scene
         region_stl = Path(region.file).read_bytes()
         region = region.model_copy(update={"file": REGION_FILE})
-    resolved = scene.model_copy(
-        update={
-            "views": (view,),
-            "piece": scene.piece.model_copy(
-                update={
-                    "tube_radius_mm": radius,
-                    "depth": "flat" if depth is None else depth,
-                    "knots": len(result.knots.knots),
-                }
-            ),
-            "region": region,
-            "material": scene.material.model_copy(
-                update={"min_bend_radius_mm": limits.bend_radius}
-            ),
-            "accuracy": scene.accuracy.model_copy(update={"iou_floor": floor}),
-            "search": settings.model_dump(),
-        }
-    )
-    standing = None if unmet is None else unmet.standing
     return Design(
-        resolved, result.knots, result, choice, opened, settings, region_stl, standing, binding
+        _resolve(question, region, result, radius, floor, settings),
+        result.knots,
+        result,
+        choice,
+        question.opening(radius),
+        settings,
+        region_stl,
+        None if unmet is None else unmet.feasibility,
+        binding,
+        question.bounds,
+        start_ious(problem, start, radius) if question.bounds else (),
     )
+
+
+def choose_tube(
+    question: Question, settings: SearchSettings, progress: Progress, device: str = "cpu"
+) -> tuple[Question, float, Start, RadiusChoice | None]:
+    """The tube's radius, mm, the one that the scene gives or the best, and the start with it.
+
+    Returns:
+        The question with the depth that this radius leaves, radius, start, and how the radius was chosen.
+
+    Raises:
+        SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
+    """
+    piece, printer = question.scene.piece, question.scene.printer
+    knots = _knots_asked(question.scene)
+    choice: RadiusChoice | None = None
+    if isinstance(piece.tube_radius_mm, str):
+        with progress.stage("radius"):
+            choice = choose_radius(question, settings, knots, progress.update, device)
+        radius = choice.radius_mm
+    else:
+        radius = piece.tube_radius_mm
+        if radius < printer.min_tube_radius_mm:
+            raise SceneError(
+                "scene key piece.tube_radius_mm",
+                f"{radius:g} mm is thinner than {printer.name} prints",
+                f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
+            )
+    question = question.with_depth(radius)
+    with progress.stage("template"):
+        if choice is not None and choice.start is not None:
+            return question, radius, choice.start, choice
+        template = None if choice is None else choice.template
+        start = make_start(question.problem, radius, settings, knots, template=template)
+    return question, radius, start, choice
+
+
+def _knots_asked(scene: Scene) -> int | None:
+    return None if isinstance(scene.piece.knots, str) else scene.piece.knots
+
+
+def _fine_enough(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
+    """The settings with facets and vertices fine enough for the outline's limit in every view."""
+    problem: Problem = question.problem
+    limit_px = question.scene.accuracy.max_outline_error_px
+    allowed = []
+    for view in question.views:
+        light = view.light_distance_mm
+        front = _FRONT * light
+        if len(question.views) == 1:
+            front = 0.5 * (problem.depth_mm or 0.0) + radius
+        # the shadow is largest of what is nearest to the light
+        largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
+        allowed.append(limit_px * view.longer_mm / VERIFIED_PX / largest)
+    return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))
+
+
+def _resolve(
+    question: Question,
+    region: ResolvedRegion,
+    result: SearchResult,
+    radius: float,
+    floor: float,
+    settings: SearchSettings,
+) -> ResolvedScene:
+    """The scene with nothing left to choose."""
+    scene, problem = question.scene, question.problem
+    depth = scene.piece.depth
+    if len(problem.views) == 1:
+        depth = "flat" if problem.depth_mm is None else problem.depth_mm
+    piece = {"tube_radius_mm": radius, "depth": depth, "knots": len(result.knots.knots)}
+    bend = problem.limits(radius).bend_radius
+    resolved = {
+        "views": question.views,
+        "piece": ResolvedPiece(**{**scene.piece.model_dump(), **piece}),
+        "region": region,
+        "material": ResolvedMaterial(
+            **{**scene.material.model_dump(exclude_unset=True), "min_bend_radius_mm": bend}
+        ),
+        "accuracy": ResolvedAccuracy(**{**scene.accuracy.model_dump(), "iou_floor": floor}),
+        "search": settings.model_dump(),
+    }
+    kept = {
+        k: getattr(scene, k) for k in type(scene).model_fields if k not in ("schema_", *resolved)
+    }
+    return ResolvedScene.model_validate({"schema": 1, **kept, **resolved})

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.scene.catalogue import LONGER_FRAME_MM
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
 
-__all__ = ["framed_alike", "spread_views"]
+__all__ = ["frame_view", "framed_alike", "spread_views"]
 
+LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
@@ -93,3 +93,20 @@ def _sized(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
             "frame_up_mm": round(up_mm, 4) + 0.0,
         }
     )
+
+
+def frame_view(view: View, target: Target) -> ResolvedView:
+    """The view with both sides of its frame, by the picture's aspect ratio where not given."""
+    across, up = view.frame_width_mm, view.frame_height_mm
+    if across is not None:
+        scale = across / target.width
+    elif up is not None:
+        scale = up / target.height
+    else:
+        scale = LONGER_FRAME_MM / max(target.width, target.height)
+    own = {
+        "picture": f"picture-{view.name}{target.suffix}",
+        "frame_width_mm": target.width * scale if across is None else across,
+        "frame_height_mm": target.height * scale if up is None else up,
+    }
+    return ResolvedView(**{**view.model_dump(), **own})

@@ -1,35 +1,34 @@
-"""The tube radius by trying: the largest that still draws the picture well."""
+"""The tube radius by trying: the largest that still draws the pictures well."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import LinearRing, MultiPolygon, Polygon
 
+from knotfab.design.question import Question
 from knotfab.errors import SceneError
+from knotfab.problem import Report, Start
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.search import Problem, search
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
 from knotfab.start.filling import Template, fill, simple_curves
+from knotfab.start.start import make_start
+from knotfab.start.views import start_ious
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 
-_USUAL = 0.0102  # of the frame's width: thinner only where the picture forbids this
-_THICKEST = 0.035
-_GIVE = 0.004  # IoU that a thicker tube may cost
-_DRAWN = 0.94  # template IoU below which thinner tubes are tried as well
-_HOPELESS = 0.06  # template IoU behind the best that no search makes up for
 _NOTHING = 0.5  # IoU below which there is no picture
-_TRIALS = 5
 _HAIR = 1e-7  # of the radius
 _WORKERS = 2  # trials side by side; their outcome does not depend on it
 _SHORT = {
     "method": "flow",
+    "network_start": "filling",
     "coarse_px": 160,
     "fine_px": 224,
     "coarse_iterations": 32,
@@ -42,8 +41,31 @@ _SHORT = {
 
 
 @dataclass(frozen=True)
+class _Range:
+    """The radii that are tried, as shares of the frame's side, and what a thicker tube may cost in IoU."""
+
+    usual: float  # thinner only where the picture forbids this
+    thickest: float
+    candidates: int | None  # None: as the settings say
+    drawn: float  # score below which thinner tubes are tried as well
+    thinner: int  # of these
+    hopeless: float  # score behind the best that nothing makes up for
+    trials: int
+    give: float  # IoU of the trial
+
+
+# A start for several views is drawn already (start.views): its own pictures tell what a short search would.
+# With three views or more the pictures ask so much of every strand that only a thin tube serves.
+_RANGES = {
+    1: _Range(0.0102, 0.035, None, 0.94, 5, 0.06, 5, 0.004),
+    2: _Range(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
+    3: _Range(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
+}
+
+
+@dataclass(frozen=True)
 class RadiusTrial:
-    """One radius tried: the planar template's IoU, and that of a short search (NaN: not run)."""
+    """One radius tried: what it can draw of the pictures, and what its trial reached (NaN: not run)."""
 
     radius_mm: float
     template_iou: float
@@ -52,11 +74,129 @@ class RadiusTrial:
 
 @dataclass(frozen=True)
 class RadiusChoice:
-    """The radius taken, its template, and all that were tried."""
+    """The radius taken, all that were tried, and what of its start is known already."""
 
     radius_mm: float
-    template: Template
     trials: tuple[RadiusTrial, ...]
+    template: Template | None = None
+    start: Start | None = None
+
+
+@dataclass
+class _Trials:
+    """What has been made of each radius so far."""
+
+    question: Question
+    settings: SearchSettings
+    knots: int | None
+    device: str
+    templates: dict[float, Template] = field(default_factory=dict)
+    starts: dict[float, Start] = field(default_factory=dict)
+    failures: list[SceneError] = field(default_factory=list)
+
+    @property
+    def one_view(self) -> bool:
+        return len(self.question.problem.views) == 1
+
+    def score(self, radius: float) -> float:
+        """What a tube of this radius can draw, in the view that it draws worst; -inf: nothing."""
+        if not self.one_view:
+            return self.question.opening(radius)
+        polygon = self.question.problem.polygons[0]
+        template = self.templates[radius] = fill(polygon, radius, self.knots)
+        if not simple_curves(list(template.curves)):
+            return -np.inf
+        return template_iou(template, polygon)
+
+    def trial(self, radius: float) -> float:
+        """The IoU of a short search, or of a start that is drawn already; 0 where there is no start."""
+        problem, template = self.question.problem, self.templates.get(radius)
+        steps = _SHORT if self.one_view else {"network_start": "filling"}
+        short = self.settings.model_copy(update=steps)
+        try:
+            start = make_start(problem, radius, short, self.knots, template=template)
+        except SceneError as error:  # no place for the knot that is asked for, or no such curve
+            self.failures.append(error)
+            return 0.0
+        if not self.one_view:
+            if self.settings.network_start == "filling":
+                self.starts[radius] = start
+            return min(start_ious(problem, start, radius))
+        plan = replace(plan_of(short), repairs=0)
+        return search(problem, start, radius, short, plan=plan, device=self.device).iou_estimate
+
+
+def choose_radius(
+    question: Question,
+    settings: SearchSettings,
+    knots: int | None = None,
+    report: Report | None = None,
+    device: str = "cpu",
+) -> RadiusChoice:
+    """The largest tube radius whose trial comes near the best one's IoU.
+
+    Args:
+        knots: as for `fill`.
+        report: called with (share done, best IoU).
+
+    Raises:
+        SceneError: no printable radius draws anything of the pictures.
+    """
+    views = question.views
+    trials = _Trials(question, settings, knots, device)
+    span = _RANGES[min(len(views), 3)]
+    side = views[0].frame_width_mm if trials.one_view else max(v.longer_mm for v in views)
+    thinnest = question.scene.printer.min_tube_radius_mm
+    usual = max(thinnest, span.usual * side)
+    thick = max(span.thickest * side, (1.5 if trials.one_view else 1.2) * usual)
+    count = span.candidates or settings.radius_candidates
+    radii = np.geomspace(usual, thick, count).round(4).tolist()
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
+        if max(scores.values()) < span.drawn and thinnest < usual:
+            # the picture forbids the usual thickness: thinner ones, as far as the printer goes
+            thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
+            scores |= dict(zip(thin, pool.map(trials.score, thin), strict=True))
+    scores = {r: s for r, s in scores.items() if np.isfinite(s)}
+    if not scores:
+        raise SceneError(
+            "the picture",
+            "no tube radius gives a template whose curves keep clear of each other",
+            "Give a radius (--tube-radius), or use a simpler picture.",
+        )
+    if report is not None:
+        report(0.2, None)
+    # thicker tubes gain more in the search than their templates show
+    promise = {r: s + 0.01 * np.log(r / usual) * trials.one_view for r, s in scores.items()}
+    few = sorted(promise, key=lambda r: promise[r], reverse=True)[: span.trials]
+    few = [r for r in few if promise[r] > promise[few[0]] - span.hopeless]
+    found: dict[float, float] = {}
+
+    def attempt(radius: float) -> None:
+        found[radius] = trials.trial(radius)
+        if report is not None:
+            report(0.2 + 0.8 * len(found) / len(few), max(found.values()))
+
+    with one_thread(), ThreadPoolExecutor(_WORKERS) as pool:
+        list(pool.map(attempt, few))
+    top = max(found.values())
+    if top == 0 and trials.failures:
+        raise trials.failures[0]
+    if top < _NOTHING and trials.one_view:
+        raise SceneError(
+            "the picture",
+            f"it is too fine for any printable tube: at a radius of {min(scores):.2f} mm the shadow "
+            f"reaches an IoU of {top:.2f}",
+            "Use a bolder picture, a larger frame (scene key frame_width_mm), or a printer with a "
+            "finer nozzle.",
+        )
+    chosen = max(r for r, iou in found.items() if iou >= top - span.give)
+    return RadiusChoice(
+        chosen,
+        tuple(RadiusTrial(r, scores[r], found.get(r, float("nan"))) for r in sorted(scores)),
+        trials.templates.get(chosen),
+        trials.starts.get(chosen),
+    )
 
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
@@ -74,80 +214,3 @@ def _band(curve: NDArray[np.float64], radius: float) -> Polygon | MultiPolygon:
     line = LinearRing(curve)
     band = line.buffer(radius)
     return band if band.is_valid else line.buffer(radius * (1 - _HAIR)).buffer(0)
-
-
-def choose_radius(
-    problem: Problem,
-    frame_width: float,
-    thinnest: float,
-    knots: int | None,
-    settings: SearchSettings,
-    report: Callable[[float, float | None], None] | None = None,
-    device: str = "cpu",
-) -> RadiusChoice:
-    """The largest tube radius whose short search comes within 0.004 of the best one's IoU.
-
-    Args:
-        problem: the picture and the limits; its polygon lies in the template's plane.
-        frame_width: width of the picture's frame on the receiver, mm; the usual range is 1 to 3.5 % of it.
-        thinnest: least radius that can be printed, mm.
-
-    Raises:
-        SceneError: when no printable radius draws anything of the picture.
-    """
-    usual = max(thinnest, _USUAL * frame_width)
-    thick = max(_THICKEST * frame_width, 1.5 * usual)
-    radii = np.geomspace(usual, thick, settings.radius_candidates).round(4).tolist()
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        templates = dict(
-            zip(radii, pool.map(lambda r: fill(problem.polygon, r, knots), radii), strict=True)
-        )
-    scores = {r: template_iou(t, problem.polygon) for r, t in templates.items()}
-    if max(scores.values()) < _DRAWN and thinnest < usual:
-        # the picture forbids the usual thickness: thinner ones, as far as the printer goes
-        for r in np.geomspace(thinnest, usual, 5)[:-1].round(4).tolist():
-            templates[r] = fill(problem.polygon, r, knots)
-            scores[r] = template_iou(templates[r], problem.polygon)
-    scores = {r: s for r, s in scores.items() if simple_curves(list(templates[r].curves))}
-    if not scores:
-        raise SceneError(
-            "the picture",
-            "no tube radius gives a template whose curves keep clear of each other",
-            "Give a radius (--tube-radius), or use a simpler picture.",
-        )
-    if report is not None:
-        report(0.2, None)
-    # thicker tubes gain more in the search than their templates show
-    promise = {r: s + 0.01 * np.log(r / usual) for r, s in scores.items()}
-    few = sorted(promise, key=lambda r: promise[r], reverse=True)[:_TRIALS]
-    few = [r for r in few if promise[r] > promise[few[0]] - _HOPELESS]
-    short = settings.model_copy(update=_SHORT)
-    found: dict[float, float] = {}
-    untied: list[SceneError] = []
-
-    def trial(r: float) -> float:
-        try:
-            found[r] = search(problem, templates[r], r, short, device, repairs=0).iou_estimate
-        except SceneError as error:  # no place for the knot that is asked for
-            untied.append(error)
-            found[r] = 0.0
-        if report is not None:
-            report(0.2 + 0.8 * len(found) / len(few), max(found.values()))
-        return found[r]
-
-    with one_thread(), ThreadPoolExecutor(_WORKERS) as pool:
-        list(pool.map(trial, few))
-    top = max(found.values())
-    if top == 0 and untied:
-        raise untied[0]
-    if top < _NOTHING:
-        raise SceneError(
-            "the picture",
-            f"it is too fine for any printable tube: at a radius of {min(templates):.2f} mm the shadow "
-            f"reaches an IoU of {top:.2f}",
-            "Use a bolder picture, a larger frame (scene key frame_width_mm), or a printer with a "
-            "finer nozzle.",
-        )
-    chosen = max(r for r, iou in found.items() if iou >= top - _GIVE)
-    trials = tuple(RadiusTrial(r, scores[r], found.get(r, float("nan"))) for r in sorted(scores))
-    return RadiusChoice(chosen, templates[chosen], trials)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings
-from knotfab.scene.model import Region, View
+from knotfab.scene.model import ResolvedRegion, ResolvedView
 
 __all__ = ["Decision", "Effect", "Limits", "Situation", "State"]
 
@@ -26,7 +26,7 @@ class Limits:
     clearance: float
     bend_radius: float
     length: float
-    region: Region
+    region: ResolvedRegion
 
     @property
     def separation(self) -> float:
@@ -36,14 +36,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Situation:
-    """What an effect's magnitude is judged from: scene, limits and the curves at the start."""
+    """What an effect's magnitude is judged from: views, limits and the curves at the start."""
 
-    view: View
+    views: tuple[ResolvedView, ...]
     limits: Limits
     points: Array  # (N, 3) mm
     rings: Rings
-    pixel_mm: float  # a pixel of the search's picture on the receiver
-    tolerance_px: float
+    tolerance_px: float  # of the accuracy setting
 
 
 @dataclass
@@ -57,6 +56,13 @@ class State:
     rings: Rings
     near: Neighbours
     spacing: float  # mean edge, mm
+
+    @classmethod
+    def at(cls, points: Tensor, following: Tensor, rings: Rings, near: Neighbours) -> State:
+        """The state of closed polylines whose vertices are `points` [N, 3]."""
+        edge = points[following] - points
+        spacing = float(edge.detach().norm(dim=-1).mean())
+        return cls(points, edge, edge[following], following, rings, near, spacing)
 
 
 Term = Callable[[State, Limits], Tensor]

@@ -11,14 +11,14 @@ from torch import Tensor
 
 from knotfab.effects.base import Effect, Limits, Situation, State
 from knotfab.effects.region_mesh import beyond, region_mesh
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
 
 Array = NDArray[np.float64]
 
 
-def outside(points: Tensor, region: Region, radius: float) -> Tensor:
+def outside(points: Tensor, region: ResolvedRegion, radius: float) -> Tensor:
     """[N] how far a ball of `radius` about each point sticks out, mm (negative inside).
 
     For a box the largest excess over its faces; cylinder (axis y): over mantle and ends.
@@ -26,7 +26,6 @@ def outside(points: Tensor, region: Region, radius: float) -> Tensor:
     if region.kind == "mesh":
         assert region.file is not None
         return beyond(points, region_mesh(region.file, region.center_mm)) + radius
-    assert not isinstance(region.size_mm, str)
     center = torch.tensor(region.center_mm, dtype=points.dtype, device=points.device)
     half = 0.5 * torch.tensor(region.size_mm, dtype=points.dtype, device=points.device)
     p = points - center
@@ -40,7 +39,9 @@ def outside(points: Tensor, region: Region, radius: float) -> Tensor:
     return torch.maximum(around, p[:, 1].abs() - half[1]) + radius
 
 
-def tube_outside(points: Array, ahead: Array, region: Region, radius: float) -> tuple[Array, Array]:
+def tube_outside(
+    points: Array, ahead: Array, region: ResolvedRegion, radius: float
+) -> tuple[Array, Array]:
     """Points (k, 3) of a centre line, and how far the tube sticks out there at most, mm (k,).
 
     Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between

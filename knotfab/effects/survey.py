@@ -7,20 +7,17 @@ from knotfab.effects.bend import BEND
 from knotfab.effects.clearance import CLEARANCE
 from knotfab.effects.length import LENGTH
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.effects.perspective import PERSPECTIVE
 from knotfab.effects.region import REGION
 
-__all__ = ["EFFECTS", "judged", "survey"]
+__all__ = ["EFFECTS", "survey"]
 
-EFFECTS: tuple[Effect, ...] = (PERSPECTIVE, CLEARANCE, BEND, REGION, LENGTH, PENUMBRA)
-
-
-def judged(effect: Effect, situation: Situation) -> Decision:
-    """The effect's magnitude against its threshold: simulated only where it is larger."""
-    magnitude, threshold = effect.magnitude(situation), effect.threshold(situation)
-    return Decision(effect, magnitude, threshold, magnitude > threshold)
+EFFECTS: tuple[Effect, ...] = (CLEARANCE, BEND, REGION, LENGTH, PENUMBRA)
 
 
 def survey(situation: Situation) -> dict[str, Decision]:
-    """Every effect judged, by name."""
-    return {effect.name: judged(effect, situation) for effect in EFFECTS}
+    """Each effect's magnitude against its threshold, by name: simulated only where it is larger."""
+    decisions = {}
+    for effect in EFFECTS:
+        magnitude, threshold = effect.magnitude(situation), effect.threshold(situation)
+        decisions[effect.name] = Decision(effect, magnitude, threshold, magnitude > threshold)
+    return decisions

@@ -1,4 +1,4 @@
-"""3MF by lib3mf: millimetres, one named and coloured object per body, the same bytes each time."""
+"""3MF by lib3mf: millimetres, one object for the whole piece, the same bytes each time."""
 
 from __future__ import annotations
 
@@ -16,81 +16,110 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab import __version__
+from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 
-__all__ = ["Body", "read_back_strict", "read_bodies", "write_3mf"]
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+__all__ = ["Body", "read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
 
 DECIMALS = 6  # of a millimetre, written out
 
 
 @dataclass(frozen=True)
 class Body:
-    """One object of a 3MF: vertices (n, 3) mm, faces (m, 3)."""
+    """A closed surface with a name: vertices (n, 3) mm, faces (m, 3)."""
 
     name: str
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
 
 
-def write_3mf(
-    path: Path,
-    bodies: Sequence[Mesh],
-    names: Sequence[str] | None = None,
-    title: str = "knotfab",
-    colors: Sequence[str] | None = None,
-) -> None:
-    """Write `bodies` (vertices (n, 3) mm, faces (m, 3)) as one 3MF, an object for each body.
+def write_3mf(path: Path, bodies: Sequence[Mesh], title: str = "knotfab") -> None:
+    """Write `bodies` (vertices (n, 3) mm, faces (m, 3)) as ONE object: a single mesh, their shells.
 
-    The build has a single item. Several bodies are the components of one more object that is this
-    item: so the standard says that they are one thing, and programs that let each item of a build
-    drop onto the bed keep them together. Transforms are the identity, and every UUID follows from
-    the names: the archive's dates are constant in lib3mf, so the file is the same byte for byte.
+    A slicer lets each object that a file places drop onto the bed, PrusaSlicer even each component of
+    an object: the shells of one mesh alone stay where they are. The file holds no settings.
 
     Args:
-        names: one for each body; "knot 1", "knot 2", … by default.
-        title: the package's Title.
-        colors: "#rrggbb" in sRGB, one for each body; none by default.
+        title: the package's Title, and the object's name.
 
     Raises:
-        ValueError: a body without faces, a name or colour too few, no colour, or a vertex below
-            zero or not finite (3MF wants the positive octant).
+        ValueError: a body without faces, or a vertex below zero or not finite (3MF wants the positive
+            octant).
     """
+    _require_positive(bodies)
+    model, wrapper = _new_model(title)
+    _write(path, model, _add_mesh(wrapper, model, join_meshes(bodies), title, 1), [title])
+
+
+def write_coloured_3mf(
+    path: Path, bodies: Sequence[Mesh], names: Sequence[str], colors: Sequence[str], title: str
+) -> None:
+    """Write `bodies` as objects with names and colours, for printers with several filaments.
+
+    They are the components of one more object, which is the build's only item: the standard says
+    that they are one thing, and a slicer that asks whether to load them as one must be told yes.
+
+    Args:
+        names, colors: one for each body; colours as "#rrggbb" in sRGB.
+
+    Raises:
+        ValueError: as `write_3mf`; and a name or colour too few, or no colour.
+    """
+    _require_positive(bodies)
+    if not len(names) == len(colors) == len(bodies):
+        raise ValueError(f"{len(bodies)} bodies want as many names and colours")
+    model, wrapper = _new_model(title)
+    paint = _palette(wrapper, model, colors)
+    whole = model.AddComponentsObject()
+    for number, (mesh, name, color) in enumerate(zip(bodies, names, colors, strict=True), start=1):
+        body = _add_mesh(wrapper, model, mesh, name, number)
+        body.SetObjectLevelProperty(*paint[color.lower()])
+        component = whole.AddComponent(body, wrapper.GetIdentityTransform())
+        component.SetUUID(_uuid(f"component/{number}/{name}"))
+    whole.SetName(title)
+    whole.SetUUID(_uuid("whole/" + "/".join(names)))
+    _write(path, model, whole, names)
+
+
+def _require_positive(bodies: Sequence[Mesh]) -> None:
+    if not bodies:
+        raise ValueError("no bodies make no 3MF")
+    for number, (vertices, faces) in enumerate(bodies, start=1):
+        if not len(faces) or not np.isfinite(vertices).all() or vertices.min() < 0:
+            raise ValueError(
+                f"body {number} needs faces, and finite vertices in the positive octant"
+            )
+
+
+def _new_model(title: str) -> tuple[Any, Any]:
+    """A model in millimetres that says what it is, and lib3mf's wrapper."""
     import lib3mf
 
-    names = [f"knot {i + 1}" for i in range(len(bodies))] if names is None else names
-    if not bodies or len(names) != len(bodies):
-        raise ValueError(f"{len(bodies)} bodies and {len(names)} names do not make a 3MF")
-    if colors is not None and len(colors) != len(bodies):
-        raise ValueError(f"{len(bodies)} bodies and {len(colors)} colours do not make a 3MF")
-    for (vertices, faces), name in zip(bodies, names, strict=True):
-        if not len(faces) or not np.isfinite(vertices).all() or vertices.min() < 0:
-            raise ValueError(f"{name!r} needs faces, and finite vertices in the positive octant")
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
     about = model.GetMetaDataGroup()
     about.AddMetaData("", "Title", title, "xs:string", True)
     about.AddMetaData("", "Application", f"knotfab {__version__}", "xs:string", True)
-    paint = _palette(wrapper, model, colors or ())
-    objects = []
-    for number, ((vertices, faces), name) in enumerate(zip(bodies, names, strict=True), start=1):
-        body = model.AddMeshObject()
-        body.SetName(name)
-        _set_geometry(wrapper, body, vertices, faces)
-        body.SetUUID(_uuid(f"object/{number}/{name}"))
-        if colors is not None:
-            body.SetObjectLevelProperty(*paint[colors[number - 1].lower()])
-        objects.append(body)
-    whole = objects[0]
-    if len(objects) > 1:
-        whole = model.AddComponentsObject()
-        whole.SetName(title)
-        whole.SetUUID(_uuid("whole/" + "/".join(names)))
-        for number, body in enumerate(objects, start=1):
-            component = whole.AddComponent(body, wrapper.GetIdentityTransform())
-            component.SetUUID(_uuid(f"component/{number}/{names[number - 1]}"))
-    item = model.AddBuildItem(whole, wrapper.GetIdentityTransform())
+    return model, wrapper
+
+
+def _add_mesh(wrapper: Any, model: Any, mesh: Mesh, name: str, number: int) -> Any:
+    body = model.AddMeshObject()
+    body.SetName(name)
+    _set_geometry(wrapper, body, *mesh)
+    body.SetUUID(_uuid(f"object/{number}/{name}"))
+    return body
+
+
+def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
+    """Write `whole` as the only item, where it is.
+
+    Every UUID follows from the names, and the archive's dates are constant in lib3mf: so the file is the
+    same byte for byte.
+    """
+    import lib3mf
+
+    item = model.AddBuildItem(whole, lib3mf.get_wrapper().GetIdentityTransform())
     item.SetUUID(_uuid("item/" + "/".join(names)))
     model.SetBuildUUID(_uuid("build/" + "/".join(names)))
     writer = model.QueryWriter("3mf")
@@ -113,13 +142,13 @@ def read_back_strict(path: Path) -> list[str]:
     return [str(reader.GetWarning(i)) for i in range(reader.GetWarningCount())]
 
 
-def read_bodies(path: Path) -> list[Body]:
-    """The bodies of a file that `write_3mf` wrote, in its order.
+def read_shells(path: Path) -> list[Body]:
+    """The closed surfaces of a file that `write_3mf` wrote, in its order: "shell 1", "shell 2", …
 
     Transforms are not applied: it writes none but the identity.
 
     Raises:
-        ValueError: the file is not a 3MF, or holds no body.
+        ValueError: the file is not a 3MF, or holds no mesh.
     """
     import lib3mf
 
@@ -129,25 +158,22 @@ def read_bodies(path: Path) -> list[Body]:
         with _locale_kept():
             model.QueryReader("3mf").ReadFromFile(str(path))
         objects = model.GetMeshObjects()
-        bodies = []
+        shells: list[Mesh] = []
         while objects.MoveNext():
-            body = objects.GetCurrentMeshObject()
-            bodies.append(Body(body.GetName(), *_geometry(wrapper, body)))
+            shells += split_shells(_geometry(wrapper, objects.GetCurrentMeshObject()))
     except lib3mf.ELib3MFException as error:
         raise ValueError(f"{path.name} is not a 3MF file, or is damaged: {error}") from error
-    if not bodies:
-        raise ValueError(f"{path.name} holds no body")
-    return bodies
+    if not shells:
+        raise ValueError(f"{path.name} holds no mesh")
+    return [Body(f"shell {number}", *shell) for number, shell in enumerate(shells, start=1)]
 
 
 def _palette(wrapper: Any, model: Any, colors: Sequence[str]) -> dict[str, tuple[int, int]]:
     """Resource and property of each colour that occurs, as base materials of the model."""
-    wanted = list(dict.fromkeys(color.lower() for color in colors))
+    wanted = dict.fromkeys(color.lower() for color in colors)
     for color in wanted:
         if not re.fullmatch("#[0-9a-f]{6}", color):
             raise ValueError(f"{color!r} is no colour: #rrggbb is one")
-    if not wanted:
-        return {}
     group = model.AddBaseMaterialGroup()
     number = group.GetResourceID()
     found = {}
@@ -179,7 +205,7 @@ def _set_geometry(
     )
 
 
-def _geometry(wrapper: Any, body: Any) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _geometry(wrapper: Any, body: Any) -> Mesh:
     """Vertices (n, 3) and faces (m, 3), into arrays at once for the same reason."""
     import lib3mf
 

@@ -125,11 +125,17 @@ class Carried:
     points: Array
     reached: float  # share of the way; 1: all of it is proved
     steps: int
+    refused: int
     least_margin: float  # mm
 
 
 def carry(
-    points: Array, rings: Rings, path: Path, longest: float, shortest: float = 1e-4
+    points: Array,
+    rings: Rings,
+    path: Path,
+    longest: float,
+    shortest: float = 1e-4,
+    first: float = 0.02,
 ) -> Carried:
     """Carry closed polygons (N, 3) along `path` from share 0, where it is the identity, to 1.
 
@@ -140,8 +146,9 @@ def carry(
         path: continuous in the share; each point goes its own way.
         longest: no step moves a vertex further than about this, mm.
         shortest: share of the way at which the polygon is found too coarse: `reached` is then below 1.
+        first: share that is tried first.
     """
-    here, share, stride, steps = points, 0.0, 0.02, 0
+    here, share, stride, steps, refused = points, 0.0, first, 0, 0
     least = np.inf
     while share < 1.0:
         ahead = min(1.0, share + stride)
@@ -150,6 +157,7 @@ def carry(
         furthest = float(np.sqrt(dot(step, step).max()))
         verdict = _verdict(here, step, rings) if furthest <= longest else None
         if verdict is None or not verdict.valid:
+            refused += verdict is not None
             stride = 0.5 * (ahead - share)
             if stride < shortest:
                 break
@@ -157,7 +165,7 @@ def carry(
         here, share, steps = there, ahead, steps + 1
         least = min(least, verdict.margin)
         stride *= 1.5
-    return Carried(here, share, steps, float(least))
+    return Carried(here, share, steps, refused, float(least))
 
 
 def _verdict(points: Array, step: Array, rings: Rings) -> Certificate:

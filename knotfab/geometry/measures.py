@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from knotfab.geometry.neighbours import closest_parameters, find_neighbours
 from knotfab.geometry.polylines import Rings, dot
 
-__all__ = ["StrandGap", "bend_radii", "strand_gap"]
+__all__ = ["Curvature", "StrandGap", "bend_radii", "measure_curvature", "strand_gap"]
 
 Array = NDArray[np.float64]
 
@@ -64,3 +64,30 @@ def strand_gap(
         gap = np.where(same & (gap > straight * along[far]), np.inf, gap)
     k = int(np.argmin(gap))
     return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """How much a closed polyline bends: curvature times the tube's radius along its length, and its turns."""
+
+    mean: float
+    quantile_90: float
+    turns: float  # total turning angle over a full turn
+
+
+def measure_curvature(points: Array, radius: float) -> Curvature:
+    """The curvature of a closed polyline (n, 3): at a vertex, turning angle over the mean of its edges."""
+    ahead = np.roll(points, -1, axis=0) - points
+    length = np.linalg.norm(ahead, axis=1)
+    unit = ahead / length[:, None]
+    behind, before = np.roll(unit, 1, axis=0), np.roll(length, 1)
+    # arctan2 keeps its digits where edges are nearly in line
+    sine = np.linalg.norm(np.cross(behind, unit), axis=1)
+    angle = np.arctan2(sine, dot(behind, unit))
+    share = 0.5 * (length + before)
+    curvature = radius * angle / share
+    order = np.argsort(curvature)
+    along = np.cumsum(share[order]) / share.sum()
+    ninety = float(curvature[order][np.searchsorted(along, 0.9)])
+    total = float(angle.sum())
+    return Curvature(radius * total / float(share.sum()), ninety, total / (2 * np.pi))

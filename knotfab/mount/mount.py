@@ -15,7 +15,7 @@ from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bod
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
 from knotfab.part.pose import choose_pose
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene, Scene
 
 __all__ = ["Mounted", "mount_piece"]
 
@@ -36,7 +36,7 @@ class Mounted:
 
     bodies: list[Mesh]
     names: list[str]
-    scene: Scene
+    scene: ResolvedScene
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
@@ -127,7 +127,11 @@ class Mounted:
 
 
 def mount_piece(
-    scene: Scene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask | None = None
+    scene: ResolvedScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    camera: Camera,
+    target: Mask | None = None,
 ) -> Mounted:
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
@@ -179,7 +183,7 @@ def mount_piece(
 
 
 def _on_a_stand(
-    scene: Scene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask
+    scene: ResolvedScene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask
 ) -> Mounted:
     asked, material = scene.mount, scene.material
     stand = plan_stand(

@@ -1,8 +1,7 @@
-"""From a finished search to the part that is written: tubes, mount, print pose, files."""
+"""From a finished search to the part that is written: tubes, mount, print pose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +9,6 @@ from numpy.typing import NDArray
 
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
-from knotfab.files.folder import OutputFolder
-from knotfab.files.stl import write_stl
-from knotfab.files.threemf import write_3mf
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import as_written
@@ -22,15 +18,13 @@ from knotfab.part.split import can_be_split, printables
 from knotfab.part.supports import Rules
 from knotfab.progress import Progress
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Plate, Pose, Scene
+from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
-__all__ = ["Part", "part_of", "pose_of", "rules_of", "write_part"]
+__all__ = ["Part", "part_of", "rules_of"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
-Row = tuple[float, float, float, float]
 
 BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
 BESIDE_SHARE = 0.05  # of the printer: a small one is used to its edge
@@ -126,40 +120,3 @@ def rules_of(scene: Scene) -> Rules:
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
     )
-
-
-def pose_of(matrix: Array, plates: Plates | None = None) -> Pose:
-    """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
-    laid = [] if plates is None else plates.plates
-    each = tuple(Plate(matrices=tuple(_rows(motion) for motion in p.to_part)) for p in laid)
-    return Pose(matrix=_rows(matrix), plates=each)
-
-
-def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
-    a, b, c, d = ((float(w), float(x), float(y), float(z)) for w, x, y, z in matrix)
-    return a, b, c, d
-
-
-def write_part(folder: OutputFolder, part: Part, scene: Scene, targets: Sequence[Target]) -> None:
-    """Write part.stl, part.3mf, the plates, knots.json, the views' pictures and scene.toml."""
-    target = targets[0]
-    write_stl(folder.file("part.stl"), part.bodies)
-    write_3mf(
-        folder.file("part.3mf"),
-        part.bodies,
-        part.mounted.names,
-        title=f"knotfab {target.name}",
-        colors=[scene.material.color] * len(part.bodies),
-    )
-    for number, plate in enumerate([] if part.plates is None else part.plates.plates, start=1):
-        write_3mf(
-            folder.file(f"plate-{number}.3mf"),
-            plate.bodies,
-            plate.names,
-            title=f"knotfab {target.name}, plate {number}",
-            colors=[scene.material.color] * len(plate.bodies),
-        )
-    part.pose.knots.write(folder.file("knots.json"))
-    for view, picture in zip(scene.views, targets, strict=True):
-        folder.write(view.picture, picture.png_bytes)
-    folder.write("scene.toml", dump_scene(scene))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,13 +11,26 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.orient import candidates, estimated_cm3, ranked
 from knotfab.part.supports import Rules, strands_of
 
-__all__ = ["flatter_depth"]
+__all__ = ["Flattening", "flatter_depth"]
 
 Array = NDArray[np.float64]
 
 STEPS = 5  # of halving, to a thirty-second of the depth
 AIM = 0.95  # of the limit: the search that follows lays the strands anew
 ROUND_MM = 0.1
+
+
+@dataclass(frozen=True)
+class Flattening:
+    """What was done about supports beyond the printer's limit: depths in mm.
+
+    `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal where
+    none followed), and `proposed_mm` what the kept one would still need, None where nothing.
+    """
+
+    from_mm: float
+    to_mm: float
+    proposed_mm: float | None
 
 
 def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:

@@ -10,7 +10,14 @@ from torch import Tensor
 
 from knotfab.scene.camera import Camera
 
-__all__ = ["Frame", "frame_of"]
+__all__ = ["Frame", "Number", "frame_of", "number"]
+
+Number = float | Tensor  # a tensor [] where it has a gradient
+
+
+def number(value: Number) -> float:
+    """The value without its gradient."""
+    return float(value.detach()) if isinstance(value, Tensor) else value
 
 
 @dataclass(frozen=True)
@@ -18,35 +25,38 @@ class Frame:
     """A pinhole whose axes are those of its receiver plane: x right, y down, z away from the light.
 
     A pixel (u, v) has the ray direction ((u + u0) * step, (v + v0) * step, 1); `focal_px` turns
-    a length at depth 1 into pixels. Pixels are square. `flat_depth`, where set, sees all points at
-    that depth: parallel light.
+    a length at depth 1 into pixels. Pixels are square. The numbers may be tensors [] with a gradient, where
+    the view itself is an unknown.
     """
 
     axes: Tensor  # [3, 3] rows x, y, z
     eye: Tensor  # [3]
-    u0: float
-    v0: float
-    step: float
+    u0: Number
+    v0: Number
+    step: Number
     width: int
     height: int
-    flat_depth: float | None = None
 
     @property
-    def focal_px(self) -> float:
+    def focal_px(self) -> Number:
         """Pixels per unit of x/z."""
         return 1.0 / self.step
 
     def local(self, points: Tensor) -> Tensor:
         """[..., 3] scene mm -> [..., 3] receiver axes, mm from the light."""
-        local = (points - self.eye) @ self.axes.T
-        if self.flat_depth is None:
-            return local
-        return torch.cat([local[..., :2], torch.full_like(local[..., 2:], self.flat_depth)], -1)
+        return (points - self.eye) @ self.axes.T
 
     def pixels(self, local: Tensor) -> Tensor:
         """[..., 3] receiver axes -> [..., 2] pixel coordinates."""
         uv = local[..., :2] / local[..., 2:] * self.focal_px
         return uv - torch.tensor([self.u0, self.v0], dtype=uv.dtype, device=uv.device)
+
+    def fixed(self) -> Frame:
+        """The same view with its present numbers, without gradient."""
+        if not isinstance(self.step, Tensor):
+            return self
+        u0, v0, step = (number(n) for n in (self.u0, self.v0, self.step))
+        return Frame(self.axes.detach(), self.eye.detach(), u0, v0, step, self.width, self.height)
 
 
 def frame_of(camera: Camera, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from knotfab.render.capsule import BEHIND, capsule_distance, ray_miss
 from knotfab.render.clip import cut_before_light
-from knotfab.render.frame import Frame
+from knotfab.render.frame import Frame, Number, number
 
 __all__ = ["CUTOFF", "render_tiled", "winners"]
 
@@ -288,21 +288,23 @@ def render_tiled(
     starts: Tensor,  # [n, 3] scene mm
     ends: Tensor,  # [n, 3]
     frame: Frame,
-    radius: float,
+    radius: Number,
     tau: float,
     cutoff: float = CUTOFF,
     won: tuple[Tensor, Tensor] | None = None,
 ) -> Tensor:
     """The same image and gradient as `render_dense`, up to sigmoid(-cutoff).
 
-    `won` takes the winners of an earlier call: a lower bound of the image, exact for small motions
-    wherever the winner did not change.
+    Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
+    takes the winners of an earlier call: a lower bound of the image, exact for small motions wherever
+    the winner did not change.
     """
     a, b = frame.local(starts), frame.local(ends)
+    thick = number(radius)
     if won is None:
-        won = winners(a.detach(), b.detach(), frame, radius, cutoff / tau)
+        won = winners(a.detach(), b.detach(), frame.fixed(), thick, cutoff / tau)
     pixel, capsule = won
-    a, b, _ = cut_before_light(a, b, radius)
+    a, b, _ = cut_before_light(a, b, thick)
     row = pixel // frame.width
     qx = ((pixel - row * frame.width).to(a.dtype) + frame.u0) * frame.step
     qy = (row.to(a.dtype) + frame.v0) * frame.step

@@ -10,14 +10,18 @@ from knotfab.mount.drawing import write_setup
 from knotfab.mount.drill_template import write_drill_template
 from knotfab.part.assemble import Part
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene
 from knotfab.target.read import Target
 
 __all__ = ["write_drawings"]
 
 
 def write_drawings(
-    folder: OutputFolder, part: Part, scene: Scene, target: Target, verdict: Mapping[str, Any]
+    folder: OutputFolder,
+    part: Part,
+    scene: ResolvedScene,
+    target: Target,
+    verdict: Mapping[str, Any],
 ) -> list[str]:
     """Write setup.pdf, setup.svg and, for dowels, the drill templates; returns their names.
 

@@ -15,9 +15,7 @@ def add_bounds(report: dict[str, Any], made: Design) -> None:
 
     A design for one view has none: nothing contradicts a single picture.
     """
-    from knotfab.design.several import SeveralDesign
-
-    if not isinstance(made, SeveralDesign):
+    if not made.bounds:
         return
     by_name = {view.name: bound for view, bound in zip(made.scene.views, made.bounds, strict=True)}
     for view in report["views"]:

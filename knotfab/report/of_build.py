@@ -7,98 +7,73 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab import __version__
 from knotfab.design.design import Design
 from knotfab.effects.penumbra import PENUMBRA
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.progress import Progress
+from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
-from knotfab.slicer.report import print_figures, slicer_report
+from knotfab.request import Request
 from knotfab.slicer.result import NotSliced, Sliced
+from knotfab_validators.check import Check, at_most
 
 if TYPE_CHECKING:
     from knotfab.mount.mount import Mounted
-    from knotfab.pipeline import Request
     from knotfab.wire.plan import WirePlan
 
 __all__ = [
     "add_binding",
     "add_fabrication",
+    "add_slicing",
     "check_3mf",
     "check_certificate",
     "check_limits",
-    "check_part",
     "report_of",
 ]
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+Record = dict[str, Any]
 
 
-def check_3mf(warnings: list[str]) -> dict[str, Any]:
-    return {
-        "name": "3mf",
-        "status": "fail" if warnings else "pass",
-        "required": True,
-        "measured": len(warnings),
-        "limit": 0,
-        "unit": "warnings",
-        "detail": "; ".join(warnings)
-        or "lib3mf reads part.3mf back in strict mode without a warning",
-    }
+def check_3mf(warnings: list[str]) -> Record:
+    """`3mf`: what lib3mf's strict reader says of the files for the slicer."""
+    good = "lib3mf reads part.3mf back in strict mode without a warning"
+    detail = "; ".join(warnings) or good
+    return at_most("3mf", len(warnings), 0, "warnings", detail).to_dict()
 
 
-def check_certificate(made: Design) -> dict[str, Any]:
-    """The maker's own proof of the knot type: every step of the search an isotopy."""
-    a = made.result.account
-    return {
-        "name": "isotopy",
-        "status": "pass" if a.certified else "fail",
-        "required": True,
-        "measured": round(a.least_margin_mm, 6),
-        "limit": 0.0,
-        "unit": "mm",
-        "detail": f"the template is {a.template}; {a.accepted} steps and {a.resamplings} resamplings "
+def check_certificate(made: Design) -> Record:
+    """`isotopy`: the maker's own proof of the knot type: every step of the search an isotopy."""
+    a = made.result.log
+    return Check(
+        "isotopy",
+        "pass" if a.certified else "fail",
+        True,
+        round(a.least_margin_mm, 6),
+        0.0,
+        "mm",
+        f"the template is {a.template}; {a.accepted} steps and {a.resamplings} resamplings "
         f"were certified, {a.shortened} of them shortened; {a.refused} steps and "
         f"{a.resamplings_refused} resamplings were refused and not taken. Least margin between a step "
         "and a crossing is the measured value",
-    }
+    ).to_dict()
 
 
-def check_part(why: str) -> dict[str, Any]:
-    return {
-        "name": "part",
-        "status": "fail",
-        "required": True,
-        "measured": None,
-        "limit": None,
-        "unit": "",
-        "detail": why,
-    }
-
-
-def check_limits(made: Design) -> dict[str, Any]:
-    """The search's own measure of its hard limits; failed too where they cost the picture its IoU."""
-    broken = made.result.standing.violations
+def check_limits(made: Design) -> Record:
+    """`limits`: the search's own measure of them; failed too where they cost the picture its IoU."""
+    broken = made.result.feasibility.violations
     detail = "; ".join(broken) or "bend, clearance, region and length, as the search measured them"
     floor = made.scene.accuracy.iou_floor
     if made.unmet is not None and not broken and made.result.iou_estimate < float(floor):
         broken = made.unmet.violations
         detail = "; ".join(broken) + " in the piece that draws the picture. This one keeps them all"
-    return {
-        "name": "limits",
-        "status": "fail" if broken else "pass",
-        "required": True,
-        "measured": len(broken),
-        "limit": 0,
-        "unit": "limits broken",
-        "detail": detail,
-    }
+    return at_most("limits", len(broken), 0, "limits broken", detail).to_dict()
 
 
-def add_binding(report: dict[str, Any], made: Design) -> None:
+def add_binding(report: Record, made: Design) -> None:
     """Add which limits keep the picture from its IoU, and what each costs, where any does."""
     if made.unmet is None and not made.binding:
         return
@@ -113,9 +88,9 @@ def report_of(
     made: Design,
     placed: Knots,
     bodies: list[Mesh],
-    verdict: dict[str, Any],
+    verdict: Record,
     progress: Progress,
-) -> dict[str, Any]:
+) -> Record:
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
     from knotfab.geometry.measures import bend_radii
     from knotfab.geometry.polylines import rings_of_sizes
@@ -143,7 +118,7 @@ def report_of(
     for effect in effects:
         if effect["name"] == PENUMBRA.name:
             _penumbra_line(effect, verdict)
-    depth = verdict["views"][0].get("depth_ratio") if verdict["views"] else None
+    ratios = [v["depth_ratio"] for v in verdict["views"] if v.get("depth_ratio") is not None]
     return assemble(
         views=verdict["views"],
         checks=verdict["checks"],
@@ -154,7 +129,7 @@ def report_of(
             "volume_mm3": volume,
             "mass_g": volume * 1e-3 * scene.material.density_g_cm3,
             "bounding_box_mm": None if sized is None else sized.tolist(),
-            "depth_ratio": depth,
+            "depth_ratio": min(ratios, default=None),  # as the flattest view sees it
             "printer": scene.printer.name,
         },
         settings={
@@ -169,7 +144,7 @@ def report_of(
             "mount": "none",
             "opening_iou": made.opening_iou,
             "thickness_mm": thickness([k.points for k in placed.knots]).value,
-            "certificate": result.account.__dict__,
+            "certificate": result.log.__dict__,
             "versions": {
                 "knotfab": __version__,
                 "python": platform.python_version(),
@@ -183,7 +158,7 @@ def report_of(
 
 
 def add_fabrication(
-    report: dict[str, Any],
+    report: Record,
     mounted: Mounted,
     sliced: Sliced | NotSliced | None,
     plan: WirePlan | None,
@@ -194,15 +169,7 @@ def add_fabrication(
     report["settings"]["mount"] = mount["kind"]
     report["print"]["mount"] = mount
     report["notes"] = _notes(len(report["knots"]), mount, printing, len(report["views"]))
-    if sliced is not None:
-        report["slicer"] = slicer_report(sliced)
-        report["print"].update(print_figures(sliced))
-        several = len(mounted.bodies) > 1
-        if several and isinstance(sliced, Sliced):
-            report["notes"].append(
-                "Opening part.3mf in a slicer: load it as one object with several parts, or each "
-                "body drops onto the bed by itself."
-            )
+    add_slicing(report, sliced, printing and plan is None)
     if plan is not None:
         report["bending_plan"] = plan.to_dict()
         report["notes"].append(
@@ -211,7 +178,16 @@ def add_fabrication(
         )
 
 
-def _notes(knots: int, mount: dict[str, Any], printing: bool, views: int) -> list[str]:
+def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool) -> None:
+    """Add how to open the files where they are to be `printed`, and the slicer's reading."""
+    if printed:
+        report["print"]["opening"] = OPENING
+    if sliced is not None:
+        report["slicer"] = report_slicing(sliced)
+        report["print"].update(print_figures(sliced))
+
+
+def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
     """What a reader must not miss."""
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
@@ -226,11 +202,11 @@ def _notes(knots: int, mount: dict[str, Any], printing: bool, views: int) -> lis
     return []
 
 
-def _penumbra_line(effect: dict[str, Any], verdict: dict[str, Any]) -> None:
-    """What the verification, which simulates this effect, did and found."""
-    found = verdict["views"][0].get("penumbra") if verdict["views"] else None
-    if found is not None:
-        effect.update(simulated=True, magnitude=found["widest_px"])
+def _penumbra_line(effect: Record, verdict: Record) -> None:
+    """What the verification, which simulates this effect, did and found in the views."""
+    found = [view["penumbra"]["widest_px"] for view in verdict["views"] if view.get("penumbra")]
+    if found:
+        effect.update(simulated=True, magnitude=max(found))
         effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
     elif effect["simulated"]:
         effect.update(
@@ -238,7 +214,7 @@ def _penumbra_line(effect: dict[str, Any], verdict: dict[str, Any]) -> None:
         )
 
 
-def _radius_note(made: Design) -> dict[str, Any]:
+def _radius_note(made: Design) -> Record:
     """What the radius costs: every radius tried, with the IoU of its short search."""
     if made.radius is None:
         return {"chosen_by": "the scene", "trials": []}

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["draw_part"]
+from knotfab.report.report_html import Picture
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import ResolvedView
+
+__all__ = ["draw_part", "eyes_of", "pictures_of", "turn_eye"]
 
 Array = NDArray[np.float64]
 
@@ -21,26 +25,26 @@ OVERSAMPLING = 2  # instead of multisampling, which software renderers do not al
 PAPER = (250, 248, 244)
 TUBE = (0.82, 0.46, 0.31)
 MARGIN = 1.12
+SAME_DEG = 5.0  # directions nearer to each other show the same
+STEEP = 0.999  # share of the way that is vertical, where "up" is no direction any more
 
 
 def draw_part(
     vertices: Array,
     faces: NDArray[np.integer[Any]],
     path: Path,
-    light_distance_mm: float = 500.0,
-    angles_deg: Sequence[float] = ANGLES_DEG,
+    eyes: Array,
     panel_px: int = PANEL_PX,
 ) -> bool:
-    """Draw the part in a row of panels, seen from the light and then turned about the vertical.
+    """Draw the part in a row of panels, one for each eye, all with one scale on the page's background.
 
-    The eye stands where the light does, so that the first panel shows the picture; all have one scale
-    and the page's background. It is decoration: where this machine cannot render, nothing is written.
+    It is decoration: where this machine cannot render, nothing is written.
 
     Args:
-        vertices: (n, 3) mm in scene coordinates, so that z points to the light and y up.
+        vertices: (n, 3) mm in scene coordinates, so that y is up.
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
-        light_distance_mm: from the scene's origin, along z.
+        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `eyes_of`.
 
     Returns:
         Whether the picture was written.
@@ -51,20 +55,62 @@ def draw_part(
         return False
     from PIL import Image
 
-    panels = _render(vertices, faces, light_distance_mm, angles_deg, panel_px * OVERSAMPLING)
+    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
     strip = Image.fromarray(np.concatenate(panels, axis=1))
     size = (panel_px * len(panels), panel_px)
     strip.resize(size, Image.Resampling.BOX).save(path, compress_level=6)
     return True
 
 
+def eyes_of(views: Sequence[ResolvedView]) -> Array:
+    """(k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
+
+    From a view's light the part shows its picture; the others begin at the first view's.
+    """
+    own = np.stack([camera_of(view, 1, 1).eye for view in views])
+    turned = turn_eye(own[0], ANGLES_DEG)
+    level, others = _level(own), _level(turned)
+    new = (others @ level.T).max(axis=1) < np.cos(np.deg2rad(SAME_DEG))
+    return np.concatenate([own, turned[new][: max(0, len(ANGLES_DEG) - len(own))]])
+
+
+def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
+    """(k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
+    x, y, z = eye
+    a = np.deg2rad(angles_deg)
+    c, s = np.cos(a), np.sin(a)
+    return np.column_stack([c * x + s * z, np.full(len(a), y), c * z - s * x])
+
+
+def pictures_of(folder: Path) -> list[Picture]:
+    """The report's pictures that lie in a folder, with their captions."""
+    found = []
+    failures, part = folder / "failures.png", folder / "part.png"
+    if failures.is_file():
+        found.append(Picture(failures, "part", "where the part fails its checks"))
+    for path in sorted(folder.glob("compare-*.png")):
+        caption = "target, shadow of the written file, and where they differ"
+        found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))
+    if part.is_file():
+        found.append(
+            Picture(part, "part", "from the light of each view, then turned about the vertical")
+        )
+    return found
+
+
+def _level(eyes: Array) -> Array:
+    """(k, 2) unit directions of eyes in the horizontal."""
+    flat = eyes[:, [0, 2]]
+    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
+
+
 def _render(
     vertices: Array,
     faces: NDArray[np.integer[Any]],
-    light_mm: float,
-    angles_deg: Sequence[float],
+    eyes: Array,
     pixels: int,
 ) -> list[NDArray[np.uint8]]:
+    """A picture (pixels, pixels, 3) of the part from each eye."""
     if sys.platform.startswith("linux"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     import pyvista
@@ -74,8 +120,12 @@ def _render(
     triangles: Any = faces
     mesh = pyvista.PolyData.from_regular_faces(points.astype(np.float32), triangles)
     mesh.point_data.active_normals = _normals(points, faces)
-    # Whatever the turn about y, what is drawn lies in this disc of the horizontal and this height.
-    reach = max(float(np.hypot(points[:, 0], points[:, 2]).max()), float(abs(points[:, 1]).max()))
+    looks = eyes - middle
+    if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
+        reach = float(np.linalg.norm(points, axis=1).max())
+    else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
+        wide, high = np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()
+        reach = float(max(wide, high))
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=[pixels, pixels], lighting="none")
     try:
@@ -90,16 +140,16 @@ def _render(
                 pyvista.Light(position=where, light_type="camera light", intensity=strength)
             )
         camera = plotter.camera
-        x, y, z = np.array([0.0, 0.0, light_mm]) - middle
-        away = max(float(z), 2 * reach)
-        camera.view_angle = 2 * np.degrees(np.arctan(MARGIN * reach / (away - 0.5 * reach)))
-        camera.clipping_range = (0.01 * away, away + 4 * reach)
         panels = []
-        for angle in np.deg2rad(angles_deg):
-            c, s = np.cos(angle), np.sin(angle)
-            camera.position = (c * x + s * away, y, c * away - s * x)
+        for look in looks:
+            near = float(np.linalg.norm(look))
+            away = max(near, 2 * reach)
+            camera.view_angle = 2 * np.degrees(np.arctan(MARGIN * reach / (away - 0.5 * reach)))
+            camera.clipping_range = (0.01 * away, away + 4 * reach)
+            camera.position = tuple(look * (away / near))
             camera.focal_point = (0.0, 0.0, 0.0)
-            camera.up = (0.0, 1.0, 0.0)
+            steep = abs(look[1]) > STEEP * near
+            camera.up = (0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0)
             plotter.render()
             panels.append(np.asarray(plotter.screenshot(return_img=True), dtype=np.uint8))
         return panels

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from knotfab.flatten import Flattening
     from knotfab.part.assemble import Part
+    from knotfab.part.flatter import Flattening
 
 __all__ = ["add_posing"]
 
@@ -21,8 +21,6 @@ def add_posing(report: dict[str, Any], part: Part, flattening: Flattening | None
         pose = account.to_dict()
     report["print"]["pose"] = pose
     notes: list[str] = report["notes"]
-    if part.plates is not None:  # nobody slices the whole
-        notes[:] = [note for note in notes if not note.startswith("Opening part.3mf")]
     if flattening is not None:
         pose["depth_mm"] = {
             "first": round(flattening.from_mm, 2),

@@ -11,6 +11,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from knotfab.verify.checks import unmet
+
 __all__ = ["Picture", "render_html", "write_report_html"]
 
 TEMPLATE = "template.html.j2"
@@ -59,7 +61,7 @@ def render_html(
         report=report,
         pictures=pictures,
         title=title,
-        failed=[c for c in report["checks"] if c["required"] and c["status"] != "pass"],
+        failed=unmet(report["checks"]),
         stages=[(k, v) for k, v in report["timings"].items() if k != "total"],
     )
 

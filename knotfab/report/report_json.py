@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["assemble", "plain", "verdict", "write_report_json"]
+from knotfab.verify.checks import exit_code
+
+__all__ = ["assemble", "plain", "write_report_json"]
 
 Record = Mapping[str, Any]
 
@@ -25,7 +27,6 @@ KEYS = {
     "print": "volume_mm3 mass_g bounding_box_mm depth_ratio printer",
     "settings": "accuracy seed versions command tube_radius_mm",
 }
-CHECK_STATES = ("pass", "fail", "skipped")
 
 
 def assemble(
@@ -41,7 +42,7 @@ def assemble(
 ) -> dict[str, Any]:
     """The report as plain data: finite numbers, None for what could not be measured.
 
-    `status` follows from the checks (see `verdict`); `total` of the timings is their sum unless it
+    `status` follows from the checks; `total` of the timings is their sum unless it
     is given. `notes` are sentences that a reader must not miss. Numpy scalars and arrays become
     numbers and lists.
 
@@ -63,9 +64,9 @@ def assemble(
                 raise ValueError(f"report.json: {section} lacks {', '.join(lacking)}")
     total = timings.get("total", sum(timings.values()))
     times = {**{k: v for k, v in timings.items() if k != "total"}, "total": total}
-    report = {
+    report: dict[str, Any] = {
         "schema": SCHEMA,
-        "status": verdict(checks),
+        "status": "fail" if exit_code(checks) else "pass",
         "views": views,
         "checks": checks,
         "effects": effects,
@@ -79,15 +80,6 @@ def assemble(
     content = plain(report)
     assert isinstance(content, dict)
     return content
-
-
-def verdict(checks: Sequence[Record]) -> str:
-    """ "pass" when every required check passed, else "fail": a skipped one proves nothing."""
-    for check in checks:
-        if check["status"] not in CHECK_STATES:
-            raise ValueError(f"check {check['name']!r} has the status {check['status']!r}")
-    passed = all(check["status"] == "pass" for check in checks if check["required"])
-    return "pass" if passed else "fail"
 
 
 def write_report_json(path: Path, report: Record) -> None:

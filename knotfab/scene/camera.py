@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView, View
 
-__all__ = ["Camera", "camera_of"]
+__all__ = ["Camera", "camera_of", "view_axes"]
 
 Array = NDArray[np.float64]
 
@@ -64,19 +64,24 @@ class Camera:
         )
 
 
-def camera_of(view: View, width: int, height: int) -> Camera:
+def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
     """The camera of `view` whose frame has `width` x `height` pixels."""
-    azimuth, tilt = np.deg2rad(view.azimuth_deg), np.deg2rad(view.wall_tilt_deg)
-    elevation = np.deg2rad(view.elevation_deg)
-    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
-    vertical = np.array([0.0, 1.0, 0.0])
-    back = np.cos(elevation) * level + np.sin(elevation) * vertical  # towards the light
-    across = np.cos(elevation) * vertical - np.sin(elevation) * level
+    right, across, back = view_axes(view)
+    tilt = np.deg2rad(view.wall_tilt_deg)
     up = np.cos(tilt) * across + np.sin(tilt) * back
     centre = view.frame_up_mm * up - view.wall_distance_mm * back
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
     du = right * (view.frame_width_mm / width)
     dv = -up * (view.frame_height_mm / height)
     corner = centre - 0.5 * (width - 1) * du - 0.5 * (height - 1) * dv
     return Camera(view.light_distance_mm * back, corner, du, dv, width, height)
+
+
+def view_axes(view: View) -> Array:
+    """(3, 3) rows: the view's right, up and towards its light, in the scene."""
+    azimuth, elevation = np.deg2rad(view.azimuth_deg), np.deg2rad(view.elevation_deg)
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+    vertical = np.array([0.0, 1.0, 0.0])
+    back = np.cos(elevation) * level + np.sin(elevation) * vertical
+    across = np.cos(elevation) * vertical - np.sin(elevation) * level
+    return np.stack([right, across, back])

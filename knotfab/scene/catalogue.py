@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from knotfab.errors import InputError
-from knotfab.scene.model import Material, Printer, Scene, View
+from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import (
     USUAL,
     Kind,
@@ -20,15 +19,12 @@ from knotfab.scene.own_data import (
 )
 
 __all__ = [
-    "LONGER_FRAME_MM",
     "material_of",
     "materials",
     "printer_of",
     "printers",
     "resolve",
 ]
-
-LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 
 Named = TypeVar("Named", Printer, Material)
 
@@ -109,35 +105,11 @@ def _limited(printer: Printer) -> Printer:
     return printer.model_copy(update={"max_support_cm3": width * depth * height / 1000})
 
 
-def _framed(view: View, size: tuple[int, int]) -> View:
-    """The view with both sides of its frame, by the picture's aspect ratio where not given."""
-    width, height = size
-    across, up = view.frame_width_mm, view.frame_height_mm
-    if across is None and up is None:
-        scale = LONGER_FRAME_MM / max(width, height)
-    elif across is not None:
-        scale = across / width
-    else:
-        assert up is not None
-        scale = up / height
-    return view.model_copy(
-        update={
-            "frame_width_mm": width * scale if across is None else across,
-            "frame_height_mm": height * scale if up is None else up,
-        }
-    )
-
-
-def resolve(scene: Scene, sizes: Sequence[tuple[int, int]] | None = None) -> Scene:
+def resolve(scene: Scene) -> Scene:
     """The scene with printer and material merged from their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. A tube of wire
     is as thick as the wire, unless the scene says otherwise.
-
-    Args:
-        scene: as read.
-        sizes: (width, height) in pixels of each view's picture; where given, the frames are
-            resolved too (180 mm on the longer side by default).
 
     Raises:
         InputError: a printer or material that has no data file, naming those that have; or a person's
@@ -151,7 +123,4 @@ def resolve(scene: Scene, sizes: Sequence[tuple[int, int]] | None = None) -> Sce
     if wire.process == "wire" and scene.piece.tube_radius_mm == "auto":
         radius = {"tube_radius_mm": 0.5 * wire.wire_diameter_mm}
         update["piece"] = scene.piece.model_copy(update=radius)
-    if sizes is not None:
-        pairs = zip(scene.views, sizes, strict=True)
-        update["views"] = tuple(_framed(view, size) for view, size in pairs)
     return scene.model_copy(update=update)

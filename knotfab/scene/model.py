@@ -15,6 +15,12 @@ __all__ = [
     "Pose",
     "Printer",
     "Region",
+    "ResolvedAccuracy",
+    "ResolvedMaterial",
+    "ResolvedPiece",
+    "ResolvedRegion",
+    "ResolvedScene",
+    "ResolvedView",
     "Scene",
     "View",
 ]
@@ -156,3 +162,58 @@ class Scene(_Table):
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
+
+
+# What a design settles: the same tables, with every size a number.
+
+
+class ResolvedPiece(Piece):
+    """A piece whose tube and number of knots are known; "auto" depth: the pictures decided it."""
+
+    tube_radius_mm: Positive
+    knots: Annotated[int, Strict(), Field(ge=1)]
+
+
+class ResolvedRegion(Region):
+    """A region with its extents."""
+
+    size_mm: Extent
+
+
+class ResolvedMaterial(Material):
+    """A material with its figures, and the bend radius that the tube keeps."""
+
+    min_bend_radius_mm: Positive
+
+
+class ResolvedView(View):
+    """A view with both sides of its frame."""
+
+    frame_width_mm: Positive
+    frame_height_mm: Positive
+
+    @property
+    def frame_mm(self) -> tuple[float, float]:
+        """Width and height of the frame on the receiver."""
+        return self.frame_width_mm, self.frame_height_mm
+
+    @property
+    def longer_mm(self) -> float:
+        """The frame's longer side."""
+        return max(self.frame_mm)
+
+
+class ResolvedAccuracy(Accuracy):
+    """What the verified part must reach, as a number."""
+
+    iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)]
+
+
+class ResolvedScene(Scene):
+    """A scene with nothing left to choose: the same keys, so it is written and read as any scene is."""
+
+    piece: ResolvedPiece
+    region: ResolvedRegion
+    material: ResolvedMaterial
+    views: Annotated[tuple[ResolvedView, ...], Field(min_length=1)]
+    accuracy: ResolvedAccuracy

@@ -42,9 +42,10 @@ class Balance:
     def __post_init__(self) -> None:
         self.shares = np.ones(len(self.goals))
 
-    def update(self, ious: Sequence[float]) -> None:
-        """New shares from the IoU of each view as it stands."""
+    def update(self, ious: Sequence[float]) -> NDArray[np.float64]:
+        """New shares (n,) from the IoU of each view as it stands."""
         short = np.maximum(np.array(self.goals) - np.array(ious), 0.0)
         moved = self.shares**_KEPT * np.exp(_GAIN * (short - short.mean()))
         moved = np.clip(moved, 1.0 / _MOST, _MOST)
-        self.shares = moved / moved.mean()
+        self.shares = np.asarray(moved / moved.mean())
+        return self.shares

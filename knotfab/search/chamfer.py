@@ -17,15 +17,14 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from knotfab.geometry.neighbours import Neighbours
+from knotfab.effects.base import State
+from knotfab.problem import TargetView
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
-from knotfab.search.objective import Objective
+from knotfab.search.objective import Term, Weights
 
-__all__ = ["TENSION", "Chamfer", "chamfer_of"]
+__all__ = ["TENSION", "Chamfer"]
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SAMPLES = 700  # of each silhouette
 TENSION = 3.0
@@ -41,22 +40,35 @@ class _Side:
 
 
 @dataclass(frozen=True)
-class Chamfer:
-    """Callable loss for the flow: (points [N, 3], near, progress) -> scalar, in squared tube radii.
-
-    `limits` is an objective whose picture weighs nothing: it adds clearance, bend and region.
-    """
+class Chamfer(Term):
+    """Mean squared distances, both ways, of every view, in squared tube radii; and some tension."""
 
     sides: tuple[_Side, ...]
-    limits: Objective
     radius: float
 
-    def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
-        edge = points[self.limits.following] - points
-        spacing = edge.detach().norm(dim=-1).mean()
+    @classmethod
+    def of(cls, views: Sequence[TargetView], radius: float, device: str = "cpu") -> Chamfer:
+        """The term of all views, their silhouettes thinned by a tube radius where they can be."""
+        sides = []
+        for target in views:
+            height, width = target.mask.shape
+            camera = camera_of(target.view, width, height)
+            pixel = float(np.linalg.norm(camera.du))
+            cells = max(0, round(0.8 * radius * target.view.magnification / pixel))
+            inner = binary_erosion(target.mask, iterations=cells) if cells else target.mask
+            at = np.argwhere(inner if inner.sum() > 0.02 * target.mask.sum() else target.mask)
+            at = at[np.linspace(0, len(at) - 1, min(_SAMPLES, len(at))).astype(int)]
+            samples = pixel * at[:, ::-1].astype(np.float64)
+            scale = np.diag([pixel, pixel, 1.0])
+            projection = torch.as_tensor(scale @ camera.projection, device=device)
+            sides.append(_Side(projection, samples, cKDTree(samples)))
+        return cls(tuple(sides), radius)
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        points = state.points
         # tension: what is pulled from many sides at once would crumple
-        loss: Tensor = self.limits(points, near, progress)
-        loss = loss + TENSION * (edge * edge).sum() / (spacing * self.radius)
+        square = (state.edge * state.edge).sum()
+        loss: Tensor = TENSION * square / (state.spacing * self.radius)
         for side in self.sides:
             h = points @ side.projection[:, :3].T + side.projection[:, 3]
             seen = h[:, :2] / h[:, 2:]
@@ -68,23 +80,3 @@ class Chamfer:
             loss = loss + ((seen - goal) ** 2).sum(-1).mean() / self.radius**2 * len(points)
             loss = loss + ((seen[of] - pull) ** 2).sum(-1).mean() / self.radius**2 * len(points)
         return loss
-
-
-def chamfer_of(
-    shots: Sequence[tuple[View, Mask]], limits: Objective, radius: float, device: str = "cpu"
-) -> Chamfer:
-    """The chamfer objective of views with their silhouettes, thinned by a tube radius where they can be."""
-    sides = []
-    for view, mask in shots:
-        height, width = mask.shape
-        camera = camera_of(view, width, height)
-        pixel = float(np.linalg.norm(camera.du))
-        cells = max(0, round(0.8 * radius * view.magnification / pixel))
-        inner = binary_erosion(mask, iterations=cells) if cells else mask
-        at = np.argwhere(inner if inner.sum() > 0.02 * mask.sum() else mask)
-        at = at[np.linspace(0, len(at) - 1, min(_SAMPLES, len(at))).astype(int)]
-        samples = pixel * at[:, ::-1].astype(np.float64)
-        scale = np.diag([pixel, pixel, 1.0])
-        projection = torch.as_tensor(scale @ camera.projection, device=device)
-        sides.append(_Side(projection, samples, cKDTree(samples)))
-    return Chamfer(tuple(sides), limits, radius)

@@ -14,10 +14,11 @@ from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Rings, dot
 
-__all__ = ["FlowResult", "FlowSettings", "flow"]
+__all__ = ["Between", "FlowResult", "FlowSettings", "flow"]
 
 Array = NDArray[np.float64]
-Objective = Callable[[Tensor, Neighbours, float], Tensor]  # (points, near, progress) -> loss
+Loss = Callable[[Tensor, Neighbours, float], Tensor]  # (points, near, progress) -> loss
+Between = Callable[[Array, Neighbours, int, float], None]  # (points, near, iteration, progress)
 
 
 @dataclass(frozen=True)
@@ -68,19 +69,21 @@ def _along(points: Array, rings: Rings) -> Array:
 def flow(
     points: Array,
     rings: Rings,
-    objective: Objective,
+    objective: Loss,
     radius: float,
     settings: FlowSettings,
     device: str = "cpu",
     report: Callable[[float, float], None] | None = None,
     done: Callable[[Array], bool] | None = None,
     separation: float = 0.0,
+    between: Between | None = None,
 ) -> FlowResult:
     """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
 
     Every accepted step is certified to be an isotopy (`certificate.certify`): a step that fails is halved
     up to six times, then refused. `report(progress, loss)` is called each iteration; `done(points)`
     may end the flow early. `separation`: least distance of centre lines that the objective asks for, mm.
+    `between(points, near, iteration, progress)` is called before each step.
     """
     result = FlowResult(points.copy())
     x = result.points
@@ -95,6 +98,8 @@ def flow(
             # everything that the clearance term can feel before the list is made anew
             felt = 1.02 * separation + 1.5 * longest + 0.7 * radius
             near = find_neighbours(x, rings, max(settings.reach * radius, felt), skip)
+        if between is not None:
+            between(x, near, iteration, progress)
         variable = torch.tensor(x, dtype=torch.float64, device=device, requires_grad=True)
         loss = objective(variable, near, progress)
         (gradient,) = torch.autograd.grad(loss, variable)

@@ -1,9 +1,9 @@
-"""The objective of one phase: the picture, and the effects that the scene calls for."""
+"""The objective of a search: the pictures of all views, limits, effects that are called for, more terms."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -13,12 +13,13 @@ from torch import Tensor
 from knotfab.effects.base import Decision, Limits, State
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings
-from knotfab.render.frame import Frame
+from knotfab.render.frame import Frame, Number
+from knotfab.render.picture import CUTOFF, ViewImage
 from knotfab.render.tiled import render_tiled, winners
 
-__all__ = ["Objective", "Weights", "iou_of"]
+__all__ = ["Objective", "Term", "Weights", "add_limits"]
 
-_CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,77 +31,137 @@ class Weights:
     bend: float = 0.1
     region: float = 10.0
     length: float = 1.0
+    hold: float = 4.0  # of an anchor to another frame of a sequence
+    grace: float = 1.0  # times the setting of that name
+
+
+class Term:
+    """One more part of an objective. A subclass may also be a hard limit: `kept` is then asked at the end."""
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        """Scalar, in the units of the other terms."""
+        raise NotImplementedError
+
+    def kept(self, points: Array) -> bool:
+        """Whether vertices (N, 3), mm, keep it."""
+        return True
 
 
 @dataclass
 class Objective:
-    """Callable loss: (points [N, 3], near, progress) -> scalar.
+    """Callable loss: (points [N, 3], near, progress) -> scalar, without side effects.
 
-    `target` is the coverage image [H, W] of `frame`; tau grows geometrically from `tau[0]` to `tau[1]`,
-    in units of one over the projected tube radius.
+    It sums the pictures of all views, shared out by `shares` (their mean is 1), the limits and effects that
+    are simulated, and `terms`. tau grows geometrically from `tau[0]` to `tau[1]`, in units of one over
+    the projected tube radius. What changes while a phase runs is changed between calls, by the loop:
+    the winning capsules (`find_winners`), the shares, and the pose (`look_from`).
     """
 
-    frame: Frame
-    target: Tensor
+    images: tuple[ViewImage, ...]
     rings: Rings
     limits: Limits
     effects: dict[str, Decision]
     weights: Weights
     tau: tuple[float, float]
-    radius_px: float  # projected tube radius
-    winners_every: int
-    calls: int = 0
-    won: tuple[Tensor, Tensor] | None = None
+    terms: tuple[Term, ...] = ()
+    loose: NDArray[np.bool_] | None = None  # (N,) vertices that may move; None: all
+    shares: Array = field(init=False)
     following: Tensor = field(init=False)
 
     def __post_init__(self) -> None:
-        self.following = torch.as_tensor(self.rings.next, device=self.target.device)
+        device = self.images[0].target.device
+        self.shares = np.ones(len(self.images))
+        self.following = torch.as_tensor(self.rings.next, device=device)
+        self._loose = None if self.loose is None else torch.as_tensor(self.loose, device=device)
+        self._turn: Tensor | None = None
+        self._won: list[tuple[Tensor, Tensor] | None] = [None] * len(self.images)
 
     def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
-        loss = self.weights.image * self.image_term(points, progress)
-        edge = points[self.following] - points
-        state = State(
-            points,
-            edge,
-            edge[self.following],
-            self.following,
-            self.rings,
-            near,
-            float(edge.detach().norm(dim=-1).mean()),
-        )
-        for name, decision in self.effects.items():
-            if decision.simulated and decision.effect.term is not None:
-                begun = time.perf_counter()
-                term = decision.effect.term(state, self.limits)
-                loss = loss + getattr(self.weights, name) * term
-                decision.seconds += time.perf_counter() - begun
+        if self._loose is not None:
+            points = torch.where(self._loose[:, None], points, points.detach())
+        loss = points.new_zeros(())
+        if self.weights.image > 0:
+            for number, share in enumerate(self.shares.tolist()):
+                image = self.image_term(number, points, self._tau(number, progress))
+                loss = loss + self.weights.image * share * image
+        loss = loss + self.limit_terms(points, near, self.limits, self.weights, self._turn)
+        if self.terms:
+            state = State.at(points, self.following, self.rings, near)
+            for term in self.terms:
+                loss = loss + term(state, self.weights)
         return loss
 
-    def image_term(self, points: Tensor, progress: float) -> Tensor:
-        """Squared difference of the images, integrated, in squared projected tube radii."""
-        tau = self.tau[0] * (self.tau[1] / self.tau[0]) ** progress / self.radius_px
-        p = points.to(self.target.dtype)
-        q, radius = p[self.following], self.limits.radius
-        if self.calls % self.winners_every == 0:
-            a, b = self.frame.local(p.detach()), self.frame.local(q.detach())
-            self.won = winners(a, b, self.frame, radius, _CUTOFF / tau)
-        self.calls += 1
-        image = render_tiled(p, q, self.frame, radius, tau, _CUTOFF, self.won)
-        return (((image - self.target) ** 2).sum() / self.radius_px**2).to(points.dtype)
+    def _tau(self, number: int, progress: float) -> float:
+        start, end = self.tau
+        return float(start * (end / start) ** progress / self.images[number].radius_px)
 
-    def iou(self, points: NDArray[np.float64]) -> float:
-        """IoU of the hard silhouette of the tube about these points (N, 3) with the target's."""
-        return iou_of(points, self.rings, self.frame, self.target, self.limits.radius)
+    def image_term(
+        self,
+        number: int,
+        points: Tensor,
+        tau: float,
+        frame: Frame | None = None,
+        radius: Number | None = None,
+    ) -> Tensor:
+        """Squared difference of a view's images, integrated, in squared projected tube radii.
+
+        Args:
+            tau: per pixel. frame, radius: where not those of the view and the limits.
+        """
+        image = self.images[number]
+        p = points.to(image.target.dtype)
+        seen = render_tiled(
+            p,
+            p[self.following],
+            frame or image.frame,
+            self.limits.radius if radius is None else radius,
+            tau,
+            CUTOFF,
+            self._won[number],
+        )
+        return (((seen - image.target) ** 2).sum() / image.radius_px**2).to(points.dtype)
+
+    def limit_terms(
+        self,
+        points: Tensor,
+        near: Neighbours,
+        limits: Limits,
+        weights: Weights,
+        turn: Tensor | None = None,
+    ) -> Tensor:
+        """The weighted terms of all limits and effects that are simulated, in the axes of `turn` [3, 3]."""
+        turned = points if turn is None else points @ turn
+        state = State.at(turned, self.following, self.rings, near)
+        return add_limits(state, limits, self.effects, weights)
+
+    def find_winners(self, points: Array, progress: float) -> None:
+        """Find each pixel's winning capsule anew; until the next call others do not colour it."""
+        if self.weights.image == 0:
+            return
+        for number, image in enumerate(self.images):
+            p = torch.as_tensor(points, dtype=image.target.dtype, device=image.target.device)
+            a, b = image.frame.local(p), image.frame.local(p[self.following])
+            reach = CUTOFF / self._tau(number, progress)
+            self._won[number] = winners(a, b, image.frame, self.limits.radius, reach)
+
+    def look_from(self, frame: Frame, limits: Limits, turn: Tensor) -> None:
+        """See the one view from another pose: its frame, the limits there, and its axes [3, 3] as columns."""
+        self.images = (replace(self.images[0], frame=frame),)
+        self.limits, self._turn = limits, turn
+
+    def ious(self, points: Array) -> tuple[float, ...]:
+        """The hard silhouettes' IoU with the target, view by view."""
+        return tuple(i.iou(points, self.rings, self.limits.radius) for i in self.images)
 
 
-def iou_of(
-    points: NDArray[np.float64], rings: Rings, frame: Frame, target: Tensor, radius: float
-) -> float:
-    """IoU of the tube's hard silhouette with the target's, both at half coverage."""
-    p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
-    q = p[torch.as_tensor(rings.next, device=target.device)]
-    with torch.no_grad():
-        seen = render_tiled(p, q, frame, radius, 10.0, 5.0) > 0.5
-    wanted = target > 0.5
-    union = (seen | wanted).sum()
-    return float((seen & wanted).sum() / union) if union > 0 else 1.0
+def add_limits(
+    state: State, limits: Limits, effects: dict[str, Decision], weights: Weights
+) -> Tensor:
+    """The weighted sum of the terms of all effects that are simulated; their seconds are counted."""
+    total = state.points.new_zeros(())
+    for name, decision in effects.items():
+        if decision.simulated and decision.effect.term is not None:
+            begun = time.perf_counter()
+            total = total + getattr(weights, name) * decision.effect.term(state, limits)
+            decision.seconds += time.perf_counter() - begun
+    return total

@@ -1,23 +1,15 @@
-"""The phases that every search goes through, and the repairs that follow while a limit is violated."""
+"""The plan of a search: the phases that it goes through, and the repairs while a limit is violated."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from knotfab.effects.base import Decision, Limits
-from knotfab.geometry.polylines import Rings
-from knotfab.render.picture import picture_at
-from knotfab.scene.model import View
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
-from knotfab.search.objective import Objective, Weights
+from knotfab.search.objective import Weights
 
-__all__ = ["SETTLE", "Phase", "objective_of", "repair", "three_phases"]
-
-Mask = NDArray[np.bool_]
+__all__ = ["SETTLE", "Phase", "Plan", "plan_of", "repair_phase", "three_phases"]
 
 SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
 _SHARP = 6.0  # tau times the projected radius, from the end of the fine phase on
@@ -27,37 +19,67 @@ _SHARP = 6.0  # tau times the projected radius, from the end of the fine phase o
 class Phase:
     """One walk of the flow: the picture's longer side, the steps, the weights, and tau from start to end.
 
-    tau is in units of one over the projected tube radius.
+    tau is in units of one over the projected tube radius. `spill`: strands that stand outside a silhouette
+    are drawn to it; `balanced`: views that fall short of their goals count for more.
     """
 
     pixels: int
     walk: FlowSettings
     weights: Weights
     tau: tuple[float, float]
+    spill: bool = False
+    balanced: bool = True
 
     @property
     def iterations(self) -> int:
         return self.walk.iterations
 
 
+@dataclass(frozen=True)
+class Plan:
+    """What a search goes through; `repair` gives the repair of a number, from 0.
+
+    `network`: the paper's network moves the curves first.
+    """
+
+    phases: tuple[Phase, ...]
+    repair: Callable[[int], Phase]
+    repairs: int = 8  # of the whole curve, each round of which gives the picture less weight
+    mendings: int = 4  # of single stretches, before those
+    keep_vertices: bool = False  # their number and order stay: no resampling
+    network: bool = False
+
+
+def plan_of(settings: SearchSettings, views: int = 1) -> Plan:
+    """The plan of a search from a template for so many views; without phases for the network alone."""
+    phases: tuple[Phase, ...] = ()
+    if settings.method != "inn":
+        phases = three_phases(settings, views)
+    network = settings.method != "flow"
+    return Plan(phases, lambda number: repair_phase(settings, number), network=network)
+
+
 def three_phases(
-    settings: SearchSettings,
-    softest: float = 1.5,
-    rates: tuple[float, float, float] = (0.15, 0.06, 0.02),
+    settings: SearchSettings, views: int = 1, rates: tuple[float, float, float] | None = None
 ) -> tuple[Phase, Phase, Phase]:
     """A coarse picture, a fine one, and one that weighs the limits most.
 
     Args:
-        softest: tau at the start. rates: of the steps, in tube radii, at the start of the coarse
-            phase, between the two, and at the end of the fine one.
+        views: several begin softer and with longer steps, for there is further to go, and first pull in what
+            stands outside a silhouette (later a spill may stay that draws as much elsewhere).
+        rates: of the steps, in tube radii, at the start of the coarse phase, between the two, and at
+            the end of the fine one; None: by the number of views.
     """
-    start, middle, end = rates
+    several = views > 1
+    start, middle, end = rates or ((0.2, 0.08, 0.03) if several else (0.15, 0.06, 0.02))
     return (
         Phase(
             settings.coarse_px,
             FlowSettings(iterations=settings.coarse_iterations, rate=start, rate_end=middle),
             Weights(),
-            (softest, 3.0),
+            (1.0 if several else 1.5, 3.0),
+            spill=several,
+            balanced=False,  # the coarse picture is too soft to say what a view falls short of
         ),
         Phase(
             settings.fine_px,
@@ -74,35 +96,15 @@ def three_phases(
     )
 
 
-def repair(settings: SearchSettings, number: int) -> Phase:
-    """The repair of this number, from 0: the picture gives way, ever less weight on it than on the limits."""
-    weights = Weights(image=0.3**number, clearance=40.0, bend=40.0, region=100.0, length=20.0)
-    walk = FlowSettings(iterations=60, rate=0.02 if number == 0 else 0.04, rate_end=0.005)
+def repair_phase(settings: SearchSettings, number: int) -> Phase:
+    """The repair of this number, from 0; every second one gives the picture less weight."""
+    weights = Weights(
+        image=0.3 ** (number // 2),
+        clearance=40.0,
+        bend=40.0,
+        region=100.0,
+        length=20.0,
+        hold=160.0,
+    )
+    walk = FlowSettings(iterations=60, rate=0.02 if number < 2 else 0.04, rate_end=0.005)
     return Phase(settings.fine_px, walk, weights, (_SHARP, _SHARP))
-
-
-def objective_of(
-    view: View,
-    mask: Mask,
-    limits: Limits,
-    rings: Rings,
-    effects: dict[str, Decision],
-    phase: Phase,
-    settings: SearchSettings,
-    device: str,
-) -> Objective:
-    """The objective of one phase in one view, whose silhouette is `mask` (H, W)."""
-    frame, target, pixel_mm = picture_at(
-        view, mask, phase.pixels, effects["perspective"].simulated, device
-    )
-    return Objective(
-        frame,
-        target,
-        rings,
-        limits,
-        effects,
-        phase.weights,
-        phase.tau,
-        limits.radius * view.magnification / pixel_mm,
-        settings.winners_every,
-    )

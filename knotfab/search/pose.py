@@ -6,7 +6,7 @@ by Adam on the same objective; bounds keep the light in front of the piece and t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,18 +17,27 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 from knotfab.errors import InputError
+from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings
-from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free, turn_matrix
+from knotfab.problem import Problem, ViewNumbers
+from knotfab.render.frame import Frame
+from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
+from knotfab.render.tiled import render_tiled
+from knotfab.search.objective import Objective
+from knotfab.search.phases import SETTLE
 
 __all__ = [
     "ALL",
     "Bounds",
     "Fit",
     "Name",
-    "Unknowns",
+    "Pose",
     "ViewNumbers",
+    "descend_pose",
     "fit_view",
+    "look_from",
     "projected_radius",
+    "settle_pose",
 ]
 
 Array = NDArray[np.float64]
@@ -43,29 +52,13 @@ _LIGHT_SHARE, _WALL_SHARE = (
     0.9,
 )  # of a distance that the piece may reach into, as in auto regions
 _CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
-
-
-@dataclass(frozen=True)
-class ViewNumbers:
-    """A view's pose and distances, and the tube's radius."""
-
-    light_distance_mm: float
-    wall_distance_mm: float
-    radius_mm: float
-    azimuth_deg: float = 0.0
-    elevation_deg: float = 0.0  # of the light above the horizon
-    roll_deg: float = 0.0  # of the picture, counter-clockwise seen from the light
-
-    @property
-    def turn(self) -> Array:
-        """(3, 3) columns are the view's x, y, z in the scene: `points @ turn` are points in view axes."""
-        turn = torch.tensor([self.azimuth_deg, self.elevation_deg, self.roll_deg]).double()
-        return np.asarray(turn_matrix(turn).numpy())
+_SHARP = 12.0  # tau times the projected radius that the pose is judged by
+_CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """How far the unknowns may go, and which of ALL are unknown at all."""
+    """How far the pose may go, and which of ALL are unknown at all."""
 
     free: tuple[Name, ...] = ALL
     turn_deg: float = 45.0  # to each side of the start
@@ -90,7 +83,7 @@ class Bounds:
             )
 
 
-class Unknowns:
+class Pose:
     """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
 
     def __init__(
@@ -140,10 +133,10 @@ class Unknowns:
         """The tube's radius now."""
         return float(self.lengths[2].detach())
 
-    def frame(self, sheet: Sheet, dtype: torch.dtype) -> FreeFrame:
+    def frame(self, sheet: Sheet, dtype: torch.dtype) -> Frame:
         """The sheet's frame at the present numbers, with gradient."""
-        light, wall, radius = self.lengths.to(dtype)
-        return free_frame(sheet, self.turn_deg.to(dtype), light, wall, radius)
+        light, wall, _ = self.lengths.to(dtype)
+        return posed_frame(sheet, self.turn_deg.to(dtype), light, wall)
 
     def numbers(self) -> ViewNumbers:
         """The present numbers."""
@@ -182,6 +175,74 @@ class Unknowns:
                 self.logs[1] -= self.logs[0]
 
 
+def descend_pose(
+    pose: Pose,
+    objective: Objective,
+    problem: Problem,
+    points: Array,
+    near: Neighbours,
+    progress: float,
+) -> None:
+    """Move the pose one step against the objective at vertices (N, 3), and let the objective look from there.
+
+    A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
+    to a sharp one, and to the limits as they weigh at the end.
+    """
+    image, fixed = objective.images[0], torch.tensor(points)
+    dtype = image.target.dtype
+    seen = objective.image_term(
+        0,
+        fixed,
+        _SHARP / image.radius_px,
+        pose.frame(image.sheet, dtype),
+        pose.lengths[2].to(dtype),
+    )
+
+    def limits_at(radius: float) -> Tensor:
+        turn = turn_matrix(pose.turn_deg)
+        return objective.limit_terms(fixed, near, problem.limits(radius), SETTLE, turn)
+
+    radius = pose.radius_mm
+    turn, logs = torch.autograd.grad(seen + limits_at(radius), pose.tensors)
+    with torch.no_grad():
+        change = limits_at(radius * (1 + _CHANGE)) - limits_at(radius * (1 - _CHANGE))
+    slope = torch.tensor([0.0, 0.0, float(change) / (2 * _CHANGE)], dtype=logs.dtype)
+    pose.move((turn, logs + slope), points, progress)
+    look_from(pose, objective, problem)
+
+
+def look_from(pose: Pose, objective: Objective, problem: Problem) -> None:
+    """Let the objective see its one view from the present pose."""
+    image = objective.images[0]
+    frame = pose.frame(image.sheet, image.target.dtype).fixed()
+    turn = turn_matrix(pose.turn_deg.detach())
+    objective.look_from(frame, problem.limits(pose.radius_mm), turn)
+
+
+def settle_pose(pose: Pose, problem: Problem) -> tuple[Problem, ViewNumbers]:
+    """The problem with its view where the pose is, its lengths rounded as a scene file would have them.
+
+    The knots are to be turned into the view's axes (`points @ numbers.turn`): a scene with one view
+    looks along z.
+    """
+    n = pose.numbers()
+    numbers = ViewNumbers(
+        round(n.light_distance_mm, 2),
+        round(n.wall_distance_mm, 2),
+        round(n.radius_mm, 4),
+        n.azimuth_deg,
+        n.elevation_deg,
+        n.roll_deg,
+    )
+    lengths = {
+        "light_distance_mm": numbers.light_distance_mm,
+        "wall_distance_mm": numbers.wall_distance_mm,
+    }
+    one = problem.views[0]
+    view = replace(one, view=one.view.model_copy(update=lengths))
+    return replace(problem, views=(view,)), numbers
+
+
 @dataclass(frozen=True)
 class Fit:
     """The view found for knots that are known: its numbers, and the loss at each iteration."""
@@ -206,8 +267,8 @@ def fit_view(
     value to its second, in units of one over the projected tube radius: soft at first, so that a pose
     far off still feels the picture.
     """
-    unknowns = Unknowns(start, bounds)
-    unknowns.keep(points)
+    pose = Pose(start, bounds)
+    pose.keep(points)
     p = torch.as_tensor(points, dtype=target.dtype)
     q = p[torch.as_tensor(rings.next)]
     distance = _signed_distance(target)
@@ -215,17 +276,23 @@ def fit_view(
     for iteration in range(iterations):
         progress = iteration / max(1, iterations - 1)
         sharpness = tau[0] * (tau[1] / tau[0]) ** progress / projected_radius(start, sheet)
-        image = render_free(p, q, unknowns.frame(sheet, target.dtype), sharpness, _CUTOFF)
+        image = _render(pose, sheet, p, q, sharpness)
         loss = ((image - torch.sigmoid(sharpness * distance)) ** 2).mean()
-        turn, logs = torch.autograd.grad(loss, unknowns.tensors)
+        turn, logs = torch.autograd.grad(loss, pose.tensors)
         losses.append(float(loss.detach()))
-        unknowns.move((turn, logs), points, progress)
-    losses.append(_polish(unknowns, points, rings, sheet, distance.double(), sharpness))
-    return Fit(unknowns.numbers(), tuple(losses))
+        pose.move((turn, logs), points, progress)
+    losses.append(_polish(pose, points, rings, sheet, distance.double(), sharpness))
+    return Fit(pose.numbers(), tuple(losses))
+
+
+def _render(pose: Pose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) -> Tensor:
+    """[height, width] the tube about segments [n, 3] at the present pose, with gradient."""
+    frame, radius = pose.frame(sheet, starts.dtype), pose.lengths[2].to(starts.dtype)
+    return render_tiled(starts, ends, frame, radius, tau, _CUTOFF)
 
 
 def _polish(
-    unknowns: Unknowns,
+    pose: Pose,
     points: Array,
     rings: Rings,
     sheet: Sheet,
@@ -237,27 +304,27 @@ def _polish(
     Distance and size of a piece that is not deep change its shadow in nearly the same way: along
     that valley first-order steps hardly move.
     """
-    free = [number for number, name in enumerate(ALL) if name in unknowns.bounds.free]
+    free = [number for number, name in enumerate(ALL) if name in pose.bounds.free]
     p = torch.as_tensor(points)
     q = p[torch.as_tensor(rings.next)]
     target = torch.sigmoid(sharpness * distance)
     scale = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # degrees, and shares of lengths
-    both = torch.cat(unknowns.tensors).detach()
+    both = torch.cat(pose.tensors).detach()
 
     def residual(x: Array) -> Array:
         moved = both.clone()
         moved[free] += torch.as_tensor(x * scale[free])
         with torch.no_grad():
-            unknowns.turn_deg.copy_(moved[:3])
-            unknowns.logs.copy_(moved[3:])
-            image = render_free(p, q, unknowns.frame(sheet, p.dtype), sharpness, _CUTOFF)
+            pose.turn_deg.copy_(moved[:3])
+            pose.logs.copy_(moved[3:])
+            image = _render(pose, sheet, p, q, sharpness)
         return np.asarray((image - target).numpy().ravel())
 
     found = least_squares(
         residual, np.zeros(len(free)), method="lm", diff_step=1e-4, x_scale=1.0, max_nfev=150
     )
     residual(found.x)
-    unknowns.keep(points)
+    pose.keep(points)
     return float(2 * found.cost / target.numel())
 
 

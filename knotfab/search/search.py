@@ -1,138 +1,150 @@
-"""The search, whole: depth, radius, the phases of the flow, and an end that is feasible or says why not."""
+"""The search: from curves of known type to knots that draw every picture and keep every limit.
+
+There is one search. One view is the case of several; a free view has its pose among the unknowns; a frame
+of a sequence starts from the frame before, with terms that hold it near; and the paper's network
+differs from the flow in what moves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
-
-from knotfab.effects.base import Decision, Situation
-from knotfab.effects.survey import survey
-from knotfab.geometry.polylines import Rings
 from knotfab.knots import Knot, Knots
-from knotfab.problem import Account, Infeasible, Problem, Report, SearchResult
-from knotfab.render.picture import frame_mm
+from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.inn import keep_largest, warp
-from knotfab.search.objective import Objective
-from knotfab.search.phases import Phase, objective_of, three_phases
-from knotfab.search.steps import evened, repaired, through
-from knotfab.start.filling import Template
-from knotfab.start.lift import circled, lifted
+from knotfab.search.chamfer import Chamfer
+from knotfab.search.flow import FlowSettings
+from knotfab.search.network_search import search_network
+from knotfab.search.objective import Term, Weights
+from knotfab.search.phases import Phase, Plan, plan_of
+from knotfab.search.pose import Pose, settle_pose
+from knotfab.search.repair import repair
+from knotfab.search.state import SearchState, begin, resample_state, run_phase
 
-__all__ = ["Account", "Infeasible", "Problem", "Report", "SearchResult", "search"]
+__all__ = ["search"]
 
-Array = NDArray[np.float64]
+_APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
 
 
 @one_thread()
 def search(
     problem: Problem,
-    template: Template,
+    start: Start,
     radius: float,
     settings: SearchSettings,
+    *,
+    terms: tuple[Term, ...] = (),
+    pose: Pose | None = None,
+    plan: Plan | None = None,
+    log: CertificateLog | None = None,
     device: str = "cpu",
     report: Report | None = None,
-    repairs: int = 4,
 ) -> SearchResult:
-    """Knots whose shadow is the picture, from a filling template.
+    """Knots that draw every picture of the problem, carried there from the start by certified steps.
 
-    Three phases: coarse picture, fine picture, and one that weighs the limits most; then repairs, each
-    with less weight on the picture, until every limit holds. With `settings.method` "inn" the paper's
-    network takes the place of the three phases, and with "inn+flow" it comes before them.
+    Three phases: coarse picture, fine picture, and one that weighs the limits most; then, while a limit
+    is violated, mending and repairs, which give the picture ever less weight. With `settings.method`
+    "inn" the paper's network takes the place of the three phases, with "inn+flow" it comes before them.
 
-    Raises:
-        Infeasible: a limit is still violated at the end: which, by how much and where.
+    Args:
+        radius: of the tube, mm.
+        terms: further parts of the objective; those that are hard limits are repaired as limits are.
+        pose: of the one view, where that is an unknown: found along in all phases but the last, after which
+            the knots are turned into the axes of the view found.
+        log: of the certified steps that led to the start, to be continued.
+        plan: instead of the one that follows from the settings and the number of views.
+        report: called with (share of the search that is done, least IoU at the last phase's end).
+
+    Returns:
+        The result says itself whether it is feasible, or which limit is violated, by how much and where.
     """
-    limits = problem.limits(radius)
-    account = Account()
-    if settings.method != "flow" and settings.network_start == "circle":
-        points, rings = circled(problem, template, limits, account)
-        depth = None
-    else:
-        points, rings, depth = lifted(problem, template, limits, settings, account)
-    pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
-    situation = Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
-    effects = survey(situation)
-
-    def objective_at(rings: Rings, phase: Phase) -> Objective:
-        return objective_of(
-            problem.view, problem.mask, limits, rings, effects, phase, settings, device
-        )
-
-    phases = () if settings.method == "inn" else three_phases(settings)
-    seen: float | None = None
-    begun = 0.0  # share of the search that is over when the flow begins
-    if settings.method != "flow":
+    plan = plan or plan_of(settings, len(problem.views))
+    state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
+    if pose is not None:
+        pose.keep(state.points)
+    done = 0.0  # share of the search
+    if plan.network:
         network = settings.network_iterations
-        begun = network / (network + sum(phase.iterations for phase in phases))
-        points, rings, seen = _warped(
-            objective_at,
-            situation,
-            effects,
-            settings,
-            account,
-            device,
-            None if report is None else lambda part, iou: report(begun * part, iou),
+        done = network / (network + sum(phase.iterations for phase in plan.phases))
+        search_network(
+            state, None if report is None else lambda part, iou: report(done * part, iou)
         )
-    if not phases:
-        points, rings = evened(points, rings, settings.settle_edge_radii * radius, account)
-    points, rings, drawn = through(
-        points,
-        rings,
-        phases,
-        objective_at,
-        limits,
-        settings,
-        account,
-        device,
-        None if report is None else lambda part, iou: report(begun + (1.0 - begun) * part, iou),
-        seen,
+    elif start.far:
+        _approach(state)
+    if not plan.phases:
+        _settle_pose(state)
+        resample_state(state, settings.settle_edge_radii * state.radius)
+    _run_phases(
+        state,
+        plan.phases,
+        None if report is None else lambda part, iou: report(done + (1.0 - done) * part, iou),
     )
-    points, rings, state, mended = repaired(
-        points, rings, effects, objective_at, limits, settings, account, device, repairs
+    _settle_pose(state)
+    repair(state, plan)
+    parts = zip(state.rings.split(state.points), state.log.types, strict=True)
+    return SearchResult(
+        Knots(tuple(Knot(part, kind) for part, kind in parts), state.radius),
+        state.feasibility(),
+        state.log,
+        state.effects,
+        start.depth,
+        state.ious(),
+        tuple(v.view for v in state.problem.views),
+        state.numbers,
     )
-    last = mended or drawn
-    if last is not None:
-        seen = last.iou(points)
-    parts = zip(rings.split(points), account.types, strict=True)
-    knots = Knots(tuple(Knot(part, kind) for part, kind in parts), radius)
-    result = SearchResult(knots, state, account, effects, depth, seen or 0.0)
-    if state.violations and repairs > 0:
-        raise Infeasible(result)
-    return result
 
 
-def _warped(
-    objective_of_polygons: Callable[[Rings, Phase], Objective],
-    situation: Situation,
-    effects: dict[str, Decision],
-    settings: SearchSettings,
-    account: Account,
-    device: str,
-    report: Report | None,
-) -> tuple[Array, Rings, float]:
-    """The network's search from the curves of `situation`: polygons, and their IoU."""
+def _run_phases(state: SearchState, phases: tuple[Phase, ...], report: Report | None) -> None:
+    """The phases that have iterations, each from evenly spaced vertices on."""
+    settings = state.settings
+    total, done = sum(phase.iterations for phase in phases), 0
+    seen: float | None = None
+    for number, phase in enumerate(phases):
+        if number == len(phases) - 1:
+            _settle_pose(state)
+        if phase.iterations == 0:
+            continue
+        last = done + phase.iterations == total and settings.settle_iterations > 0
+        spacing = settings.settle_edge_radii if last else settings.edge_radii
+        resample_state(state, spacing * state.radius)
 
-    def objective_at(points: Array, rings: Rings, phase: Phase) -> Objective:
-        keep_largest(effects, survey(replace(situation, points=points, rings=rings)))
-        return objective_of_polygons(rings, phase)
+        def tell(
+            progress: float,
+            _: float,
+            base: int = done,
+            n: int = phase.iterations,
+            iou: float | None = seen,
+        ) -> None:
+            if report is not None:
+                report((base + progress * n) / total, iou)
 
-    found = warp(
-        situation.points, situation.rings, objective_at, situation.limits, settings, device, report
-    )
-    account.accepted += found.steps
-    account.least_margin_mm = min(account.least_margin_mm, found.least_margin)
-    if found.proved:
-        account.template += (
-            f"; carried along the invertible network in {found.steps} steps, with "
-            f"{found.refinements} doublings of its samples"
+        objective = run_phase(state, phase, tell)
+        done += phase.iterations
+        if report is not None:
+            seen = min(objective.ious(state.points))
+
+
+def _settle_pose(state: SearchState) -> None:
+    """End the search for the pose: from here on the knots stand in the axes of the view found."""
+    if state.pose is None:
+        return
+    state.problem, state.numbers = settle_pose(state.pose, state.problem)
+    state.radius = state.numbers.radius_mm
+    state.points = state.points @ state.numbers.turn
+    state.pose = None
+
+
+def _approach(state: SearchState) -> None:
+    """Bring a start that is far from the pictures near, by the chamfer distance, certified as ever."""
+    weights = Weights(image=0.0, clearance=60.0, bend=30.0)
+    kept = state.terms
+    state.terms += (Chamfer.of(state.problem.views, state.radius, state.device),)
+    for rate in _APPROACH_RATES:
+        walk = FlowSettings(
+            iterations=state.settings.coarse_iterations,
+            rate=rate,
+            rate_end=0.3 * rate,
+            smoothing=4.0,
         )
-    else:
-        account.template += (
-            "; the invertible network mapped it to where no sampling could be certified"
-        )
-    return found.points, found.rings, found.iou
+        resample_state(state, state.settings.edge_radii * state.radius)
+        run_phase(state, Phase(32, walk, weights, (1.0, 1.0), balanced=False))
+    state.terms = kept

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from knotfab.design.design import problem_of
+from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
-from knotfab.pipeline import PRINTER_CHECKS, Outcome, Request, require_device
 from knotfab.progress import Progress
-from knotfab.report.of_build import check_3mf, check_certificate, check_limits, report_of
-from knotfab.report.report_html import Picture, write_report_html
+from knotfab.report.of_build import (
+    add_slicing,
+    check_3mf,
+    check_certificate,
+    check_limits,
+    report_of,
+)
+from knotfab.report.of_slicer import check_slicing
+from knotfab.report.pictures import pictures_of
+from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
-from knotfab.scene.model import Scene
+from knotfab.request import Outcome, Request, require_device
+from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import chain
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.gif import shadows_gif
@@ -26,44 +32,31 @@ from knotfab.sequence.report import (
     check_closing,
     check_motion,
     check_ring,
-    check_slicing,
     sequence_report,
 )
 from knotfab.sequence.require import require_sequence
-from knotfab.sequence.verifying import FrameFiles, FrameVerifier
 from knotfab.sequence.writing import ZOETROPE, Written, write_frame, write_scene, write_zoetrope
 from knotfab.sequence.written import knot_in_scene
-from knotfab.target.read import Target, read_target
+from knotfab.slicer.profile import write_profile
+from knotfab.slicer.result import sum_slicings
+from knotfab.slicer.run import SlicerQueue
+from knotfab.target.read import read_target
+from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted
+from knotfab.verify.verifier import Files, Verifier
 
-__all__ = ["GIF", "SequenceRequest", "build_sequence"]
+__all__ = ["GIF", "build_sequence"]
 
 GIF = "sequence.gif"
 
 
-@dataclass(frozen=True)
-class SequenceRequest:
-    """What `knotfab build --sequence` was asked.
-
-    `sources`: a folder of numbered pictures, an animation, or several pictures in order.
-    """
-
-    scene: Scene
-    sources: Sequence[str]
-    out: Path
-    base: Path | None = None
-    printing: bool = False
-    device: str = "cpu"
-    skip: frozenset[str] = frozenset()
-    command: str = ""
-
-
-def build_sequence(request: SequenceRequest, progress: Progress | None = None) -> Outcome:
+def build_sequence(request: Request, progress: Progress | None = None) -> Outcome:
     """Search all frames as one moving knot, and write and verify each as a part of its own.
 
     Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
     shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
-    be printed, zoetrope.stl and zoetrope.3mf as well. Frames are verified while later ones are searched.
-    As with one picture, what fails a required check is written whole to DIR/rejected.
+    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well. Frames are verified and sliced while
+    later ones are searched. As with one picture, what fails a required check is written whole to
+    DIR/rejected.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -71,32 +64,49 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
     progress = progress or Progress("quiet")
     require_device(request.device)
     require_sequence(request.scene)
-    skip = set(request.skip) | (set() if request.printing else set(PRINTER_CHECKS))
+    skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
         with progress.stage("pictures"):
             invert = request.scene.views[0].invert
-            targets = read_frames(request.sources, invert=invert, base=request.base)
-        with FrameVerifier(skip) as verifier:
+            targets = read_frames(request.pictures, invert=invert, base=request.base)
+        if request.printing:
+            write_profile(folder.work, resolve(request.scene))
+        with Verifier(skip) as verifier, SlicerQueue() as slicer:
             frames = chain(request.scene, targets, request.device, progress)
             made = [
-                write_frame(folder, frame, target, request.printing, verifier, progress)
+                write_frame(folder, frame, target, request, verifier, slicer, progress)
                 for frame, target in zip(frames, targets, strict=True)
             ]
             write_scene(folder, request.scene, made[0].scene)
             with progress.stage("zoetrope"):
-                ring = _ring(folder, made, verifier) if request.printing else None
+                ring = _make_ring(folder, made, verifier) if request.printing else None
             with progress.stage("verify"):
-                verdicts = [m.answer.result() for m in made]
+                verdicts = [m.verdict() for m in made]
                 printed = [] if ring is None else check_ring(ring, made[0].scene.printer)
+            with progress.stage("slicer"):
+                sliced = {
+                    f"part-{m.number}.3mf": m.sliced.result() for m in made if m.sliced is not None
+                }
+        for m, verdict in zip(made, verdicts, strict=True):
+            verdict["checks"] += _own_checks(folder, m)
+            if m.sliced is not None:
+                verdict["checks"].append(check_slicing(m.sliced.result()))
+            if not request.printing:
+                explain_unprinted(verdict["checks"], request.skip)
         reports = [
-            _frame_report(request, m, v, folder, progress)
-            for m, v in zip(made, verdicts, strict=True)
+            report_of(
+                request,
+                m.frame.made,
+                m.knots,
+                [] if m.part is None else m.part.bodies,
+                verdict,
+                progress,
+            )
+            for m, verdict in zip(made, verdicts, strict=True)
         ]
         with progress.stage("motion"):
             motions = _motions(folder, made)
         checks = [check_motion(motions[:-1]), check_closing(motions[-1]), *printed]
-        if request.printing:
-            checks.append(check_slicing())
         with progress.stage("report"):
             shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
             if all(path.is_file() for path in shadows):
@@ -110,12 +120,12 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
                 None if ring is None else ring.spun,
                 progress,
             )
+            add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
-                folder.file("report.html"), report, _pictures(folder, targets), "a sequence"
+                folder.file("report.html"), report, pictures_of(folder.work), "a sequence"
             )
-        states = {c["status"] for c in report["checks"] if c["required"]}
-        code = 1 if "fail" in states else 3 if "skipped" in states else 0
+        code = exit_code(report["checks"])
         if code == 0:
             folder.commit()
             return Outcome(0, report, request.out)
@@ -123,44 +133,25 @@ def build_sequence(request: SequenceRequest, progress: Progress | None = None) -
         return Outcome(code, report, request.out / "rejected")
 
 
-def _ring(folder: OutputFolder, made: Sequence[Written], verifier: FrameVerifier) -> Ring:
+def _make_ring(folder: OutputFolder, made: Sequence[Written], verifier: Verifier) -> Ring:
     """The zoetrope, and the verdict to come on its written file."""
     try:
         spun = write_zoetrope(folder, [m.frame for m in made])
     except SceneError as error:
         return Ring(None, str(error), None)
-    files = FrameFiles(folder.file(f"{ZOETROPE}.stl"))
-    return Ring(spun, "", verifier.submit(files, PRINTER_CHECKS))
+    answer = verifier.submit(Files(folder.file(f"{ZOETROPE}.stl")), PRINTER_CHECKS)
+    return Ring(spun, "", answer)
 
 
-def _frame_report(
-    request: SequenceRequest,
-    made: Written,
-    verdict: dict[str, Any],
-    folder: OutputFolder,
-    progress: Progress,
-) -> dict[str, Any]:
-    """The report of one frame, as that of a piece of its own."""
-    own = Request(
-        made.scene,
-        made.scene.views[0].picture,
-        request.out,
-        printing=request.printing,
-        device=request.device,
-        skip=request.skip,
-        command=request.command,
-    )
+def _own_checks(folder: OutputFolder, made: Written) -> list[dict[str, Any]]:
+    """What the maker itself knows of a frame."""
+    checks = [check_certificate(made.frame.made), check_limits(made.frame.made)]
     if made.part is not None:
-        verdict["checks"].append(
-            check_3mf(read_back_strict(folder.file(f"part-{made.number}.3mf")))
-        )
-    verdict["checks"] += [check_certificate(made.frame.made), check_limits(made.frame.made)]
-    if not request.printing:
-        for check in verdict["checks"]:
-            if check["name"] in PRINTER_CHECKS and check["name"] not in request.skip:
-                check["detail"] = "checked with --print"
-    bodies = [] if made.part is None else made.part.bodies
-    return report_of(own, made.frame.made, made.knots, bodies, verdict, progress)
+        warnings = read_back_strict(folder.file(f"part-{made.number}.3mf"))
+        checks.insert(0, check_3mf(warnings))
+        sag = made.part.mounted.check_sag()
+        checks += [] if sag is None else [sag]
+    return checks
 
 
 def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:
@@ -168,22 +159,12 @@ def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:
     points, outlines = [], []
     for m in made:
         points.append(knot_in_scene(folder.file(f"knots-{m.number}.json"), m.scene))
-        view = m.scene.views[0]
+        view = m.frame.made.scene.views[0]
         target = read_target(folder.file(view.picture), invert=view.invert)
-        outlines.append(problem_of(m.scene, target).polygon)
+        outlines.append(silhouette_polygon(view, target))
     radius = made[0].frame.made.knots.radius_mm
     following = [*range(1, len(made)), 0]
     return [
         measure(points[k], points[n], outline_motion(outlines[k], outlines[n]), radius)
         for k, n in enumerate(following)
     ]
-
-
-def _pictures(folder: OutputFolder, targets: Sequence[Target]) -> list[Picture]:
-    found = []
-    for target in targets:
-        path = folder.file(f"compare-{target.name}.png")
-        if path.is_file():
-            caption = "target, shadow of the written file, and where they differ"
-            found.append(Picture(path, "compare", caption, target.name))
-    return found

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from knotfab.design.design import Design, design, opening_iou, problem_of, resolve_view
+from shapely import MultiPolygon
+
+from knotfab.design.design import Design, design_knots
+from knotfab.design.question import Question, ask, opening_iou, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.knots import Knot, Knots
-from knotfab.problem import Problem, SearchResult
+from knotfab.problem import Problem
 from knotfab.progress import Progress
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import search_settings
+from knotfab.scene.model import ResolvedScene, Scene
+from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import FrameResult, finish
@@ -27,6 +30,7 @@ _GIVE = (
     0.01  # IoU that a frame's opening may lose against the first one's before the tube is thinner
 )
 _THINNER = 0.93
+_OF_FIRST = 0.8  # time of a later frame's search and finish over the first one's search
 
 
 @dataclass(frozen=True)
@@ -43,24 +47,22 @@ class Frame:
     origin: int = 0
 
 
-def radius_for_all(scene: Scene, targets: Sequence[Target]) -> tuple[float, RadiusChoice | None]:
+def radius_for_all(
+    question: Question, polygons: Sequence[MultiPolygon], settings: SearchSettings
+) -> tuple[float, RadiusChoice | None]:
     """A tube radius (mm) that draws the first frame well, and no other much worse.
 
     Args:
-        scene: resolved, with one view.
+        question: of the first frame. polygons: the silhouettes of the others.
     """
-    if scene.piece.tube_radius_mm != "auto":
-        return float(scene.piece.tube_radius_mm), None
-    problems = [problem_of(scene, target) for target in targets]
-    view = problems[0].view
-    assert view.frame_width_mm is not None
-    thinnest = scene.printer.min_tube_radius_mm
-    settings = search_settings(scene.accuracy.name, scene.search)
-    choice = choose_radius(problems[0], view.frame_width_mm, thinnest, 1, settings)
-    radius = choice.radius_mm
-    wanted = opening_iou(problems[0].polygon, radius) - _GIVE
+    given = question.scene.piece.tube_radius_mm
+    if not isinstance(given, str):
+        return given, None
+    choice = choose_radius(question, settings, 1)
+    radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
+    wanted = question.opening(radius) - _GIVE
     while radius * _THINNER >= thinnest and any(
-        opening_iou(p.polygon, radius) < wanted for p in problems[1:]
+        opening_iou(polygon, radius) < wanted for polygon in polygons
     ):
         radius *= _THINNER
     return round(radius, 4), choice
@@ -71,6 +73,7 @@ def chain(
     targets: Sequence[Target],
     device: str = "cpu",
     progress: Progress | None = None,
+    budget_s: float | None = None,
 ) -> Iterator[Frame]:
     """The frames one after the other, each final as it comes.
 
@@ -79,37 +82,45 @@ def chain(
     may close, within what the outlines' motion back to the first frame allows.
 
     Args:
-        scene: of one view, as for `design`.
+        scene: of one view, as for `design_knots`.
+        budget_s: seconds that all searches may take; the iterations are set to fit, on the first frame.
 
     Raises:
-        SceneError, InputError: as `design`.
+        SceneError, InputError: as `design_knots`.
     """
+    begun = time.perf_counter()
     require_sequence(scene)
     progress = progress or Progress("quiet")
-    resolved = resolve(scene, [(targets[0].width, targets[0].height)])
-    resolved = resolved.model_copy(update={"views": (resolve_view(resolved.views[0], targets[0]),)})
+    settings = search_settings(scene.accuracy.name, scene.search)
     with progress.stage("radius"):
-        radius, choice = radius_for_all(resolved, targets)
+        question = ask(scene, targets[:1])
+        polygons = [silhouette_polygon(question.views[0], target) for target in targets]
+        radius, choice = radius_for_all(question, polygons[1:], settings)
     piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
     view = scene.views[0].model_copy(update={"name": targets[0].name})
     asked = scene.model_copy(update={"piece": piece, "views": (view,)})
-    first = design(asked, targets[0], device, progress)
+    share = None
+    if budget_s is not None:
+        share = (budget_s - (time.perf_counter() - begun)) / (1.0 + _OF_FIRST * (len(targets) - 1))
+    first = design_knots(asked, targets[:1], device, progress, share)
+    # the region as it was asked for: a mesh lies where the scene says, not yet beside the result
+    within = first.scene.model_copy(update={"region": question.problem.region})
     with progress.stage("search"):
-        problems = [problem_of(_renamed(first.scene, t), t) for t in targets]
+        problems = [ask(_renamed(within, t), [t]).problem for t in targets]
         outlines = [
-            outline_motion(p.polygon, q.polygon)
-            for p, q in zip(problems, [*problems[1:], problems[0]], strict=True)
+            outline_motion(p, q)
+            for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
         ]
     start = first.knots.points
     rings = rings_of_sizes((len(start),))
     with progress.stage("search"):
-        account = first.result.account
-        ended = finish(start, rings, problems[0], radius, first.settings, [], account, device)
+        log = first.result.log
+        ended = finish(start, rings, problems[0], radius, first.settings, [], log, device)
     made = _design_of(first, ended, problems[0], targets[0], False)
     yield Frame(replace(made, radius=choice), None, 1.0)
-    length, area = first.knots.knots[0].length_mm, problems[0].polygon.area
+    length, area = first.knots.knots[0].length_mm, polygons[0].area
     known, fine, fine_start = [start], ended.points, ended.points
-    alike, closing = Likeness([p.mask for p in problems]), True
+    alike, closing = Likeness([t.mask for t in targets]), True
     for k in range(1, len(targets)):
         following = Following(
             tuple(known),
@@ -117,8 +128,8 @@ def chain(
             rings,
             radius,
             first.settings,
-            _SLACK * length * max(1.0, problems[k].polygon.area / area),
-            Anchor(start, sum(outlines[k:]) + radius) if closing else None,
+            _SLACK * length * max(1.0, polygons[k].area / area),
+            Anchor(start, sum(outlines[k:]) + radius, radius) if closing else None,
             outlines[k - 1],
             device,
         )
@@ -128,9 +139,9 @@ def chain(
                 lambda part, _, base=k: progress.update((base + part) / len(targets)),  # type: ignore[misc]
             )
             found, closing = trial.found, trial.back is not None
-            held = [Anchor(fine, outlines[k - 1] + radius)]
+            held = [Anchor(fine, outlines[k - 1] + radius, radius)]
             if trial.back is not None:
-                held.append(Anchor(fine_start, trial.back.limit_mm))
+                held.append(Anchor(fine_start, trial.back.limit_mm, radius))
             ended = finish(
                 found.points,
                 rings,
@@ -138,7 +149,7 @@ def chain(
                 radius,
                 first.settings,
                 held,
-                found.account,
+                found.result.log,
                 device,
             )
         motion = measure(fine, ended.points, outlines[k - 1], radius)
@@ -148,7 +159,7 @@ def chain(
         fine = ended.points
 
 
-def _renamed(scene: Scene, target: Target) -> Scene:
+def _renamed(scene: ResolvedScene, target: Target) -> ResolvedScene:
     """A resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
         update={"name": target.name, "picture": f"picture-{target.name}{target.suffix}"}
@@ -164,16 +175,14 @@ def _design_of(
     `own_floor`: the IoU required follows from the frame's own picture, as it does for a single one.
     """
     scene = _renamed(first.scene, target)
-    opened = opening_iou(problem.polygon, first.knots.radius_mm)
+    opened = opening_iou(problem.polygons[0], first.knots.radius_mm)
     if own_floor:
         floor = first.settings.floor(opened)
         scene = scene.model_copy(
             update={"accuracy": scene.accuracy.model_copy(update={"iou_floor": floor})}
         )
-    kind = first.knots.knots[0].type
+    result, kind = found.result, first.knots.knots[0].type
     knots = Knots((Knot(found.points, kind),), first.knots.radius_mm)
-    found.account.types = (kind,)
-    result = SearchResult(
-        knots, found.standing, found.account, found.effects, None, found.iou_estimate
-    )
+    result.log.types = (kind,)
+    result = replace(result, knots=knots)
     return replace(first, scene=scene, knots=knots, result=result, radius=None, opening_iou=opened)

@@ -15,11 +15,15 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 from torch import Tensor
 
-__all__ = ["Anchor", "Motion", "measure", "outline_motion"]
+from knotfab.effects.base import State
+from knotfab.search.objective import Term, Weights
+
+__all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion"]
 
 Array = NDArray[np.float64]
 
 _SPACING_MM = 0.1  # of samples on the outlines
+_TAUT = 0.05  # weight of the length beyond what the picture's area calls for
 _KEEP = 0.97  # of its bound: where the objective begins to hold a vertex back
 
 
@@ -41,23 +45,43 @@ def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
 
 
 @dataclass(frozen=True)
-class Anchor:
-    """Where the vertices (N, 3) of another frame are, mm, and how far from them they may be."""
+class Anchor(Term):
+    """Where the vertices (N, 3) of another frame are, mm, and how far from them they may be: a hard limit.
+
+    As a term: squares of what each vertex is beyond the limit, in tube radii, summed.
+    """
 
     points: Array
     limit_mm: float
+    radius_mm: float  # of the tube
 
-    def term(self, points: Tensor, radius: float) -> Tensor:
-        """Squares of what each vertex is beyond the limit, in tube radii, summed."""
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        points = state.points
         away = points - torch.as_tensor(self.points, dtype=points.dtype, device=points.device)
         # the root's slope has no limit at 0, where the hinge is far from touching
         length = torch.sqrt((away * away).sum(-1) + 1e-12)
-        beyond = torch.relu(length - _KEEP * self.limit_mm) / radius
-        return (beyond * beyond).sum()
+        beyond = torch.relu(length - _KEEP * self.limit_mm) / self.radius_mm
+        return weights.hold * (beyond * beyond).sum()
+
+    def kept(self, points: Array) -> bool:
+        return self.beyond(points) <= 0
 
     def beyond(self, points: Array) -> float:
         """How far (mm) the furthest vertex is beyond the limit; negative where all keep it."""
         return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
+
+
+@dataclass(frozen=True)
+class Tautness(Term):
+    """A pull on knots longer than `length_mm`: no vertices can be added, and long edges show."""
+
+    length_mm: float
+    radius_mm: float
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        excess = (state.edge.norm(dim=-1).sum() - self.length_mm).clamp_min(0) / self.radius_mm
+        taut: Tensor = _TAUT * excess**2
+        return taut
 
 
 @dataclass(frozen=True)

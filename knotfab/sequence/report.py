@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +12,15 @@ from knotfab.scene.model import Printer
 from knotfab.sequence.chain import Frame
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
+from knotfab.verify.checks import unmet
+from knotfab.verify.verifier import Answer
+from knotfab_validators.check import Check, Status, at_least, at_most
 
 __all__ = [
     "Ring",
     "check_closing",
     "check_motion",
     "check_ring",
-    "check_slicing",
     "sequence_report",
 ]
 
@@ -31,33 +32,26 @@ def check_motion(motions: Sequence[Motion]) -> Record:
     """`motion`: no vertex goes further between neighbours than the pictures' outlines and one radius."""
     worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
     number = next(k for k, m in enumerate(motions, start=2) if m is worst)
-    return {
-        "name": "motion",
-        "status": "pass" if all(m.held for m in motions) else "fail",
-        "required": True,
-        "measured": worst.largest_mm,
-        "limit": worst.limit_mm,
-        "unit": "mm",
-        "detail": f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
+    return Check(
+        "motion",
+        "pass" if all(m.held for m in motions) else "fail",
+        True,
+        worst.largest_mm,
+        worst.limit_mm,
+        "mm",
+        f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
         f"outlines of the two pictures are {worst.outline_mm:.3f} mm apart (Hausdorff distance), and "
         "one tube radius is added",
-    }
+    ).to_dict()
 
 
 def check_closing(motion: Motion) -> Record:
     """`closing`: the same from the last frame back to the first, which not every sequence needs."""
-    return {
-        "name": "closing",
-        "status": "pass" if motion.held else "fail",
-        "required": False,
-        "measured": motion.largest_mm,
-        "limit": motion.limit_mm,
-        "unit": "mm",
-        "detail": "from the last frame to the first, "
-        + (
-            "so it may be played round and round" if motion.held else "too far to play it as a loop"
-        ),
-    }
+    loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
+    status: Status = "pass" if motion.held else "fail"
+    detail = f"from the last frame to the first, {loop}"
+    largest, limit = motion.largest_mm, motion.limit_mm
+    return Check("closing", status, False, largest, limit, "mm", detail).to_dict()
 
 
 @dataclass(frozen=True)
@@ -66,7 +60,7 @@ class Ring:
 
     spun: Zoetrope | None
     why: str
-    answer: Future[Record] | None
+    answer: Answer | None
 
 
 def check_ring(ring: Ring, printer: Printer) -> list[Record]:
@@ -74,23 +68,20 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
 
     The second is not required: the frames are as small as the bed asks, and the parts are there as well.
     """
-    check: Record = {"name": "zoetrope", "required": False, "unit": "mm"}
     if ring.spun is None or ring.answer is None:
-        return [{**check, "status": "fail", "measured": None, "limit": None, "detail": ring.why}]
+        return [Check("zoetrope", "fail", False, None, None, "mm", ring.why).to_dict()]
     spun, least = ring.spun, printer.min_tube_radius_mm
     found = ring.answer.result()["checks"]
-    wrong = [c for c in found if c["required"] and c["status"] != "pass"]
+    wrong = unmet(found)
     handles = next((c["measured"] for c in found if c["name"] == "mesh_genus"), None)
-    mesh = {
-        "name": "zoetrope_mesh",
-        "status": "fail" if wrong else "pass",
-        "required": True,
-        "measured": len(wrong),
-        "limit": 0,
-        "unit": "checks",
-        "detail": "; ".join(f"{c['name']}: {c['detail']}" for c in wrong)
+    mesh = at_most(
+        "zoetrope_mesh",
+        len(wrong),
+        0,
+        "checks",
+        "; ".join(f"{c['name']}: {c['detail']}" for c in wrong)
         or f"zoetrope.stl is one closed surface that does not cross itself, with {handles} handles",
-    }
+    )
     detail = (
         f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of {spun.diameter_mm:.1f} mm "
         f"across, {spun.height_mm:.1f} mm high"
@@ -102,30 +93,8 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
             f"; gaps between strands may be as small as {spun.gap_mm:.2f} mm and close in the print: the "
             "knots are true in the single parts"
         )
-    status = "pass" if spun.tube_radius_mm >= least else "fail"
-    return [
-        mesh,
-        {
-            **check,
-            "status": status,
-            "measured": spun.tube_radius_mm,
-            "limit": least,
-            "detail": detail,
-        },
-    ]
-
-
-def check_slicing() -> Record:
-    """`slicer`: left to the person who prints: many parts would take it longer than the search."""
-    return {
-        "name": "slicer",
-        "status": "skipped",
-        "required": False,
-        "measured": None,
-        "limit": None,
-        "unit": "problems",
-        "detail": "the parts of a sequence are not sliced here: load part-NN.3mf or zoetrope.3mf",
-    }
+    tubes = at_least("zoetrope", spun.tube_radius_mm, least, "mm", detail, required=False)
+    return [mesh.to_dict(), tubes.to_dict()]
 
 
 def sequence_report(
@@ -147,7 +116,7 @@ def sequence_report(
     """
     views = []
     for number, (report, frame) in enumerate(zip(reports, frames, strict=True), start=1):
-        account = frame.made.result.account
+        account = frame.made.result.log
         for view in report["views"]:
             views.append(
                 {
@@ -159,11 +128,7 @@ def sequence_report(
                     "began_as": None if number == 1 else frame.origin + 1,
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
-                    "failed": [
-                        c["name"]
-                        for c in report["checks"]
-                        if c["required"] and c["status"] != "pass"
-                    ],
+                    "failed": [c["name"] for c in unmet(report["checks"])],
                 }
             )
     first = reports[0]

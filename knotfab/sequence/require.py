@@ -41,12 +41,6 @@ def require_sequence(scene: Scene) -> None:
             "Use a material to print with, such as --material pla",
         )
     settings = search_settings(scene.accuracy.name, scene.search)
-    if settings.method != "flow":
-        raise InputError(
-            f"the search {settings.method} (--search {settings.method})",
-            "each frame follows from the one before by the flow alone",
-            "Leave it out, or use --search flow",
-        )
     if settings.free_view:
         raise InputError(
             "a free view (--free view)",

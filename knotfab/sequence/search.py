@@ -1,72 +1,61 @@
-"""The search of a sequence: each frame's knot from that of the frame before, by certified steps alone."""
+"""A frame of a sequence is the same search, from the frame before and with terms that hold it near."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from knotfab.effects.base import Decision, Limits, Situation
-from knotfab.effects.survey import survey
-from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings
-from knotfab.problem import Account, Problem
-from knotfab.render.picture import frame_mm, picture_at
-from knotfab.render.threads import one_thread
+from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.feasibility import Standing, standing
 from knotfab.search.flow import FlowSettings
-from knotfab.search.objective import Objective, iou_of
-from knotfab.search.phases import Phase, objective_of, repair, three_phases
-from knotfab.search.steps import walked
-from knotfab.sequence.doubling import doubled
-from knotfab.sequence.motion import Anchor, outline_motion
+from knotfab.search.phases import Phase, Plan, repair_phase, three_phases
+from knotfab.search.search import search
+from knotfab.sequence.doubling import double_vertices
+from knotfab.sequence.motion import Anchor, Tautness, outline_motion
 from knotfab.sequence.transport import transport
 
 __all__ = ["FrameResult", "finish", "follow"]
 
 Array = NDArray[np.float64]
 
-_HOLD = 4.0  # weight of the motion bound in the objective
 _REPAIRS = 6
 _ROOM = 1.04  # times the bend radius that the part must keep
-_TAUT = 0.05  # weight of the length beyond what the picture's area calls for
 
 
 @dataclass
 class FrameResult:
-    """One frame's knot: `points` (N, 3) mm, scene coordinates, in the same order in all frames."""
+    """One frame's knots, their vertices in the same order in all frames."""
 
-    points: Array
-    standing: Standing
-    iou_estimate: float
-    account: Account
+    result: SearchResult
     beyond_mm: float  # of the motion bound, at worst; negative where it is kept
     transported: float = 1.0  # share of the displacement that could be certified
-    effects: dict[str, Decision] = field(default_factory=dict)
+
+    @property
+    def points(self) -> Array:
+        """(N, 3) mm, scene coordinates."""
+        return self.result.knots.points
 
     @property
     def sound(self) -> bool:
         """Whether every limit holds, the motion's among them."""
-        return not self.standing.violations and self.beyond_mm <= 0
+        return self.result.feasible and self.beyond_mm <= 0
 
 
-def _phases(settings: SearchSettings) -> tuple[Phase, ...]:
-    """Half as many iterations as from a template: the transport has done the rest."""
-    return three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
-
-
-def _repair(settings: SearchSettings, number: int) -> Phase:
+def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
     """Few vertices take all of a step that is measured over all: short ones end where they should."""
-    rate = 0.01 * 0.7**number
-    walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
-    return replace(repair(settings, number), walk=walk)
+
+    def repair(number: int) -> Phase:
+        rate = 0.01 * 0.7**number
+        walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
+        return replace(repair_phase(settings, number), walk=walk)
+
+    return Plan(tuple(phases), repair, repairs=_REPAIRS, mendings=0, keep_vertices=True)
 
 
-@one_thread()
 def follow(
     before: Array,
     rings: Rings,
@@ -76,11 +65,11 @@ def follow(
     taut_mm: float,
     anchors: Sequence[Anchor],
     device: str = "cpu",
-    report: Callable[[float, float], None] | None = None,
+    report: Callable[[float, float | None], None] | None = None,
 ) -> FrameResult:
     """A frame's knot from that of an earlier one, `before` (N, 3).
 
-    Transport along the displacement between the two silhouettes, then the flow on the new picture with
+    Transport along the displacement between the two silhouettes, then the search on the new picture with
     the motion bound in its objective; vertices keep their number and order.
 
     Args:
@@ -91,37 +80,29 @@ def follow(
     old, new = problems
     # room for the vertices that `finish` adds: the spline bends more than the polygon in places
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
-    account = Account(template="the knot of an earlier frame")
-    outline = outline_motion(old.polygon, new.polygon)
-    moved = transport(
-        before,
-        rings,
-        old.polygon,
-        new.polygon,
-        new.view.light_distance_mm,
-        radius,
-        outline + 0.5 * radius,
-    )
-    account.accepted, account.refused = moved.steps, moved.refused
-    account.least_margin_mm = moved.least_margin
-    result = _flowed(
-        moved.points,
-        rings,
+    (was,), (now,) = old.polygons, new.polygons
+    furthest = outline_motion(was, now) + 0.5 * radius
+    light = new.views[0].view.light_distance_mm
+    moved = transport(before, rings, was, now, light, radius, furthest)
+    log = CertificateLog("the knot of an earlier frame", ("unknot",) * len(rings.sizes))
+    log.accepted, log.refused = moved.steps, moved.refused
+    log.add_margin(moved.least_margin)
+    # half as many iterations as from a template: the transport has done the rest
+    phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
+    result = search(
         new,
+        Start(tuple(rings.split(moved.points)), log.template, log.types),
         radius,
         settings,
-        taut_mm,
-        anchors,
-        _phases(settings),
-        account,
-        device,
-        report,
+        terms=(*anchors, Tautness(taut_mm, radius)),
+        plan=_plan(settings, phases),
+        log=log,
+        device=device,
+        report=report,
     )
-    result.transported = moved.reached
-    return result
+    return FrameResult(result, _beyond(result, anchors), moved.reached)
 
 
-@one_thread()
 def finish(
     points: Array,
     rings: Rings,
@@ -129,82 +110,28 @@ def finish(
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-    account: Account,
+    log: CertificateLog,
     device: str = "cpu",
 ) -> FrameResult:
     """A frame for its part: twice as many vertices, and the limits repaired where that broke one."""
-    fine, both, verdict = doubled(points, rings)
-    if verdict.valid:
-        account.resamplings += 1
-        account.least_margin_mm = min(account.least_margin_mm, verdict.margin)
+    doubled, both = double_vertices(points, rings)
+    if doubled.steps:
+        log.resamplings += 1
+        log.add_margin(doubled.least_margin)
     else:
-        account.resamplings_refused += 1
-    return _flowed(
-        fine, both, problem, radius, settings, np.inf, anchors, (), account, device, None
+        log.resamplings_refused += 1
+    result = search(
+        problem,
+        Start(tuple(both.split(doubled.points)), log.template, log.types),
+        radius,
+        settings,
+        terms=tuple(anchors),
+        plan=_plan(settings, ()),
+        log=log,
+        device=device,
     )
+    return FrameResult(result, _beyond(result, anchors))
 
 
-def _flowed(
-    points: Array,
-    rings: Rings,
-    problem: Problem,
-    radius: float,
-    settings: SearchSettings,
-    taut_mm: float,
-    anchors: Sequence[Anchor],
-    phases: Sequence[Phase],
-    account: Account,
-    device: str,
-    report: Callable[[float, float], None] | None,
-) -> FrameResult:
-    limits = problem.limits(radius)
-    pixel_mm = max(frame_mm(problem.view)) / settings.fine_px
-    effects = survey(
-        Situation(problem.view, limits, points, rings, pixel_mm, settings.tolerance_px)
-    )
-    for name in ("bend", "clearance"):
-        effects[name].simulated = True
-    seen = None
-    repairs = [_repair(settings, k) for k in range(_REPAIRS)]
-    for number, phase in enumerate([*phases, *repairs]):
-        last = number >= len(phases)
-        if last and not _wanting(points, rings, limits, anchors):
-            break
-        objective = objective_of(
-            problem.view, problem.mask, limits, rings, effects, phase, settings, device
-        )
-        hold = _HOLD * (phase.weights.clearance if last else 1.0)
-
-        def held(
-            x: Tensor,
-            near: Neighbours,
-            progress: float,
-            base: Objective = objective,
-            weight: float = hold,
-        ) -> Tensor:
-            loss = base(x, near, progress)
-            for anchor in anchors:
-                loss = loss + weight * anchor.term(x, radius)
-            length = (x[base.following] - x).norm(dim=-1).sum()
-            excess = (length - taut_mm).clamp_min(0) / radius
-            taut: Tensor = loss + _TAUT * excess**2
-            return taut
-
-        done = (lambda x: not _wanting(x, rings, limits, anchors)) if last else None
-        points = walked(points, rings, held, limits, phase.walk, account, device, report, done)
-        account.repairs += last
-        seen = objective.iou(points)
-    if seen is None:
-        frame, target, _ = picture_at(problem.view, problem.mask, settings.fine_px, True, device)
-        seen = iou_of(points, rings, frame, target, radius)
-    beyond = max((a.beyond(points) for a in anchors), default=-np.inf)
-    return FrameResult(
-        points, standing(points, rings, limits), seen, account, beyond, effects=effects
-    )
-
-
-def _wanting(points: Array, rings: Rings, limits: Limits, anchors: Sequence[Anchor]) -> bool:
-    """Whether a limit, or the motion's bound, is not kept."""
-    if any(a.beyond(points) > 0 for a in anchors):
-        return True
-    return bool(standing(points, rings, limits).violations)
+def _beyond(result: SearchResult, anchors: Sequence[Anchor]) -> float:
+    return max((a.beyond(result.knots.points) for a in anchors), default=-np.inf)

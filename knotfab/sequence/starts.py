@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.design.design import opening_iou
+from knotfab.design.question import opening_iou
 from knotfab.geometry.polylines import Rings
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
@@ -57,14 +57,14 @@ class Following:
     outline_mm: float  # from the frame just before
     device: str
 
-    def search(self, nearest: int, report: Callable[[float, float], None]) -> Trial:
+    def search(self, nearest: int, report: Callable[[float, float | None], None]) -> Trial:
         """The frame's knot, from the earlier frame `nearest` if that serves.
 
         Where that breaks a limit or draws badly, it begins from the frame just before, is not bound
         to close, or has more iterations; the best of the trials is kept.
         """
         last = len(self.known) - 1
-        wanted = opening_iou(self.problems[-1].polygon, self.radius) - _POOR
+        wanted = opening_iou(self.problems[-1].polygons[0], self.radius) - _POOR
         bound = [] if self.back is None else [(nearest, True, 1.0), (last, True, 1.0)]
         free = [(nearest, False, 1.0), (last, False, 1.0), (last, False, _MORE)]
         best: Trial | None = None
@@ -78,17 +78,17 @@ class Following:
                 self.settings.scaled(effort),
                 self.taut_mm,
                 [
-                    Anchor(self.known[last], self.outline_mm + self.radius),
+                    Anchor(self.known[last], self.outline_mm + self.radius, self.radius),
                     *([] if back is None else [back]),
                 ],
                 self.device,
                 report,
             )
-            found.account.template = f"the knot of frame {origin + 1}"
+            found.result.log.template = f"the knot of frame {origin + 1}"
             trial = Trial(found, origin, back)
             if best is None or trial.quality > best.quality:
                 best = trial
-            if found.sound and found.iou_estimate >= wanted:
+            if found.sound and found.result.iou_estimate >= wanted:
                 break
         assert best is not None
         return best
@@ -104,4 +104,4 @@ class Trial:
 
     @property
     def quality(self) -> tuple[bool, float]:
-        return self.found.sound, self.found.iou_estimate
+        return self.found.sound, self.found.result.iou_estimate

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf
 from knotfab.knots import Knots
-from knotfab.part.assemble import Part, part_of, pose_of
+from knotfab.part.assemble import Part, part_of
 from knotfab.part.clean import as_written
+from knotfab.part.write import posed_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
-from knotfab.report.of_build import check_part
+from knotfab.request import Request
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Scene
 from knotfab.sequence.chain import Frame
-from knotfab.sequence.verifying import FrameFiles, FrameVerifier
 from knotfab.sequence.zoetrope import Zoetrope, zoetrope
+from knotfab.slicer.result import NotSliced, Sliced
+from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target
+from knotfab.verify.checks import refused
+from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["PICTURES", "ZOETROPE", "Written", "write_frame", "write_scene", "write_zoetrope"]
 
@@ -34,13 +36,17 @@ ZOETROPE = "zoetrope"
 
 @dataclass(frozen=True)
 class Written:
-    """One frame as it was written, and the validators' verdict to come; `part` None if none fits."""
+    """One frame as it was written; `part` None if none fits.
+
+    `verdict` waits for the validators, and `sliced` is what the slicer will say, None where it is not asked.
+    """
 
     frame: Frame
     scene: Scene  # with its pose
     knots: Knots  # placed as in the file
     part: Part | None
-    answer: Future[dict[str, Any]]
+    verdict: Callable[[], dict[str, Any]]
+    sliced: Future[Sliced | NotSliced] | None = None
 
     @property
     def number(self) -> str:
@@ -52,23 +58,20 @@ def write_frame(
     folder: OutputFolder,
     frame: Frame,
     target: Target,
-    printing: bool,
-    verifier: FrameVerifier,
+    request: Request,
+    verifier: Verifier,
+    slicer: SlicerQueue,
     progress: Progress,
 ) -> Written:
-    """Write one frame's part, knots, scene and picture, and hand them over to be verified.
+    """Write one frame's part, knots, scene and picture, and hand them over to be verified and sliced.
 
     Where no part can be made of it, or the printer holds none, its verdict says why.
     """
-    made, number = frame.made, target.name.removeprefix("frame-")
-    folder.write(made.scene.views[0].picture, target.png_bytes)
+    made, suffix = frame.made, "-" + target.name.removeprefix("frame-")
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
-    stl = folder.file(f"part-{number}.stl")
-    knots = folder.file(f"knots-{number}.json")
-    placed = folder.file(f"scene-{number}.toml")
     try:
-        part = part_of(made, printing, target, progress)
+        part = part_of(made, request.printing, target, progress)
         if part.plates is not None:
             raise SceneError(
                 target.name,
@@ -76,44 +79,24 @@ def write_frame(
                 "Use a smaller frame (scene key frame_width_mm), or another printer",
             )
     except SceneError as error:
-        scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
-        made.knots.write(knots)
-        folder.write(placed.name, dump_scene(scene))
-        return Written(frame, scene, made.knots, None, _refused(str(error)))
+        scene = write_unbuilt(folder, made, [target], suffix)
+        verdict = refused(str(error))
+        return Written(frame, scene, made.knots, None, lambda: verdict)
     with progress.stage("part"):
-        scene = part.mounted.scene.model_copy(update={"pose": pose_of(part.pose.matrix)})
-        write_stl(stl, part.bodies)
-        write_3mf(
-            stl.with_suffix(".3mf"),
-            part.bodies,
-            part.mounted.names,
-            title=f"knotfab {target.name}",
-            colors=[scene.material.color] * len(part.bodies),
+        scene = posed_scene(part)
+        write_part(folder, part, scene, [target], request.colours, suffix)
+    answer = verifier.submit(
+        Files(
+            folder.file(f"part{suffix}.stl"),
+            folder.file(f"knots{suffix}.json"),
+            folder.file(f"scene{suffix}.toml"),
+            folder.work,
         )
-        part.pose.knots.write(knots)
-        folder.write(placed.name, dump_scene(scene))
-    return Written(
-        frame,
-        scene,
-        part.pose.knots,
-        part,
-        verifier.submit(FrameFiles(stl, knots, placed, folder.work)),
     )
-
-
-def _refused(why: str) -> Future[dict[str, Any]]:
-    """The verdict on a frame that has no part."""
-    answer: Future[dict[str, Any]] = Future()
-    answer.set_result(
-        {
-            "status": "fail",
-            "exit_code": 1,
-            "checks": [check_part(why)],
-            "views": [],
-            "seconds": {},
-        }
-    )
-    return answer
+    sliced = None
+    if request.printing and "slicer" not in request.skip:
+        sliced = slicer.submit(folder.file(f"part{suffix}.3mf"), scene)
+    return Written(frame, scene, part.pose.knots, part, answer.result, sliced)
 
 
 def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
@@ -147,8 +130,6 @@ def write_zoetrope(folder: OutputFolder, frames: Sequence[Frame]) -> Zoetrope:
     write_3mf(
         folder.file(f"{ZOETROPE}.3mf"),
         [spun.mesh],
-        [ZOETROPE],
-        title="knotfab zoetrope",
-        colors=[scene.material.color],
+        "knotfab zoetrope",
     )
     return spun

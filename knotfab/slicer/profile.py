@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
+from pathlib import Path
 
 from knotfab.scene.model import Scene
 
-__all__ = ["line_width", "profile", "profile_text", "why_not_sliced"]
+__all__ = ["PROFILE", "line_width", "profile", "why_not_sliced", "write_profile"]
+
+PROFILE = "slicer.ini"
 
 FILAMENT_MM = 1.75
 LEAST_NOZZLE_MM = 0.1  # narrower is the spot of a laser or a pixel of a screen, not a nozzle
@@ -116,6 +119,8 @@ def profile(scene: Scene) -> dict[str, str]:
     return {key: str(value) for key, value in settings.items()}
 
 
-def profile_text(settings: dict[str, str]) -> str:
-    """`settings` as an .ini file."""
-    return "".join(f"{key} = {value}\n" for key, value in settings.items())
+def write_profile(folder: Path, scene: Scene) -> None:
+    """Write `profile` as slicer.ini, where a slicer for filament has something to say of the piece."""
+    if why_not_sliced(scene) is None:
+        text = "".join(f"{key} = {value}\n" for key, value in profile(scene).items())
+        (folder / PROFILE).write_text(text, encoding="utf-8")

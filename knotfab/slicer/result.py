@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from knotfab.slicer.known_warnings import SlicerWarning
 
-__all__ = ["CrossCheck", "NotSliced", "Sliced"]
+__all__ = ["CrossCheck", "NotSliced", "Sliced", "sum_slicings"]
 
 
 @dataclass(frozen=True)
@@ -66,3 +68,38 @@ class NotSliced:
     reason: str
     remedy: str = ""
     said: str = ""  # by PrusaSlicer
+
+
+def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
+    """What several files come to, by their names: the first that could not be sliced decides.
+
+    Times, filament, layers and objects are summed; checks and warnings say of which file they are, and
+    the command is that of part-N.3mf.
+    """
+    for name, one in files.items():
+        if isinstance(one, NotSliced):
+            known = one.kind in ("refused", "crashed")
+            return replace(one, reason=f"{name}: {one.reason}") if known else one
+    all_ = {name: one for name, one in files.items() if isinstance(one, Sliced)}
+    if len(all_) == 1:
+        return next(iter(all_.values()))
+    first, each = next(iter(all_.values())), all_.values()
+    return replace(
+        first,
+        time_s=sum(one.time_s for one in each),
+        filament_m=sum(one.filament_m for one in each),
+        filament_g=sum(one.filament_g for one in each),
+        support_m=sum(one.support_m for one in each),
+        layers=sum(one.layers for one in each),
+        objects=sum(one.objects for one in each),
+        seconds=sum(one.seconds for one in each),
+        command=re.sub(r"-\d+\.(3mf|gcode)\b", r"-N.\1", first.command),
+        warnings=tuple(
+            replace(w, text=f"{name}: {w.text}") for name, one in all_.items() for w in one.warnings
+        ),
+        checks=tuple(
+            replace(c, detail=f"{name}: {c.detail}")
+            for name, one in all_.items()
+            for c in one.checks
+        ),
+    )

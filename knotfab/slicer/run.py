@@ -1,4 +1,4 @@
-"""Slice the written 3MF with PrusaSlicer, beside the build, without touching anybody's settings."""
+"""Slice written 3MF files with PrusaSlicer, beside the build, without touching anybody's settings."""
 
 from __future__ import annotations
 
@@ -8,28 +8,61 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.files.threemf import Body, read_bodies, write_3mf
+from knotfab.files.threemf import read_shells
 from knotfab.scene.model import Scene
 from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import BadGcode, read_gcode
 from knotfab.slicer.known_warnings import read_warnings
 from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
-from knotfab.slicer.profile import profile, profile_text, why_not_sliced
+from knotfab.slicer.profile import PROFILE, profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
 
-__all__ = ["TIMEOUT_S", "Slicing", "slice_part"]
-
-Array = NDArray[np.float64]
+__all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
 
 TIMEOUT_S = 300.0
 MOST_QUOTED = 400  # characters of what it said
+
+
+class SlicerQueue:
+    """`slice_part` of one file after the other on a thread, while others search and verify.
+
+        with SlicerQueue() as queue:
+            sliced = queue.submit(folder / "part.3mf", scene)
+            ...
+            sliced.result()
+
+    Leaving the context ends the program if it still runs, and removes its temporary files.
+
+    Args:
+        work: an existing folder for temporary files; the machine's by default.
+    """
+
+    def __init__(
+        self, work: Path | None = None, timeout_s: float = TIMEOUT_S, program: str | None = None
+    ) -> None:
+        self._work = Path(tempfile.gettempdir()) if work is None else work
+        self._timeout_s, self._program = timeout_s, program
+        self._stop = threading.Event()
+        self._thread = ThreadPoolExecutor(1)
+
+    def __enter__(self) -> SlicerQueue:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def submit(self, part_3mf: Path, scene: Scene) -> Future[Sliced | NotSliced]:
+        """Slice a file that `write_3mf` wrote, when its turn comes."""
+        return self._thread.submit(
+            slice_part, part_3mf, scene, self._work, self._timeout_s, self._program, self._stop
+        )
 
 
 def slice_part(
@@ -38,134 +71,72 @@ def slice_part(
     work: Path,
     timeout_s: float = TIMEOUT_S,
     program: str | None = None,
+    stop: threading.Event | None = None,
 ) -> Sliced | NotSliced:
-    """Slice a part as `write_3mf` wrote it, and compare the G-code with it.
+    """Slice a written part with the profile that lies beside it, and compare the G-code with it.
+
+    Both files are taken byte for byte, and the command is the one that is reported: run by hand in
+    their folder it writes the same G-code, but for its date.
 
     Args:
-        scene: resolved; its printer and material give the profile.
+        part_3mf: as `write_3mf` wrote it, beside the `slicer.ini` of `write_profile`.
+        scene: resolved; its printer is what the G-code must keep to.
         work: an existing folder for temporary files, all of which are removed again.
         timeout_s: over both runs of the program.
         program: of PrusaSlicer; the one on the path by default.
+        stop: ends the program when it is set.
+
+    Raises:
+        ValueError: the file is not a 3MF.
     """
-    with Slicing(part_3mf, scene, work, timeout_s, program) as slicing:
-        return slicing.result()
-
-
-class Slicing:
-    """`slice_part` on a thread, so that the other core slices while this one verifies.
-
-    Leaving the context ends the program if it still runs and removes the temporary files.
-
-        with Slicing(part, scene, work) as slicing:
-            ...
-            sliced = slicing.result()
-    """
-
-    def __init__(
-        self,
-        part_3mf: Path,
-        scene: Scene,
-        work: Path,
-        timeout_s: float = TIMEOUT_S,
-        program: str | None = None,
-    ) -> None:
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-        self._folder: Path | None = None
-        self._error: BaseException | None = None
-        program = program or find_slicer()
-        reason = why_not_sliced(scene)
-        if reason is not None:
-            self._result: Sliced | NotSliced | None = NotSliced("process", reason)
-            return
-        if program is None:
-            self._result = NotSliced("missing", "PrusaSlicer is not installed", REMEDY)
-            return
-        self._result = None
-        self._folder = Path(tempfile.mkdtemp(prefix="slicer-", dir=work))
-        try:
-            bodies = read_bodies(part_3mf)
-            job = _Job(program, self._folder, bodies, scene, timeout_s, self._stop)
-            job.write(part_3mf)
-        except BaseException:
-            self._clear()
-            raise
-        self._thread = threading.Thread(target=self._work, args=(job,), daemon=True)
-        self._thread.start()
-
-    def __enter__(self) -> Slicing:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
-        self._clear()
-
-    def result(self) -> Sliced | NotSliced:
-        """Wait for the program, and say what came of it."""
-        if self._thread is not None:
-            self._thread.join()
-        if self._error is not None:
-            raise self._error
-        assert self._result is not None
-        return self._result
-
-    def _work(self, job: _Job) -> None:
-        try:
-            self._result = job.run()
-        except BaseException as error:  # of the thread, raised where the result is asked for
-            self._error = error
-
-    def _clear(self) -> None:
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
+    program = program or find_slicer()
+    reason = why_not_sliced(scene)
+    if reason is not None:
+        return NotSliced("process", reason)
+    if program is None:
+        return NotSliced("missing", "PrusaSlicer is not installed", REMEDY)
+    with tempfile.TemporaryDirectory(prefix="slicer-", dir=work, ignore_cleanup_errors=True) as own:
+        for path in (part_3mf, part_3mf.with_name(PROFILE)):
+            shutil.copyfile(path, Path(own) / path.name)
+        return _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop).run()
 
 
 class _Job:
-    """Everything one slicing needs, in a folder of its own."""
+    """One slicing in a folder of its own, with the files in it."""
 
     def __init__(
         self,
         program: str,
         folder: Path,
-        bodies: Sequence[Body],
+        name: str,
         scene: Scene,
         timeout_s: float,
-        stop: threading.Event,
+        stop: threading.Event | None,
     ) -> None:
-        self.program, self.folder, self.bodies, self.scene = program, folder, bodies, scene
+        self.program, self.folder, self.name, self.scene = program, folder, name, scene
         self.timeout_s, self.stop = timeout_s, stop
         self.began = time.monotonic()
-        self.settings = profile(scene)
-        low, high = box_of(bodies)
-        across, deep, _ = scene.printer.build_volume_mm
-        self.middle = np.array([across / 2, deep / 2])
-        self.shift = np.append(self.middle - (low + high)[:2] / 2, -low[2])
-
-    def write(self, part_3mf: Path) -> None:
-        (self.folder / "slicer.ini").write_text(profile_text(self.settings), encoding="utf-8")
-        shutil.copyfile(part_3mf, self.folder / "part.3mf")
-        if len(self.bodies) > 1:
-            write_3mf(self.folder / "one.3mf", [_together(self.bodies)])
 
     def run(self) -> Sliced | NotSliced:
-        # PrusaSlicer drops every object of a file onto the bed by itself, and holds up only what is
-        # above the bed within one object: several bodies are sliced as one object, as its window
-        # does on request.
-        sliced_file = "one.3mf" if len(self.bodies) > 1 else "part.3mf"
-        center = ",".join(f"{x:g}" for x in self.middle)
-        options = ["--load", "slicer.ini", "--dont-arrange", "--center", center]
-        info = self._call("--info", "part.3mf")
+        shells = read_shells(self.folder / self.name)
+        low, high = box_of(shells)
+        across, deep, _ = self.scene.printer.build_volume_mm
+        middle = np.array([across / 2, deep / 2])
+        shift = np.append(middle - (low + high)[:2] / 2, -low[2])
+        written = Path(self.name).with_suffix(".gcode").name
+        command = [
+            *("--load", PROFILE, "--dont-arrange", "--center", ",".join(f"{x:g}" for x in middle)),
+            *("--export-gcode", "--output", written, self.name),
+        ]
+        info = self._call("--info", self.name)
         if isinstance(info, NotSliced):
             return info
-        objects, reading = compare_info(info.out, self.bodies)
-        ended = self._call(*options, "--export-gcode", "--output", "part.gcode", sliced_file)
+        objects, reading = compare_info(info.out, shells)
+        ended = self._call(*command)
         if isinstance(ended, NotSliced):
             return ended
         try:
-            gcode = read_gcode(self.folder / "part.gcode")
+            gcode = read_gcode(self.folder / written)
         except BadGcode as error:
             return NotSliced("crashed", f"exit code 0, but {error}", said=_quoted(ended))
         return Sliced(
@@ -178,9 +149,9 @@ class _Job:
             layers=gcode.layers,
             objects=objects,
             warnings=tuple([*read_warnings(ended.out), *read_warnings(ended.err)]),
-            checks=(reading, *compare_gcode(gcode, self.bodies, self.scene, self.shift)),
-            command=shlex.join(["prusa-slicer", *options, "--export-gcode", "part.3mf"]),
-            profile=self.settings,
+            checks=(reading, *compare_gcode(gcode, shells, self.scene, shift)),
+            command=shlex.join(["prusa-slicer", *command]),
+            profile=profile(self.scene),
             seconds=time.monotonic() - self.began,
         )
 
@@ -214,13 +185,6 @@ class _Job:
             if not key.startswith(("LC_", "XDG_")) and key not in ("DISPLAY", "WAYLAND_DISPLAY")
         }
         return {**kept, "HOME": home, "XDG_CONFIG_HOME": home, "LANG": "C.UTF-8"}
-
-
-def _together(bodies: Sequence[Body]) -> tuple[Array, NDArray[np.int32]]:
-    """All bodies as one mesh."""
-    first = np.cumsum([0, *(len(body.vertices) for body in bodies[:-1])])
-    faces = [body.faces + shift for body, shift in zip(bodies, first, strict=True)]
-    return np.concatenate([b.vertices for b in bodies]), np.concatenate(faces).astype(np.int32)
 
 
 def _quoted(ended: Ended) -> str:

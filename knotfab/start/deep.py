@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter1d, uniform_filter
-from shapely import MultiPolygon
 
+from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
-from knotfab.search.several import Shot, view_axes
 from knotfab.start.filling import even_samples, fill, simple_curves, smooth_closed
 
 __all__ = ["deep_curves"]
@@ -63,10 +62,10 @@ class _Other:
         return np.asarray(new[at[..., 0], at[..., 1]])
 
 
-def _other(shot: Shot, points: Array, radius: float) -> _Other:
+def _other(target: TargetView, points: Array, radius: float) -> _Other:
     """The view's grids, with all samples at all depths (n, levels, 3) looked up."""
-    cell_mm = _CELL * radius * shot.view.magnification
-    wanted, camera = grid_at(shot.view, shot.mask, cell_mm, _MARGIN, more=4)
+    cell_mm = _CELL * radius * target.view.magnification
+    wanted, camera = grid_at(target.view, target.mask, cell_mm, _MARGIN, more=4)
     seen = camera.project(points.reshape(-1, 3))
     reach = int(np.ceil(1 / _CELL))
     limit = np.array(wanted.shape) - reach - 1
@@ -140,8 +139,7 @@ def _depths(others: list[_Other]) -> list[int]:
 
 
 def deep_curves(
-    shots: Sequence[Shot],
-    polygons: Sequence[MultiPolygon],
+    views: Sequence[TargetView],
     facing: int,
     radius: float,
     step: float,
@@ -150,15 +148,14 @@ def deep_curves(
     """Closed polylines (n, 3), mm, simple as the light of view `facing` sees them; else None.
 
     Args:
-        shots: two views or more.
-        polygons: what is to be filled in each, in the plane through the origin along its own axes, mm.
+        views: two or more.
         radius: tube radius, mm.
         step: between vertices, mm.
         reach: the largest depth before and behind the middle, mm.
     """
-    right, up, towards = view_axes(shots[facing].view)
-    light = shots[facing].view.light_distance_mm
-    rest = [shot for n, shot in enumerate(shots) if n != facing]
+    right, up, towards = views[facing].axes
+    light = views[facing].view.light_distance_mm
+    rest = [target for n, target in enumerate(views) if n != facing]
     half = int(reach / (_LEVEL * radius))
     depths = _LEVEL * radius * np.arange(-half, half + 1)
 
@@ -169,7 +166,7 @@ def deep_curves(
         return np.asarray(near[..., None] * plane + depth[..., None] * towards)
 
     curves, flats = [], []
-    for curve in fill(polygons[facing], radius, 1).curves:
+    for curve in fill(views[facing].left or views[facing].polygon, radius, 1).curves:
         fine = even_samples(curve, 0.25 * radius)
         every = round(_STEP / 0.25)
         count = max(4, len(fine) // every)
@@ -177,7 +174,7 @@ def deep_curves(
         middle = fine[np.rint(at + 0.5 * len(fine) / count).astype(int) % len(fine)]
         where = np.repeat(middle[:, None], len(depths), axis=1)
         points = placed(where, np.broadcast_to(depths, where.shape[:2]))
-        nodes = _depths([_other(shot, points, radius) for shot in rest])
+        nodes = _depths([_other(target, points, radius) for target in rest])
         nearest = np.rint(np.arange(len(fine)) * count / len(fine)).astype(int) % count
         # at each node its own level, and the sweeps between them as steep as the samples allow
         deep = gaussian_filter1d(depths[nodes][nearest], 2.0, mode="wrap")

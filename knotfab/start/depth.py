@@ -7,16 +7,15 @@ least be read elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import erf
 
+from knotfab.problem import DepthChoice
 from knotfab.start.legibility import legibility
 
-__all__ = ["DepthChoice", "choose_depth", "lift"]
+__all__ = ["choose_depth", "lift"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,14 +23,6 @@ Index = NDArray[np.int64]
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
-
-
-@dataclass(frozen=True)
-class DepthChoice:
-    """Depths (mm towards the light) of each template vertex, and what they were chosen for."""
-
-    depths: tuple[Array, ...]
-    legibility: float
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:

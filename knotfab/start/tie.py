@@ -43,7 +43,8 @@ class Room:
     """Where the knot may be, mm: `polygon` is the silhouette in the plane z = 0.
 
     `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
-    radius if that is larger; `outside` says how far a tube about these points leaves its region.
+    radius if that is larger; `outside` says how far a tube about these points leaves its region. `others`
+    are the views from elsewhere: silhouette in the plane through the origin, axes as rows, light's distance.
     """
 
     polygon: MultiPolygon
@@ -51,6 +52,7 @@ class Room:
     radius: float
     unit: float
     outside: Callable[[Array], float]
+    others: tuple[tuple[MultiPolygon, Array, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,8 @@ def _sites(
     unit, light = room.unit, room.light
     step = float(np.linalg.norm(_next(curve) - curve, axis=1).mean())
     cut = max(2, round(_CUT * unit / step))
-    inside = _Inside(room)
+    inside = _Inside(room.polygon, _GRID * room.radius)
+    elsewhere = [(_Inside(p, _GRID * room.radius), a, d) for p, a, d in room.others]
     shadows = [_shadow(c, light) for c in (curve, *rest)]
     every = np.concatenate(shadows)
     heights = np.concatenate([curve, *rest])[:, 2]
@@ -200,6 +203,10 @@ def _sites(
             deeper = np.maximum(np.maximum(z.max(axis=1) - high, low - z.min(axis=1)), 0.0)
             # the tube's shadow is as much wider as it is nearer to the light
             out = room.radius / (1.0 - z / light) - inside(_shadow(points, light))
+            for within, axes, distance in elsewhere:
+                seen = points @ axes.T
+                grown_radius = room.radius / (1.0 - seen[..., 2] / distance)
+                out = np.maximum(out, grown_radius - within(_shadow(seen, distance)))
             over = np.maximum(out, 0.0) / room.radius
             cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
             cost += 0.01 * np.abs(base - at[2]) / unit
@@ -210,15 +217,15 @@ def _sites(
 class _Inside:
     """Distance of points of the plane z = 0 to the silhouette's outline, negative outside, mm."""
 
-    def __init__(self, room: Room) -> None:
-        self.step = _GRID * room.radius
-        low_x, low_y, high_x, high_y = room.polygon.bounds
+    def __init__(self, polygon: MultiPolygon, step: float) -> None:
+        self.step = step
+        low_x, low_y, high_x, high_y = polygon.bounds
         self.corner = np.array([low_x, low_y]) - 4 * self.step
         count = np.ceil((np.array([high_x, high_y]) - self.corner) / self.step).astype(int) + 5
         x = self.corner[0] + self.step * np.arange(count[0])
         y = self.corner[1] + self.step * np.arange(count[1])
-        shapely.prepare(room.polygon)
-        within = shapely.contains_xy(room.polygon, *np.meshgrid(x, y, indexing="ij"))
+        shapely.prepare(polygon)
+        within = shapely.contains_xy(polygon, *np.meshgrid(x, y, indexing="ij"))
         depth = distance_transform_edt(within) - distance_transform_edt(~within)
         self.depth = self.step * np.asarray(depth, dtype=np.float64)
 

@@ -14,11 +14,9 @@ from knotfab.errors import SceneError
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
-from knotfab.render.picture import frame_mm, picture_at
+from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.objective import iou_of
-from knotfab.search.search import Infeasible, Problem, search
-from knotfab.start.filling import Template
+from knotfab.search.search import search
 from knotfab.tradeoff.points import Point
 
 __all__ = [
@@ -54,10 +52,10 @@ class Measured:
 
 
 def true_iou(problem: Problem, knots: Knots, device: str = "cpu") -> float:
-    """IoU of the round tube's silhouette with the picture, both at 1024 px on the longer side."""
-    frame, target, _ = picture_at(problem.view, problem.mask, YARDSTICK_PX, True, device)
+    """IoU of the round tube's silhouette, at 1024 px, with the picture that it draws worst."""
     rings = rings_of_sizes(tuple(len(k.points) for k in knots.knots))
-    return iou_of(knots.points, rings, frame, target, knots.radius_mm)
+    images = [v.image_at(knots.radius_mm, YARDSTICK_PX, device) for v in problem.views]
+    return min(image.iou(knots.points, rings, knots.radius_mm) for image in images)
 
 
 def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
@@ -65,20 +63,17 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
 
     a = 2 pi / sides; seen at the piece's middle and in pixels of the yardstick.
     """
-    view = problem.view
-    pixel = max(frame_mm(view)) / YARDSTICK_PX
-    return float(radius * (2 * np.pi / sides) ** 2 / 12 * view.magnification / pixel)
+    stands_out = radius * (2 * np.pi / sides) ** 2 / 12
+    views = (v.view for v in problem.views)
+    return max(stands_out * v.magnification / (v.longer_mm / YARDSTICK_PX) for v in views)
 
 
 def _run(
-    problem: Problem, template: Template, radius: float, settings: SearchSettings, device: str
+    problem: Problem, start: Start, radius: float, settings: SearchSettings, device: str
 ) -> tuple[Knots, bool, int, float, float, int]:
     begun = time.perf_counter()
-    try:
-        result = search(problem, template, radius, settings, device)
-        feasible = True
-    except Infeasible as error:
-        result, feasible = error.result, False
+    result = search(problem, start, radius, settings, device=device)
+    feasible = result.feasible
     searched = time.perf_counter()
     faces = 0
     for knot in result.knots.knots:
@@ -87,12 +82,12 @@ def _run(
         except SceneError:
             feasible = False  # bends that no tube of this radius can take
     swept = time.perf_counter()
-    return result.knots, feasible, result.account.repairs, searched - begun, swept - searched, faces
+    return result.knots, feasible, result.log.repairs, searched - begun, swept - searched, faces
 
 
 def measure(
     problem: Problem,
-    template: Template,
+    start: Start,
     radius: float,
     points: Sequence[Point],
     repeats: int = 1,
@@ -109,7 +104,7 @@ def measure(
     for turn in range(repeats):
         for k, point in enumerate(points):
             knots, feasible, repairs, searched, swept, faces = _run(
-                problem, template, radius, point.settings, device
+                problem, start, radius, point.settings, device
             )
             seconds[k].append((searched, swept))
             if turn == 0:

@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from knotfab import __version__
-from knotfab.design.design import problem_of, resolve_view
-from knotfab.design.radius import choose_radius
+from knotfab.design.design import choose_tube
+from knotfab.design.question import ask
 from knotfab.errors import InputError
 from knotfab.progress import Progress
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
-from knotfab.start.filling import fill
 from knotfab.target.read import read_target
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.measure import Measured, measure, to_dict
@@ -63,26 +61,11 @@ def tradeoff(
     if not os.access(out, os.W_OK):
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
     target = read_target(source, invert=scene.views[0].invert, base=base)
-    scene = resolve(scene, [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    scene = scene.model_copy(update={"views": (view,)})
     settings = search_settings(scene.accuracy.name, scene.search)
-    problem = problem_of(scene, target)
-    knots = None if scene.piece.knots == "auto" else int(scene.piece.knots)
-    assert view.frame_width_mm is not None
-    with progress.stage("radius"):
-        least = scene.printer.min_tube_radius_mm
-        if scene.piece.tube_radius_mm == "auto":
-            choice = choose_radius(
-                problem, view.frame_width_mm, least, knots, settings, progress.update, device
-            )
-            radius, template = choice.radius_mm, choice.template
-        else:
-            radius = float(scene.piece.tube_radius_mm)
-            template = fill(problem.polygon, radius, knots)
+    question, radius, start, _ = choose_tube(ask(scene, [target]), settings, progress, device)
     asked = list(chosen) if chosen is not None else points(settings)
     with progress.stage("measure"):
-        measured = measure(problem, template, radius, asked, repeats, device, progress.update)
+        measured = measure(question.problem, start, radius, asked, repeats, device, progress.update)
     content: dict[str, Any] = {
         "schema": 1,
         "picture": target.name,

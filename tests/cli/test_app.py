@@ -18,7 +18,7 @@ from PIL import Image
 
 import knotfab as package
 from knotfab.errors import InputError, MachineError
-from knotfab.verify.verifier import Verifier
+from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
 BOMB = (
@@ -317,9 +317,29 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
 def test_the_verifier_answers_for_files_that_cannot_be_read(tmp_path: Path) -> None:
     bad = tmp_path / "knots.json"
     bad.write_text("{}")
-    with Verifier(graphics=False) as verifier, pytest.raises(InputError, match=r"knots\.json"):
-        verifier.begin(None, bad, None, [], None)
-        verifier.verdict()
+    with Verifier({"shadow-render"}) as verifier:
+        answer = verifier.submit(Files(None, bad))
+        with pytest.raises(InputError, match=r"knots\.json"):
+            answer.result()
+
+
+def test_a_verifier_answers_for_several_pieces_and_ends_what_is_not_done(tmp_path: Path) -> None:
+    """Each in its turn, whatever became of the one before; nothing of it is left."""
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    bad.write_text("{}")
+    good.write_text(
+        json.dumps({"schema": 1, "unit": "mm", "knots": [{"closed": True, "points": ring()}]})
+    )
+    with Verifier(shadows=False) as verifier:
+        answers = [verifier.submit(Files(None, path)) for path in (bad, good, good)]
+        with pytest.raises(InputError):
+            answers[0].result()
+        first, second = (answer.result() for answer in answers[1:])
+        assert first["checks"] == second["checks"] and first["exit_code"] == 0
+        skipped = verifier.submit(Files(None, good), ["thickness"]).result()
+        assert {c["name"]: c["status"] for c in skipped["checks"]}["thickness"] == "skipped"
+        pending = [verifier.submit(Files(None, good)) for _ in range(50)]
+    assert pending[-1].halves[0].cancelled()
 
 
 def ring(n: int = 200, size: float = 20.0) -> list[list[float]]:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free, turn_matrix
+from knotfab.search.free_search import FreeObjective, free_search
 
 from examples.paper.curves import torus_knot
 from knotfab.design.design import design, problem_of, resolve_view
@@ -12,14 +14,12 @@ from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.render.frame import frame_of
-from knotfab.render.free_frame import FreeFrame, Sheet, free_frame, render_free, turn_matrix
 from knotfab.render.picture import picture_at
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Piece, Scene, View
 from knotfab.scene.settings import PRESETS
-from knotfab.search.free_search import FreeObjective, free_search
 from knotfab.search.objective import Weights
 from knotfab.search.phases import SETTLE
 from knotfab.search.pose import ALL, Bounds, Unknowns, ViewNumbers, fit_view

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from knotfab.search.several import SeveralProblem, Shot, search_several
+from knotfab.start.several import start_of
 from shapely import MultiPolygon, Point
 
 from examples.hard_cases.pictures import hard_pictures
@@ -23,9 +25,7 @@ from knotfab.report.report_json import plain
 from knotfab.scene.model import Region, Scene, View
 from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
-from knotfab.search.several import SeveralProblem, Shot, search_several
 from knotfab.start.filling import fill
-from knotfab.start.several import start_of
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import polygon_of
 

@@ -15,7 +15,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from knotfab.files.stl import write_stl
-from knotfab.files.threemf import read_back_strict, read_bodies, write_3mf
+from knotfab.files.threemf import (
+    read_back_strict,
+    read_shells,
+    write_3mf,
+    write_coloured_3mf,
+)
+from knotfab.geometry.meshes import join_meshes, split_shells
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab_validators.read_mesh import read_mesh
@@ -69,42 +75,40 @@ def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
     about = model.GetMetaDataGroup()
     found = {about.GetMetaData(i).GetName(): about.GetMetaData(i).GetValue() for i in range(2)}
     assert found["Title"] == "Ring & <ring>" and found["Application"].startswith("knotfab ")
-    # one thing to print, whose components are the bodies, where they are
-    items = model.GetBuildItems()
-    assert items.Count() == 1 and items.MoveNext()
+    # one thing to print: one mesh of all bodies, where they are
+    items, objects = model.GetBuildItems(), model.GetObjects()
+    assert items.Count() == objects.Count() == 1 and items.MoveNext()
     _is_identity(items.GetCurrent().GetObjectTransform())
-    whole = model.GetComponentsObjectByID(items.GetCurrent().GetObjectResourceID())
-    assert whole.GetComponentCount() == 2 and whole.GetName() == "Ring & <ring>"
-    for i, (name, (vertices, faces)) in enumerate(zip(("knot 1", "knot 2"), bodies, strict=True)):
-        component = whole.GetComponent(i)
-        _is_identity(component.GetTransform())
-        body = model.GetMeshObjectByID(component.GetObjectResourceID())
-        assert body.GetName() == name and body.IsManifoldAndOriented()
-        read = np.array([list(p.Coordinates) for p in body.GetVertices()])
-        assert read == pytest.approx(vertices, abs=1e-5) and (read >= 0).all()
-        corners = [list(t.Indices) for t in body.GetTriangleIndices()]
-        assert np.array_equal(corners, faces)
+    whole = model.GetMeshObjectByID(items.GetCurrent().GetObjectResourceID())
+    assert whole.GetName() == "Ring & <ring>" and whole.IsManifoldAndOriented()
+    vertices, faces = join_meshes(bodies)
+    read = np.array([list(p.Coordinates) for p in whole.GetVertices()])
+    assert read == pytest.approx(vertices, abs=1e-5) and (read >= 0).all()
+    assert np.array_equal([list(t.Indices) for t in whole.GetTriangleIndices()], faces)
 
 
 def _is_identity(transform: lib3mf.Transform) -> None:
     assert np.array_equal(np.array(transform.Fields), np.eye(4)[:, :3])
 
 
-def test_one_body_is_the_item_itself(tmp_path: Path, bodies: list[Mesh]) -> None:
+def test_it_holds_no_settings_of_a_slicer(tmp_path: Path, bodies: list[Mesh]) -> None:
+    """The model alone, without what any slicer would take for a profile or a colour of its own."""
     path = tmp_path / "part.3mf"
-    write_3mf(path, bodies[:1])
-    assert read_back_strict(path) == []
+    write_3mf(path, bodies)
     with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
         model = archive.read("3D/3dmodel.model").decode()
-    assert model.count("<object ") == model.count("<item ") == 1 and "<component" not in model
+    assert set(names) == {"[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"}
+    assert model.count("<object ") == model.count("<item ") == model.count("<mesh>") == 1
+    assert "<component" not in model and "<base" not in model
 
 
-def test_a_body_is_read_as_it_was_written(tmp_path: Path, bodies: list[Mesh]) -> None:
+def test_shells_are_read_as_they_were_written(tmp_path: Path, bodies: list[Mesh]) -> None:
     """By the maker's reader, and by the one of the validators, which shares no code with it."""
     path = tmp_path / "part.3mf"
-    write_3mf(path, bodies, names=["tube", "plate"])
-    found = read_bodies(path)
-    assert [body.name for body in found] == ["tube", "plate"]
+    write_3mf(path, bodies)
+    found = read_shells(path)
+    assert [body.name for body in found] == ["shell 1", "shell 2"]
     for body, (vertices, faces) in zip(found, bodies, strict=True):
         assert body.vertices == pytest.approx(vertices, abs=1e-5)
         assert np.array_equal(body.faces, faces)
@@ -113,54 +117,79 @@ def test_a_body_is_read_as_it_was_written(tmp_path: Path, bodies: list[Mesh]) ->
     assert np.array_equal(mesh.vertices[mesh.faces], corners)
 
 
-def test_what_is_no_3mf_has_no_bodies(tmp_path: Path) -> None:
+def test_shells_are_told_apart_whatever_the_order_of_their_faces(bodies: list[Mesh]) -> None:
+    vertices, faces = join_meshes([*bodies, bodies[0]])
+    assert len(vertices) == sum(len(v) for v, _ in bodies) + len(bodies[0][0])
+    mixed = np.random.default_rng(0).permutation(len(faces))
+    found = split_shells((vertices, faces[mixed]))
+    assert sorted(len(f) for _, f in found) == sorted(len(f) for _, f in [*bodies, bodies[0]])
+    for shell in found:
+        assert any(mesh_volume(*shell) == pytest.approx(mesh_volume(*body)) for body in bodies)
+
+
+def test_what_is_no_3mf_has_no_shells(tmp_path: Path) -> None:
     (tmp_path / "part.3mf").write_bytes(b"no archive")
     for name in ("part.3mf", "missing.3mf"):
         with pytest.raises(ValueError, match="not a 3MF"):
-            read_bodies(tmp_path / name)
+            read_shells(tmp_path / name)
 
 
-def test_colours(tmp_path: Path, bodies: list[Mesh]) -> None:
-    path = tmp_path / "part.3mf"
-    write_3mf(path, bodies, colors=["#D9d4c7", "#000001"])
+def test_colours_and_names(tmp_path: Path, bodies: list[Mesh]) -> None:
+    """One item whose components are the bodies, where they are."""
+    path = tmp_path / "part-colours.3mf"
+    names = ["knot 1", "a plate"]
+    write_coloured_3mf(path, bodies, names, ["#D9d4c7", "#000001"], "both")
     assert read_back_strict(path) == []
     model = lib3mf.get_wrapper().CreateModel()
     model.QueryReader("3mf").ReadFromFile(str(path))
-    objects = model.GetMeshObjects()
+    items = model.GetBuildItems()
+    assert items.Count() == 1 and items.MoveNext()
+    whole = model.GetComponentsObjectByID(items.GetCurrent().GetObjectResourceID())
+    assert whole.GetComponentCount() == 2 and whole.GetName() == "both"
     found = []
-    while objects.MoveNext():
-        resource, prop, has = objects.GetCurrentMeshObject().GetObjectLevelProperty()
+    for i, (name, (vertices, faces)) in enumerate(zip(names, bodies, strict=True)):
+        _is_identity(whole.GetComponent(i).GetTransform())
+        body = model.GetMeshObjectByID(whole.GetComponent(i).GetObjectResourceID())
+        assert body.GetName() == name and body.IsManifoldAndOriented()
+        read = np.array([list(p.Coordinates) for p in body.GetVertices()])
+        assert read == pytest.approx(vertices, abs=1e-5)
+        assert np.array_equal([list(t.Indices) for t in body.GetTriangleIndices()], faces)
+        resource, prop, has = body.GetObjectLevelProperty()
         shade = model.GetBaseMaterialGroupByID(resource).GetDisplayColor(prop)
         assert has
         found.append((shade.Red, shade.Green, shade.Blue, shade.Alpha))
     assert found == [(0xD9, 0xD4, 0xC7, 255), (0, 0, 1, 255)]
-    # a colour that occurs twice is one material
-    write_3mf(path, bodies, colors=["#aabbcc", "#AABBCC"])
+    # a colour that occurs twice is one material, and the file is repeatable
+    write_coloured_3mf(path, bodies, names, ["#aabbcc", "#AABBCC"], "both")
     with zipfile.ZipFile(path) as archive:
         assert archive.read("3D/3dmodel.model").decode().count("<base ") == 1
+    again = tmp_path / "again.3mf"
+    write_coloured_3mf(again, bodies, names, ["#aabbcc", "#AABBCC"], "both")
+    assert again.read_bytes() == path.read_bytes()
 
 
 @pytest.mark.parametrize("colors", [["#aabbcc"], ["red", "red"], ["#aabbc", "#aabbcc"], []])
 def test_colours_that_are_none(tmp_path: Path, bodies: list[Mesh], colors: list[str]) -> None:
     with pytest.raises(ValueError, match="colour"):
-        write_3mf(tmp_path / "part.3mf", bodies, colors=colors)
+        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["a", "b"], colors, "x")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(find_slicer() is None, reason=f"PrusaSlicer is not installed: {REMEDY}")
 def test_prusaslicer_opens_it(tmp_path: Path, bodies: list[Mesh]) -> None:
-    write_3mf(tmp_path / "part.3mf", bodies, colors=["#d9d4c7", "#3d6fa5"])
+    write_3mf(tmp_path / "part.3mf", bodies)
     slicer = find_slicer()
     assert slicer is not None
     command = [slicer, "--datadir", str(tmp_path / "settings"), "--info", "part.3mf"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    read = [float(x) for x in re.findall(r"^volume = ([\d.]+)", done.stdout, re.MULTILINE)]
-    assert read == pytest.approx([mesh_volume(*body) for body in bodies], rel=1e-5)
+    (read,) = re.findall(r"^volume = ([\d.]+)", done.stdout, re.MULTILINE)
+    assert float(read) == pytest.approx(sum(mesh_volume(*body) for body in bodies), rel=1e-5)
+    every = join_meshes(bodies)[0]
     for axis, (name, of) in enumerate((n, o) for n in "xyz" for o in ("min", "max")):
-        found = re.findall(rf"^{of}_{name} = ([-\d.]+)", done.stdout, re.MULTILINE)
-        extreme = [getattr(vertices[:, axis // 2], of)() for vertices, _ in bodies]
-        assert [float(x) for x in found] == pytest.approx(extreme, abs=1e-4)
-    assert done.stdout.count("manifold = yes") == 2
+        (found,) = re.findall(rf"^{of}_{name} = ([-\d.]+)", done.stdout, re.MULTILINE)
+        assert float(found) == pytest.approx(getattr(every[:, axis // 2], of)(), abs=1e-4)
+    assert done.stdout.count("manifold = yes") == 1
+    assert re.search(r"^number_of_parts = +2$", done.stdout, re.MULTILINE)
 
 
 def test_locale_is_left_as_it_was(tmp_path: Path, bodies: list[Mesh]) -> None:
@@ -172,21 +201,14 @@ def test_locale_is_left_as_it_was(tmp_path: Path, bodies: list[Mesh]) -> None:
     assert locale.setlocale(locale.LC_ALL) == before
 
 
-def test_3mf_names(tmp_path: Path, bodies: list[Mesh]) -> None:
-    write_3mf(tmp_path / "part.3mf", bodies, names=["tube", "plate"])
-    with zipfile.ZipFile(tmp_path / "part.3mf") as archive:
-        model = archive.read("3D/3dmodel.model").decode()
-    assert 'name="tube"' in model and 'name="plate"' in model
-
-
 def test_what_cannot_be_written_is_refused(tmp_path: Path, bodies: list[Mesh]) -> None:
     below = [(bodies[0][0] - [50.0, 0.0, 0.0], bodies[0][1])]
     broken = [(np.where(bodies[0][0] > 60, np.nan, bodies[0][0]), bodies[0][1])]
     for wrong in (below, broken, [], [(bodies[0][0], bodies[0][1][:0])]):
         with pytest.raises(ValueError):
             write_3mf(tmp_path / "part.3mf", wrong)
-    with pytest.raises(ValueError):
-        write_3mf(tmp_path / "part.3mf", bodies, names=["one"])
+    with pytest.raises(ValueError, match="names"):
+        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["one"], ["#aabbcc"] * 2, "x")
     for wrong in (broken, []):
         with pytest.raises(ValueError):
             write_stl(tmp_path / "part.stl", wrong)

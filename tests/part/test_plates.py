@@ -224,7 +224,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Surface, list[Lai
     plates, whole = laid_out([track(), track(20.0, 30.0) + [0.0, 0.0, 20.0]])
     text = "schema = 1\n[pose]\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"
     for number, plate in enumerate(plates.plates, start=1):
-        write_3mf(folder / f"plate-{number}.3mf", plate.bodies, plate.names)
+        write_3mf(folder / f"plate-{number}.3mf", plate.bodies)
         text += f"[[pose.plates]]\nmatrices = {[m.tolist() for m in plate.to_part]}\n"
     part = merge_equal(np.concatenate([v[f] for v, f in whole.tubes]).astype(np.float32))
     return part, read_plates(folder, parse_scene(tomllib.loads(text))), folder, text

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knotfab.flatten import Flattening
+from knotfab.part.flatter import Flattening
 from knotfab.part.plates import Plate, Plates
 from knotfab.report.posing import add_posing
 from knotfab.slicer.known_warnings import SlicerWarning
-from knotfab.slicer.plates import together
-from knotfab.slicer.result import CrossCheck, Sliced
+from knotfab.slicer.result import CrossCheck, NotSliced, Sliced, sum_slicings
 
 BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
@@ -24,7 +23,7 @@ def part(plates: Plates | None = None, upright: object = None) -> Any:
 
 
 def report() -> dict[str, Any]:
-    return {"print": {}, "notes": ["Opening part.3mf in a slicer: …", "Another."]}
+    return {"print": {}, "notes": ["One.", "Another."]}
 
 
 def test_a_pose_that_the_mount_asks_for() -> None:
@@ -41,9 +40,9 @@ def test_plates_and_their_pins() -> None:
     assert found["print"]["plates"]["files"][2] == {
         "file": "plate-3.3mf", "bodies": ["knot 1"], "size_mm": [10.0, 20.0, 30.0],
     }  # fmt: skip
-    assert found["notes"][0] == "Another."
-    assert "plate-1.3mf to plate-3.3mf" in found["notes"][1]
-    assert "3 cuts are joined by pins of 1.5 mm" in found["notes"][1]
+    assert found["notes"][:2] == ["One.", "Another."]
+    assert "plate-1.3mf to plate-3.3mf" in found["notes"][2]
+    assert "3 cuts are joined by pins of 1.5 mm" in found["notes"][2]
 
 
 @pytest.mark.parametrize(
@@ -70,14 +69,24 @@ def sliced(time_s: float, *, passed: bool) -> Sliced:
     warning = SlicerWarning("empty layer", "", settled=True)
     return Sliced(
         "PrusaSlicer", "2.5", time_s, 1.0, 3.0, 0.5, 100, 1, (warning,), (check,),
-        "prusa-slicer part.3mf", {}, 2.0,
+        "prusa-slicer --output plate-1.gcode plate-1.3mf", {}, 2.0,
     )  # fmt: skip
 
 
 def test_several_plates_are_summed_and_named() -> None:
     plates = [sliced(60.0, passed=True), sliced(90.0, passed=False)]
-    both = together(plates, ["plate-1.3mf", "plate-2.3mf"])
+    both = sum_slicings({"plate-1.3mf": plates[0], "plate-2.3mf": plates[1]})
+    assert isinstance(both, Sliced)
     assert (both.time_s, both.filament_m, both.layers, both.objects) == (150.0, 2.0, 200, 2)
     assert both.problems == ["plate-2.3mf: over the edge"]
     assert [w.text.split(":")[0] for w in both.warnings] == ["plate-1.3mf", "plate-2.3mf"]
-    assert both.command == "prusa-slicer plate-N.3mf"
+    assert both.command == "prusa-slicer --output plate-N.gcode plate-N.3mf"
+
+
+def test_one_file_is_not_renamed_and_one_that_fails_decides() -> None:
+    one = sliced(60.0, passed=True)
+    assert sum_slicings({"part.3mf": one}) is one
+    thin, missing = NotSliced("refused", "it is thin"), NotSliced("missing", "not installed")
+    found = sum_slicings({"plate-1.3mf": one, "plate-2.3mf": thin})
+    assert found == NotSliced("refused", "plate-2.3mf: it is thin")
+    assert sum_slicings({"plate-1.3mf": missing, "plate-2.3mf": thin}) == missing

@@ -14,9 +14,11 @@ from PIL import Image
 
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
-from knotfab.report.pictures import draw_part
+from knotfab.report.pictures import draw_part, eyes_of, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
-from knotfab.report.report_json import assemble, plain, verdict, write_report_json
+from knotfab.report.report_json import assemble, plain, write_report_json
+from knotfab.scene.model import ResolvedView
+from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, unmet
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
@@ -114,12 +116,44 @@ def test_a_key_too_few_is_refused(section: str) -> None:
         assemble(**data)
 
 
-def test_verdict_follows_the_required_checks() -> None:
-    assert verdict([check("a"), check("b", "fail", required=False)]) == "pass"
-    assert verdict([check("a"), check("b", "fail")]) == "fail"
-    assert verdict([check("a"), check("b", "skipped")]) == "fail"
+@pytest.mark.parametrize(
+    ("states", "code"),
+    [
+        ([("pass", True), ("fail", False)], 0),
+        ([("pass", True), ("skipped", False)], 0),
+        ([("pass", True), ("skipped", True)], 3),
+        ([("skipped", True), ("fail", True)], 1),
+        ([], 0),
+    ],
+)
+def test_the_rule_of_what_passes(states: list[tuple[str, bool]], code: int) -> None:
+    """A skipped check proves nothing; one that is not required decides nothing."""
+    checks = [check(f"c{k}", s, required=needed) for k, (s, needed) in enumerate(states)]
+    assert exit_code(checks) == code
+    assert bool(unmet(checks)) == (code != 0)
+    assert assemble(**{**sample(), "checks": checks})["status"] == ("fail" if code else "pass")
+
+
+def test_an_unknown_status_is_refused() -> None:
     with pytest.raises(ValueError, match="status 'passed'"):
-        verdict([check("a", "passed")])
+        exit_code([check("a", "passed")])
+
+
+def test_the_printers_checks_are_checks() -> None:
+    assert set(PRINTER_CHECKS) < set(CHECKS)
+    assert len(set(CHECKS)) == len(CHECKS)
+
+
+def test_eyes_are_those_of_all_views_and_others_beside() -> None:
+    view = ResolvedView(frame_width_mm=100.0, frame_height_mm=100.0)
+    alone = eyes_of([view])
+    angles = np.degrees(np.arctan2(alone[:, 0], alone[:, 2]))
+    assert angles == pytest.approx([0.0, 30.0, 60.0, 90.0])
+    near = view.model_copy(update={"azimuth_deg": 90.0, "light_distance_mm": 300.0})
+    both = eyes_of([view, near])
+    assert both[:2] == pytest.approx(np.array([[0.0, 0.0, 500.0], [300.0, 0.0, 0.0]]), abs=1e-9)
+    others = np.degrees(np.arctan2(both[2:, 0], both[2:, 2]))
+    assert others == pytest.approx([30.0, 60.0])
 
 
 def test_numbers_are_finite_and_plain() -> None:
@@ -219,7 +253,7 @@ def ring() -> tuple[np.ndarray, np.ndarray]:
 
 def test_part_from_several_sides(tmp_path: Path) -> None:
     """From the light the ring is open; turned by 90 degrees it is a narrow bar."""
-    if not draw_part(*ring(), tmp_path / "part.png", 500.0, (0.0, 90.0), panel_px=100):
+    if not draw_part(*ring(), tmp_path / "part.png", turn_eye((0.0, 0.0, 500.0), (0.0, 90.0)), 100):
         pytest.skip("this machine cannot render")
     image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
     assert image.shape == (100, 200, 3)
@@ -234,7 +268,7 @@ def test_part_from_several_sides(tmp_path: Path) -> None:
 
 def test_no_pictures_where_nothing_renders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
-    assert draw_part(*ring(), tmp_path / "part.png") is False
+    assert draw_part(*ring(), tmp_path / "part.png", np.array([[0.0, 0.0, 500.0]])) is False
     assert not list(tmp_path.iterdir())
 
 

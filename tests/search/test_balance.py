@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import shapely
 import torch
+from knotfab.search.several import SeveralProblem, Shot, _objective, _survey, search_several
+from knotfab.start.several import start_of
 from shapely import MultiPolygon, Point, box
 
 from knotfab.geometry.neighbours import find_neighbours
@@ -18,9 +20,7 @@ from knotfab.search.balance import Balance, goals_of
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Weights
 from knotfab.search.phases import Phase
-from knotfab.search.several import SeveralProblem, Shot, _objective, _survey, search_several
 from knotfab.start.filling import fill
-from knotfab.start.several import start_of
 
 RADIUS = 3.5
 DRAFT = PRESETS["draft"].model_copy(

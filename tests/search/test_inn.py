@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from knotfab.search.inn import circles, keep_largest
 
 from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects.base import Decision
@@ -24,7 +25,6 @@ from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.search import inn
 from knotfab.search import search as search_module
-from knotfab.search.inn import circles, keep_largest
 from knotfab.search.search import Problem, SearchResult, search
 from knotfab.start.filling import fill
 from knotfab.target.read import read_target

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from knotfab.search.feasibility import standing
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -14,7 +15,6 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.problem import Account
 from knotfab.scene.model import Region
-from knotfab.search.feasibility import standing
 from knotfab.search.repair import about, mended
 
 Array = NDArray[np.float64]

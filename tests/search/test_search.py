@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from knotfab.search.feasibility import standing
 
 from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects import survey as survey_module
@@ -15,7 +16,6 @@ from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, Scene
 from knotfab.scene.settings import PRESETS, search_settings
-from knotfab.search.feasibility import standing
 from knotfab.search.search import Problem, search
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import fill

@@ -9,25 +9,7 @@ import numpy as np
 import pytest
 import shapely
 import torch
-from numpy.typing import NDArray
-from PIL import Image
-from shapely import MultiPolygon, Point, box
-
-from knotfab.design.hull import HullBound
 from knotfab.design.several import _left_by_others, require_several
-from knotfab.errors import InputError, SceneError
-from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.pipeline import Request, build
-from knotfab.render.picture import picture_at
-from knotfab.scene.camera import camera_of
-from knotfab.scene.load import load_scene
-from knotfab.scene.model import Accuracy, Mount, Piece, Region, Scene, View
-from knotfab.scene.settings import PRESETS
-from knotfab.search.chamfer import TENSION, chamfer_of
-from knotfab.search.flow import FlowSettings
-from knotfab.search.objective import Objective, Weights, iou_of
-from knotfab.search.phases import Phase
 from knotfab.search.several import (
     SeveralProblem,
     Shot,
@@ -36,10 +18,29 @@ from knotfab.search.several import (
     search_several,
     view_axes,
 )
+from knotfab.start.several import start_of
+from numpy.typing import NDArray
+from PIL import Image
+from shapely import MultiPolygon, Point, box
+
+from knotfab.design.hull import HullBound
+from knotfab.errors import InputError, SceneError
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.pipeline import build
+from knotfab.render.picture import picture_at
+from knotfab.request import Request
+from knotfab.scene.camera import camera_of
+from knotfab.scene.load import load_scene
+from knotfab.scene.model import Accuracy, Mount, Piece, Region, Scene, View
+from knotfab.scene.settings import PRESETS
+from knotfab.search.chamfer import TENSION, chamfer_of
+from knotfab.search.flow import FlowSettings
+from knotfab.search.objective import Objective, Weights, iou_of
+from knotfab.search.phases import Phase
 from knotfab.search.spill import spill_of
 from knotfab.start.deep import deep_curves
 from knotfab.start.filling import even_samples, fill, simple_curves
-from knotfab.start.several import start_of
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.target.read import Target
 from knotfab_validators.view import view_geometry
@@ -298,7 +299,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     file = str(tmp_path / "a.png")
     scene = Scene(views=tuple(views(0.0, 90.0)), mount=Mount(kind="wall"))
     with pytest.raises(InputError, match="mount"):
-        build(Request(scene, file, tmp_path / "o", printing=printing, more=(file,)))
+        build(Request(scene, (file, file), tmp_path / "o", printing=printing))
 
 
 def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
@@ -320,7 +321,9 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
     Image.fromarray(~picture(DISC)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="1 pictures are given for 2 views"):
         build(
-            Request(Scene(views=tuple(views(0.0, 90.0))), str(tmp_path / "a.png"), tmp_path / "o")
+            Request(
+                Scene(views=tuple(views(0.0, 90.0))), (str(tmp_path / "a.png"),), tmp_path / "o"
+            )
         )
 
 
@@ -344,7 +347,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render"})
-    request = Request(scene, pictures[0], tmp_path / "out", skip=skip, more=pictures[1:])
+    request = Request(scene, pictures, tmp_path / "out", skip=skip)
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
@@ -358,11 +361,10 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     again = build(
         Request(
             written,
-            written.views[0].picture,
+            tuple(view.picture for view in written.views),
             tmp_path / "again",
             tmp_path / "out",
             skip=skip,
-            more=(written.views[1].picture,),
         )
     )
     assert again.exit_code == 0

@@ -10,12 +10,13 @@ from command import knotfab
 from PIL import Image, ImageDraw
 
 from knotfab.errors import InputError
-from knotfab.pipeline import Outcome
+from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
-from knotfab.sequence.build import SequenceRequest, build_sequence
+from knotfab.sequence.build import build_sequence
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.report import check_closing, check_motion
-from knotfab.sequence.verifying import FrameFiles, FrameVerifier
+from knotfab.slicer.find import REMEDY, find_slicer
+from knotfab.verify.verifier import Files, Verifier
 
 QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 40, "fine_iterations": 40}
 
@@ -51,8 +52,8 @@ def _frames(folder: Path, angles: Sequence[float]) -> list[str]:
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     folder = tmp_path_factory.mktemp("sequence")
     names = _frames(folder, (0.0, 16.0))
-    request = SequenceRequest(
-        _scene(), names, folder / "out", base=folder, printing=True, command="test"
+    request = Request(
+        _scene(), tuple(names), folder / "out", base=folder, printing=True, command="test"
     )
     return build_sequence(request)
 
@@ -148,17 +149,31 @@ def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
     names = _frames(tmp_path, (0.0, 16.0))
     stand = _scene(mount=Mount(kind="stand"))
     with pytest.raises(InputError, match="no mounts"):
-        build_sequence(SequenceRequest(stand, names, tmp_path / "out", base=tmp_path))
+        build_sequence(Request(stand, tuple(names), tmp_path / "out", base=tmp_path))
     several = _scene(piece=Piece(tube_radius_mm=5.0, knots=2))
     with pytest.raises(InputError, match="one knot"):
-        build_sequence(SequenceRequest(several, names, tmp_path / "out", base=tmp_path))
+        build_sequence(Request(several, tuple(names), tmp_path / "out", base=tmp_path))
     assert not (tmp_path / "out").exists()
 
 
 def test_a_file_that_cannot_be_verified_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_bytes(b"no mesh")
-    files = FrameFiles(tmp_path / "part.stl", tmp_path / "k.json", tmp_path / "s.toml", tmp_path)
-    with FrameVerifier(workers=1) as verifier:
+    files = Files(tmp_path / "part.stl", tmp_path / "k.json", tmp_path / "s.toml", tmp_path)
+    with Verifier() as verifier:
         answer = verifier.submit(files)
         with pytest.raises(InputError):
-            answer.result(timeout=120)
+            answer.result()
+
+
+@pytest.mark.build
+@pytest.mark.skipif(find_slicer() is None, reason=f"PrusaSlicer is not installed: {REMEDY}")
+def test_each_frame_is_sliced_as_a_piece_of_its_own(outcome: Outcome) -> None:
+    table = outcome.report["slicer"]
+    details = [check["detail"] for check in table["checks"]]
+    assert {d.split(":")[0] for d in details} == {"part-01.3mf", "part-02.3mf"}
+    assert {c["status"] for c in table["checks"]} == {"pass"} and table["objects"] == 2
+    assert table["command"].endswith("--output part-N.gcode part-N.3mf")
+    (check,) = (c for c in outcome.report["checks"] if c["name"] == "slicer")
+    assert (check["status"], check["required"]) == ("pass", True)
+    assert outcome.report["print"]["time_s"] == table["time_s"] > 0
+    assert (outcome.folder / "slicer.ini").is_file()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from knotfab.search.feasibility import Standing
 from numpy.typing import NDArray
 from shapely import MultiPolygon, box
 
@@ -15,7 +16,6 @@ from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.problem import Account, Problem
 from knotfab.scene.model import Region, View
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.feasibility import Standing
 from knotfab.sequence import starts
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult

@@ -12,6 +12,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode
+from knotfab.slicer.profile import write_profile
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 Array = NDArray[np.float64]
@@ -38,8 +39,10 @@ def bodies_of(*meshes: Mesh) -> list[Body]:
     return [Body(f"knot {i}", *mesh) for i, mesh in enumerate(meshes, start=1)]
 
 
-def write_boxes(path: Path, *meshes: Mesh) -> Path:
+def write_boxes(path: Path, *meshes: Mesh, scene: Scene | None = None) -> Path:
+    """The boxes as one object, with the profile of `scene` beside them."""
     write_3mf(path, meshes)
+    write_profile(path.parent, scene or scene_of())
     return path
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from slicer_parts import scene_of
 
 from knotfab.scene.catalogue import materials, printers
-from knotfab.slicer.profile import line_width, profile, profile_text, why_not_sliced
+from knotfab.slicer.profile import PROFILE, line_width, profile, why_not_sliced, write_profile
 
 
 def test_it_follows_the_printer_and_the_material() -> None:
@@ -62,10 +64,14 @@ def test_only_filament_is_sliced() -> None:
     assert wire is not None and wire.startswith("wire")
 
 
-def test_every_printer_of_the_catalogue_has_a_profile_or_a_reason() -> None:
+def test_every_printer_of_the_catalogue_has_a_profile_or_a_reason(tmp_path: Path) -> None:
     for name in printers():
         scene = scene_of(f"[printer]\nname = {name!r}")
-        lines = profile_text(profile(scene)).splitlines()
-        assert all(line.count(" = ") == 1 for line in lines) and len(lines) > 40
+        (folder := tmp_path / name).mkdir()
+        write_profile(folder, scene)
         assert (why_not_sliced(scene) is None) == (name != "form-3")
+        assert (folder / PROFILE).is_file() == (name != "form-3")
+        if name != "form-3":
+            lines = (folder / PROFILE).read_text().splitlines()
+            assert all(line.count(" = ") == 1 for line in lines) and len(lines) > 40
         assert line_width(scene) > scene.printer.nozzle_mm

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
+from knotfab.report.of_build import add_slicing
+from knotfab.report.of_slicer import OPENING, PROVEN, check_slicing, print_figures, report_slicing
 from knotfab.report.report_json import plain
 from knotfab.slicer.known_warnings import SlicerWarning, explained, read_warnings
-from knotfab.slicer.report import PROVEN, print_figures, slicer_check, slicer_report
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
 SAID = """[2024-01-01 05:32:24.0] [0x00] [trace]   Initializing StaticPrintConfigs
@@ -84,7 +86,7 @@ def test_what_is_known(text: str, known: bool, settled: bool) -> None:
 
 
 def test_a_good_part() -> None:
-    check = slicer_check(GOOD)
+    check = check_slicing(GOOD)
     assert set(check) == {"name", "status", "required", "measured", "limit", "unit", "detail"}
     assert (check["status"], check["required"], check["measured"]) == ("pass", True, 0)
     assert "2.5.0" in check["detail"] and "all printed" in check["detail"]
@@ -93,8 +95,8 @@ def test_a_good_part() -> None:
 
 def test_an_explained_warning_passes_and_is_shown() -> None:
     warned = replace(GOOD, warnings=(SlicerWarning("hm", "it is fine", True),))
-    assert slicer_check(warned)["status"] == "pass"
-    assert slicer_report(warned)["warnings"] == [
+    assert check_slicing(warned)["status"] == "pass"
+    assert report_slicing(warned)["warnings"] == [
         {"text": "hm", "explanation": "it is fine", "settled": True}
     ]
 
@@ -104,11 +106,11 @@ def test_what_fails() -> None:
     known = replace(GOOD, warnings=(SlicerWarning("Empty layer", "in the air"),))
     outside = replace(GOOD, checks=(replace(GOOD.checks[0], passed=False, detail="it is out"),))
     for result, word in ((nobody, "odd thing"), (known, "in the air"), (outside, "it is out")):
-        check = slicer_check(result)
+        check = check_slicing(result)
         assert (check["status"], check["required"], check["measured"]) == ("fail", True, 1)
         assert word in check["detail"]
-    assert "nobody explains" in slicer_check(nobody)["detail"]
-    assert slicer_report(outside)["checks"][0]["status"] == "fail"
+    assert "nobody explains" in check_slicing(nobody)["detail"]
+    assert report_slicing(outside)["checks"][0]["status"] == "fail"
 
 
 @pytest.mark.parametrize(
@@ -122,11 +124,11 @@ def test_what_fails() -> None:
     ],
 )
 def test_parts_that_were_not_sliced(result: NotSliced, status: str) -> None:
-    check = slicer_check(result)
+    check = check_slicing(result)
     assert (check["status"], check["required"]) == (status, status == "fail")
     assert check["detail"].count(result.reason) == 1
     assert result.remedy in check["detail"] and result.said in check["detail"]
-    table = slicer_report(result)
+    table = report_slicing(result)
     assert table["program"] is None and table["time_s"] is None
     assert table["reason"] == result.reason
     # nothing is said to be proven by a program that did not run
@@ -135,7 +137,7 @@ def test_parts_that_were_not_sliced(result: NotSliced, status: str) -> None:
 
 
 def test_the_table() -> None:
-    table = slicer_report(GOOD)
+    table = report_slicing(GOOD)
     assert plain(table) == table
     assert {record["by"].split()[0].strip(",'s") for record in table["proven"]} == {
         "knotfab", "PrusaSlicer",
@@ -143,4 +145,15 @@ def test_the_table() -> None:
     assert len(table["proven"]) == len(PROVEN)
     for key in ("program", "version", "time_s", "filament_m", "filament_g", "layers"):
         assert table[key] == getattr(GOOD, key)
-    assert set(slicer_report(NotSliced("missing", "x"))) - {"reason", "remedy"} <= set(table)
+    assert set(report_slicing(NotSliced("missing", "x"))) - {"reason", "remedy"} <= set(table)
+
+
+def test_the_notice_of_other_slicers_is_explained() -> None:
+    for word in ("one object", "Bambu Studio", "OrcaSlicer", "not from them", "geometry only"):
+        assert word in OPENING
+    report: dict[str, Any] = {"print": {}}
+    add_slicing(report, None, False)
+    assert report == {"print": {}}
+    add_slicing(report, GOOD, True)
+    assert report["print"] == {"opening": OPENING, "time_s": 3600.0, "filament_m": 12.5}
+    assert report["slicer"]["command"] == GOOD.command

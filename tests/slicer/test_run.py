@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from slicer_parts import Mesh, box, gcode_text, scene_of, write_boxes
 
+from knotfab.files.threemf import write_coloured_3mf
+from knotfab.geometry.tube import sweep
 from knotfab.slicer import process, run
 from knotfab.slicer.find import REMEDY, find_slicer
+from knotfab.slicer.gcode import read_gcode
+from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import NotSliced, Sliced
-from knotfab.slicer.run import Slicing, slice_part
+from knotfab.slicer.run import SlicerQueue, slice_part
 
 needs_slicer = pytest.mark.skipif(
     find_slicer() is None, reason=f"PrusaSlicer is not installed: {REMEDY}"
@@ -45,10 +51,11 @@ def _slice(
     tmp_path: Path, program: str | None, *meshes: Mesh, scene: str = "", timeout_s: float = 60.0
 ) -> Sliced | NotSliced:
     """Slice boxes in a folder that must be empty afterwards."""
-    part = write_boxes(tmp_path / "part.3mf", *(meshes or (CUBE,)))
+    setting = scene_of(scene)
+    part = write_boxes(tmp_path / "part.3mf", *(meshes or (CUBE,)), scene=setting)
     work = tmp_path / "work"
     work.mkdir(exist_ok=True)
-    result = slice_part(part, scene_of(scene), work, timeout_s, program)
+    result = slice_part(part, setting, work, timeout_s, program)
     assert not list(work.iterdir())
     return result
 
@@ -77,10 +84,75 @@ def test_a_cube(tmp_path: Path) -> None:
 
 @needs_slicer
 def test_bodies_stay_where_they_are(tmp_path: Path) -> None:
-    """PrusaSlicer by itself drops each body of the file onto the bed."""
+    """PrusaSlicer drops each object of a file onto the bed by itself: the file holds one."""
     found = _sliced(tmp_path, CUBE, box((0, 0, 15), (10, 10, 10)), box((30, 5, 4), (5, 5, 5)))
-    assert found.problems == [] and (found.layers, found.objects) == (100, 3)
+    assert found.problems == [] and (found.layers, found.objects) == (100, 1)
     assert found.support_m > 0
+
+
+@needs_slicer
+def test_bodies_of_several_objects_are_dropped_and_noticed(tmp_path: Path) -> None:
+    """What part-colours.3mf would come to: the slicer's own reading and the G-code tell."""
+    meshes = [CUBE, box((30, 0, 15), (10, 10, 10))]
+    write_profile(tmp_path, scene_of())
+    part = tmp_path / "part.3mf"
+    write_coloured_3mf(part, meshes, ["a", "b"], ["#d9d4c7", "#3d6fa5"], "two")
+    found = slice_part(part, scene_of(), tmp_path)
+    assert isinstance(found, Sliced) and found.objects == 2
+    assert _failed(found) >= {"reading", "surface", "layers"}
+
+
+def _knots_apart() -> list[Mesh]:
+    """Three loose knots at different heights, the lowest on the bed."""
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    wave = np.stack([15 * np.cos(t), 15 * np.sin(t), 3 * np.sin(2 * t)], axis=1)
+    places = ((20.0, 20.0, 6.0), (60.0, 20.0, 25.0), (35.0, 55.0, 48.0))
+    meshes = [sweep(wave + np.array(place), 2.5, 12) for place in places]
+    low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
+    return [(vertices - low, faces) for vertices, faces in meshes]
+
+
+@needs_slicer
+def test_three_loose_knots_are_printed_each_where_it_belongs(tmp_path: Path) -> None:
+    """Read from the G-code by hand, with the printed command, as a person would slice the folder."""
+    knots = _knots_apart()
+    found = _sliced(tmp_path, *knots)
+    assert found.problems == [] and found.objects == 1
+    for name in ("part.3mf", "slicer.ini"):
+        shutil.copy(tmp_path / name, tmp_path / "work" / name)
+    subprocess.run(
+        found.command, shell=True, cwd=tmp_path / "work", check=True, capture_output=True
+    )
+    gcode = read_gcode(tmp_path / "work" / "part.gcode")
+    every = np.concatenate([vertices for vertices, _ in knots])
+    middle = np.array([125.0, 105.0]) - (every.min(axis=0) + every.max(axis=0))[:2] / 2
+    lines = np.concatenate([gcode.start, gcode.end]) - [*middle, 0.0]
+    for vertices, _ in knots:
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        own = lines[((lines > low - 1) & (lines < high + 1)).all(axis=1)]
+        assert own.min(axis=0) == pytest.approx(low, abs=0.6)
+        assert own.max(axis=0) == pytest.approx(high, abs=0.6)
+
+
+@needs_slicer
+def test_the_command_of_the_report_gives_the_gcode_that_was_checked(tmp_path: Path) -> None:
+    """The very files, byte for byte; and the same G-code, but for its date."""
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    program = tmp_path / "prusa-slicer"
+    program.write_text(f'#!/bin/sh\n{find_slicer()} "$@" && cp * {kept}\n')
+    program.chmod(0o755)
+    found = _slice(tmp_path, str(program), *_knots_apart())
+    assert isinstance(found, Sliced) and found.problems == []
+    for name in ("part.3mf", "slicer.ini"):
+        assert (kept / name).read_bytes() == (tmp_path / name).read_bytes()
+    subprocess.run(found.command, shell=True, cwd=tmp_path, check=True, capture_output=True)
+    dated = "; generated by PrusaSlicer "
+    by_hand, checked = (
+        [line for line in (folder / "part.gcode").read_text().splitlines() if dated not in line]
+        for folder in (tmp_path, kept)
+    )
+    assert len(by_hand) > 1000 and by_hand == checked
 
 
 @needs_slicer
@@ -151,10 +223,11 @@ def test_a_program_that_is_found_by_another_name(
 
 
 def test_a_file_without_bodies_is_the_callers_error(tmp_path: Path) -> None:
+    write_profile(tmp_path, scene_of())
     (tmp_path / "part.3mf").write_bytes(b"none")
     with pytest.raises(ValueError, match="not a 3MF"):
         slice_part(tmp_path / "part.3mf", scene_of(), tmp_path, program="prusa-slicer")
-    assert [path.name for path in tmp_path.iterdir()] == ["part.3mf"]
+    assert {path.name for path in tmp_path.iterdir()} == {"part.3mf", "slicer.ini"}
 
 
 COPY = 'cp "$here/good.gcode" part.gcode'
@@ -250,8 +323,9 @@ def test_a_build_that_ends_takes_the_slicer_with_it(tmp_path: Path) -> None:
     part = write_boxes(tmp_path / "part.3mf", CUBE)
     with (
         pytest.raises(KeyboardInterrupt),
-        Slicing(part, scene_of(), tmp_path, program=program) as slicing,
+        SlicerQueue(tmp_path, program=program) as queue,
     ):
+        slicing = queue.submit(part, scene_of())
         while not (tmp_path / "pid.new").is_file() or not (tmp_path / "pid.new").read_text():
             time.sleep(0.01)
         raise KeyboardInterrupt

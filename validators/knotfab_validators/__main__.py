@@ -1,6 +1,6 @@
-"""`python -m knotfab_validators`: one request as a JSON line on stdin, one verdict as JSON on stdout.
+"""`python -m knotfab_validators`: requests as JSON lines on stdin, a verdict as a JSON line for each.
 
-Everything slow to load is loaded while the request is still awaited, so that a parent can start this
+Everything slow to load is loaded while the first request is still awaited, so that a parent can start this
 process early; and a graphics library that crashes takes only this process with it.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import sys
+from typing import Any
 
 NO_GRAPHICS = "--no-graphics"
 
@@ -39,30 +41,34 @@ def _load() -> None:
     """What the checks import as they go."""
     import contextlib
 
+    importlib.import_module(".validate", __package__)
     for name in ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph", "scipy.ndimage"):
         with contextlib.suppress(ImportError):  # the check that needs it will say so
             importlib.import_module(name)
 
 
 def main() -> None:
-    """Answer one request."""
-    from .validate import validate
-
+    """Answer requests until there are no more."""
+    # libraries in C++ write to standard output as they like: the answers have one of their own
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
     _load()
     if NO_GRAPHICS not in sys.argv:
         _warm_up()
-    line = sys.stdin.readline()
-    if not line.strip():
-        return
-    request = json.loads(line)
+    for line in sys.stdin:
+        if line.strip():
+            print(json.dumps(_answer(json.loads(line))), file=answers, flush=True)
+
+
+def _answer(request: dict[str, Any]) -> dict[str, Any]:
+    from .validate import validate
+
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
         verdict = validate(**paths, skip=request["skip"], only=request["only"])
     except ValueError as error:
-        print(json.dumps({"error": str(error)}))
-        return
-    answer = {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
-    print(json.dumps(answer))
+        return {"error": str(error)}
+    return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
 
 
 if __name__ == "__main__":

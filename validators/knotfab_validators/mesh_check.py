@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .check import Check, at_most, places, skipped
 from .curve_edges import curve_edges
+from .names import MESH as NAMES
 from .read_knots import Curves
 from .read_mesh import Mesh
 from .second_opinion import opinions, self_intersections
@@ -21,18 +22,6 @@ Ints = NDArray[np.int64]
 
 VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
 BESIDE = 1e-3  # of a face's size: how far behind it one looks (in single precision)
-
-NAMES = (
-    "mesh_closed",
-    "mesh_winding",
-    "mesh_degenerate",
-    "mesh_duplicate",
-    "mesh_manifold",
-    "mesh_bodies",
-    "mesh_genus",
-    "mesh_volume",
-    "mesh_self_intersection",
-)
 
 
 def check_mesh(

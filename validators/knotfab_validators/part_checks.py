@@ -12,11 +12,10 @@ from .check import Check, at_least, skipped
 from .clearance import check_clearance
 from .clock import timed
 from .knot_type import knot_checks
-from .mesh_check import NAMES as MESH_CHECKS
 from .mesh_check import check_mesh
 from .mount_matter import strand_faces
+from .names import KNOTS, MESH, PRINTING
 from .plates import check_plates, printability_of_plates
-from .printability import NAMES as PRINT_CHECKS
 from .printability import printability_checks
 from .read_knots import Curves
 from .read_mesh import Mesh
@@ -56,8 +55,8 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_build_volume(mesh, scene))
-    if set(PRINT_CHECKS) <= set(skip):
-        return checks + [skipped(name, "left out on request") for name in PRINT_CHECKS]
+    if set(PRINTING) <= set(skip):
+        return checks + [skipped(name, "left out on request") for name in PRINTING]
     if mesh is not None and scene is not None and plates:
         with timed(seconds, "plates"):
             checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
@@ -70,7 +69,7 @@ def _of_mesh(
 ) -> list[Check]:
     """The surface, whether it is the tube of the curves, and the gaps between its strands."""
     if mesh is None:
-        return [skipped(n, "not given the part") for n in (*MESH_CHECKS, "tube", "clearance")]
+        return [skipped(n, "not given the part") for n in (*MESH, "tube", "clearance")]
     mount = scene.mount if scene is not None else Mount("none", "auto", ())
     mounted = mount.kind != "none"
     with timed(seconds, "mesh"):
@@ -116,8 +115,7 @@ def _of_knots(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     if curves is None:
-        names = ("thickness", "bend", "length", "knot_type", "linking")
-        return [skipped(name, "not given the knots") for name in names]
+        return [skipped(name, "not given the knots") for name in KNOTS]
     with timed(seconds, "thickness"):
         checks = _of_curves(curves, scene)
     with timed(seconds, "knot type"):
@@ -141,8 +139,8 @@ def _of_printer(
 ) -> list[Check]:
     """Printability, where the surface is sound enough for the words to mean something."""
     if mesh is None:
-        return [skipped(name, "not given the part") for name in PRINT_CHECKS]
-    broken = [c.name for c in before if c.name in MESH_CHECKS and c.status == "fail" and c.required]
+        return [skipped(name, "not given the part") for name in PRINTING]
+    broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
     lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
     printer = scene.printer if scene is not None else None
     stands = scene is not None and scene.mount.kind == "stand"

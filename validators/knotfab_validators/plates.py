@@ -9,20 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .check import Check, at_most, places, skipped
-from .mesh_check import NAMES as MESH_CHECKS
 from .mesh_check import check_mesh
-from .printability import NAMES as PRINT_CHECKS
+from .names import MESH, PRINTING
 from .printability import printability_checks
 from .read_mesh import Mesh
 from .read_plates import Laid
 from .read_scene import Printer
 from .region import check_build_volume
 
-__all__ = ["NAMES", "check_plates", "printability_of_plates"]
+__all__ = ["check_plates", "printability_of_plates"]
 
 Array = NDArray[np.float64]
 
-NAMES = ("plate_mesh", "plates", "plates_volume")
 APART_MM = 0.05  # between the part's surface and that of its pieces, placed as the scene says
 VOLUME_SHARE = 0.02  # of the part, that clearances at its connectors may take
 LARGER_IS_BETTER = ("feature", "gap", "standing")
@@ -31,7 +29,7 @@ LARGER_IS_BETTER = ("feature", "gap", "standing")
 def check_plates(
     part: Mesh, plates: Sequence[Laid], build_volume_mm: tuple[float, float, float] | None
 ) -> list[Check]:
-    """`build_volume`, of each plate instead of the part, and the checks of `NAMES`, all required.
+    """`build_volume`, of each plate instead of the part, and `names.PLATES`, all required.
 
     - `plate_mesh`: how many of the surface's checks any plate fails.
     - `plates`: with every body moved as the scene says, how far the part's vertices are from the
@@ -58,9 +56,9 @@ def printability_of_plates(
     """The checks of printability, each of the plate that comes out worst."""
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]
     if broken:
-        return [skipped(name, "the surface of a plate is broken") for name in PRINT_CHECKS]
+        return [skipped(name, "the surface of a plate is broken") for name in PRINTING]
     each = [printability_checks(plate.mesh, printer, seconds=seconds) for plate in plates]
-    return [_worst([checks[k] for checks in each], plates) for k in range(len(PRINT_CHECKS))]
+    return [_worst([checks[k] for checks in each], plates) for k in range(len(PRINTING))]
 
 
 def _surface(plates: Sequence[Laid]) -> Check:
@@ -77,7 +75,7 @@ def _surface(plates: Sequence[Laid]) -> Check:
         failed,
         0,
         "checks",
-        f"of the {len(MESH_CHECKS)} of a surface, failed by any of {len(plates)} plates{text}",
+        f"of the {len(MESH)} of a surface, failed by any of {len(plates)} plates{text}",
         at=at,
     )
 

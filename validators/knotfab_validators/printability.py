@@ -15,6 +15,7 @@ from .check import Check, at_least, at_most, places, skipped
 from .columns import Columns, columns
 from .islands import islands
 from .local_thickness import NEAR_MM, LocalThickness, Probe
+from .names import PRINTING as NAMES
 from .overhang import overhang_areas, support_volume
 from .read_mesh import Mesh
 from .read_scene import Printer
@@ -26,16 +27,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Result = TypeVar("Result")
 
-NAMES = (
-    "feature",
-    "gap",
-    "overhang",
-    "support_volume",
-    "bridge",
-    "floating",
-    "islands",
-    "standing",
-)
 MOST_MM = 10_000.0  # no printer is larger, and no grid over the part could be fine
 FEATURE_TOLERANCE_MM = 1e-4  # what single precision leaves of a wall, far from the origin
 GAP_TOLERANCE = 0.08  # of the nozzle; see `printability_checks`

@@ -8,19 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .check import Check, at_least, at_most
+from .names import SHADOWS
 from .outline_stretch import WRONG_PX
 from .verify_view import VerifiedView
 
 __all__ = ["shadow_checks", "skipped_shadow_checks"]
-
-NAMES = ("shadow", "shadow_exact", "outline", "wrong_outline")
 
 MOST_INTRUSION = 0.001  # of the frame, by a mount whose pegs hide in the tube's shadow
 
 
 def skipped_shadow_checks(why: str, *, required: bool) -> list[Check]:
     """All of them, skipped for one reason."""
-    return [_skipped(name, why, required) for name in NAMES]
+    return [_skipped(name, why, required) for name in SHADOWS]
 
 
 def shadow_checks(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from .check import Check
 
-__all__ = ["Verdict", "verdict_of"]
+__all__ = ["Verdict", "exit_code_of", "verdict_of"]
 
 
 @dataclass(frozen=True)
@@ -37,18 +38,27 @@ class Verdict:
         }
 
 
+def exit_code_of(states: Iterable[tuple[bool, str]]) -> int:
+    """The one rule of what passes, from each check's `required` and `status`.
+
+    1: a required check failed; else 3: a required one could not run; else 0. What is not required
+    decides nothing.
+    """
+    required = {status for needed, status in states if needed}
+    return 1 if "fail" in required else 3 if "skipped" in required else 0
+
+
 def verdict_of(
     checks: list[Check],
     views: list[dict[str, Any]],
     seconds: dict[str, float],
     picture: str | None = None,
 ) -> Verdict:
-    """Sum up: a required check that failed decides, then a required one that could not run."""
-    failed = any(c.required and c.status == "fail" for c in checks)
-    unable = any(c.required and c.status == "skipped" for c in checks)
+    """Sum up checks (see `exit_code_of`)."""
+    code = exit_code_of((c.required, c.status) for c in checks)
     return Verdict(
-        status="fail" if failed or unable else "pass",
-        exit_code=1 if failed else 3 if unable else 0,
+        status="fail" if code else "pass",
+        exit_code=code,
         checks=tuple(checks),
         views=tuple(views),
         seconds=seconds,

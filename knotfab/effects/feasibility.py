@@ -1,4 +1,4 @@
-"""Where the knots stand against their hard limits, measured exactly on the polygons."""
+"""The feasibility of knots: every hard limit measured exactly on the polygons."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from knotfab.effects.region import tube_outside
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import Rings
 
-__all__ = ["Standing", "standing"]
+__all__ = ["Feasibility", "measure_feasibility"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Standing:
+class Feasibility:
     """Measured against limits; every `..._ok` holds, or the piece is not finished."""
 
     bend_mm: float
@@ -71,7 +71,7 @@ def _place(point: Array) -> str:
     return "(" + ", ".join(f"{c:.1f}" for c in point) + ") mm"
 
 
-def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
+def measure_feasibility(points: Array, rings: Rings, limits: Limits) -> Feasibility:
     """Measure every hard limit of the search on the polygons themselves."""
     bends = bend_radii(points, rings)
     worst_bend = int(np.argmin(bends))
@@ -79,7 +79,7 @@ def standing(points: Array, rings: Rings, limits: Limits) -> Standing:
     tested, out = tube_outside(points, points[rings.next], limits.region, limits.radius)
     worst_out = int(np.argmax(out))
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
-    return Standing(
+    return Feasibility(
         float(bends[worst_bend]),
         points[worst_bend],
         gap.gap,

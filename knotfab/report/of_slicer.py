@@ -6,23 +6,29 @@ from typing import Any
 
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
-__all__ = ["PROVEN", "print_figures", "slicer_check", "slicer_report"]
+__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing"]
 
 # PrusaSlicer ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
 # outside the bed, and it leaves out what is thinner than a line without a word.
 PROVEN: tuple[tuple[str, str], ...] = (
     ("closed surfaces without self-intersection", "knotfab, from part.stl"),
     ("shadow, clearances, knot types, thickness", "knotfab, from part.stl and knots.json"),
-    ("size, place and number of bodies in part.3mf", "knotfab, from what PrusaSlicer read"),
-    ("the whole surface is printed, and every body where it belongs", "knotfab, from the G-code"),
+    ("size and place of the one object in part.3mf", "knotfab, from what PrusaSlicer read"),
+    ("the whole surface is printed, and every shell where it belongs", "knotfab, from the G-code"),
     ("part and supports inside the build volume", "knotfab, from the G-code"),
     ("filament and layers agree with the mesh", "knotfab, from the G-code"),
     ("toolpaths can be made of part.3mf, each layer has some", "PrusaSlicer"),
     ("printing time, filament, supports", "PrusaSlicer's estimate, for a cautious machine"),
 )
 
+OPENING = (
+    "part.3mf is one object with its shells in their places, and holds no settings. Bambu Studio and "
+    "OrcaSlicer therefore say that it is not from them and that they load its geometry only: that is "
+    "right. Choose printer, filament and supports there; slicer.ini has them for PrusaSlicer."
+)
 
-def slicer_check(result: Sliced | NotSliced) -> dict[str, Any]:
+
+def check_slicing(result: Sliced | NotSliced) -> dict[str, Any]:
     """The check `slicer` in the report's form.
 
     It fails for a part that PrusaSlicer refuses or dies of, for a warning that nothing settles, and
@@ -49,7 +55,7 @@ def slicer_check(result: Sliced | NotSliced) -> dict[str, Any]:
     return {**check, "detail": "; ".join(parts)}
 
 
-def slicer_report(result: Sliced | NotSliced) -> dict[str, Any]:
+def report_slicing(result: Sliced | NotSliced) -> dict[str, Any]:
     """The report's table `slicer`; its figures are None where the part was not sliced."""
     proven = [{"what": what, "by": by} for what, by in PROVEN]
     if isinstance(result, NotSliced):

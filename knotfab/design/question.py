@@ -1,0 +1,219 @@
+"""What a search is to be asked, from a scene and its pictures: frames, silhouettes, bounds, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from shapely import MultiPolygon, Polygon
+
+from knotfab.design.contradictions import contradictions
+from knotfab.design.frames import frame_view, framed_alike
+from knotfab.design.hull import HullBound, hull_bounds
+from knotfab.design.region import depth_extent, resolve_region
+from knotfab.errors import InputError
+from knotfab.problem import Problem, TargetView
+from knotfab.progress import Progress
+from knotfab.scene.camera import camera_of
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
+from knotfab.search.balance import goals_of
+from knotfab.target.read import Target
+from knotfab.target.silhouette import polygon_of
+
+__all__ = ["Question", "ask", "opening_iou", "silhouette_polygon"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Question:
+    """A problem, the scene it comes from with printer and material filled in, and each view's bound.
+
+    `bounds` say what several pictures leave of each other; there are none of one.
+    """
+
+    scene: Scene
+    problem: Problem
+    bounds: tuple[HullBound, ...] = ()
+
+    @property
+    def views(self) -> tuple[ResolvedView, ...]:
+        """The views, their frames resolved."""
+        return tuple(v.view for v in self.problem.views)
+
+    def opening(self, radius: float) -> float:
+        """IoU of the silhouette that a tube of this radius (mm) draws worst, at best."""
+        return min(opening_iou(p, radius) for p in self.problem.polygons)
+
+    def most_iou(self, radius: float) -> float:
+        """The IoU that no such tube can exceed in all views."""
+        return min(self.opening(radius), *(b.iou for b in self.bounds), 1.0)
+
+    def roomy(self) -> ResolvedRegion:
+        """A region in which nothing is in the pictures' way."""
+        thinnest = self.scene.printer.min_tube_radius_mm
+        return resolve_region(Region(), self.views, self.bounds, thinnest)
+
+    def with_depth(self, radius: float) -> Question:
+        """The question for a tube of this radius (mm), whose thickness takes room in depth."""
+        if len(self.problem.views) > 1:
+            return self
+        region, polygon = self.problem.region, self.problem.polygons[0]
+        depth = depth_extent(self.scene, polygon, region, radius)
+        return replace(self, problem=replace(self.problem, depth_mm=depth))
+
+    def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
+        """The same question from other views of the same pictures."""
+        seen = tuple(
+            TargetView(v, t.mask, silhouette_polygon(v, t))
+            for v, t in zip(views, targets, strict=True)
+        )
+        return replace(self, problem=replace(self.problem, views=seen))
+
+
+def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = None) -> Question:
+    """The question of a scene and the pictures of its views, in their order.
+
+    Args:
+        scene: as a person wrote it, or resolved by an earlier build.
+
+    Raises:
+        InputError: a frame would squash its picture, or the scene asks for what several views cannot have.
+    """
+    several = len(targets) > 1
+    if several:
+        _require_several(scene)
+        scene = framed_alike(scene, targets)
+    scene, views = resolve(scene), _frame_views(scene, targets)
+    seen = [TargetView(v, t.mask, _traced(v, t)) for v, t in zip(views, targets, strict=True)]
+    thinnest = scene.printer.min_tube_radius_mm
+    bounds: tuple[HullBound, ...] = ()
+    if several:
+        cameras = [camera_of(v, t.width, t.height) for v, t in zip(views, targets, strict=True)]
+        bounds = hull_bounds(cameras, [t.mask for t in targets], _reach(views))
+        for line in contradictions(views, bounds):
+            (progress or Progress("quiet")).say(line)
+        seen = [
+            replace(s, left=_left_by_others(s.view, t, b))
+            for s, t, b in zip(seen, targets, bounds, strict=True)
+        ]
+    bend = scene.material.min_bend_radius_mm
+    problem = Problem(
+        tuple(seen),
+        scene.piece.clearance_mm,
+        None if isinstance(bend, str) else bend,
+        scene.material.max_length_mm,
+        resolve_region(scene.region, views, bounds, thinnest),
+        knot=scene.piece.knot,
+        # a third picture leaves the others little room; two are drawn best as equals
+        goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
+    )
+    return Question(scene, problem, bounds).with_depth(thinnest)
+
+
+def _require_several(scene: Scene) -> None:
+    """Refuse what several views cannot have, for a physical reason.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if scene.piece.depth != "auto":
+        raise InputError(
+            "scene key piece.depth",
+            "with several views the pictures decide the depth",
+            'Leave it out, or write "auto"',
+        )
+    if scene.search.get("free_view", False):
+        raise InputError(
+            "a free view (--free view)",
+            "the pictures of several views fix each other's places: what one may turn, another sees",
+            "Leave it out, or give one picture",
+        )
+    if scene.mount.kind == "wall":
+        raise InputError(
+            "scene key mount.kind",
+            "pegs that run along one light's rays stand in the other light's picture",
+            'Use "stand" (--mount stand) or "none"',
+        )
+
+
+def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
+    """The views with both sides of their frames settled, checked against their pictures."""
+    if len(targets) == 1 and scene.views[0].azimuth_deg != 0:
+        raise InputError(
+            "scene key views.azimuth_deg",
+            "with one view it is 0",
+            "Turn the finished piece instead",
+        )
+    views = []
+    for view, target in zip(scene.views, targets, strict=True):
+        framed = frame_view(view, target)
+        w, h = framed.frame_mm
+        if abs((w / target.width) / (h / target.height) - 1) > 0.01:
+            raise InputError(
+                f"scene view {view.name}",
+                f"a frame of {w:g} x {h:g} mm would squash a picture of {target.width} x {target.height} px",
+                "Leave out frame_width_mm or frame_height_mm",
+            )
+        views.append(framed)
+    return tuple(views)
+
+
+def _traced(view: ResolvedView, target: Target) -> MultiPolygon:
+    """The silhouette's polygon.
+
+    Raises:
+        InputError: nothing is left of it.
+    """
+    polygon = silhouette_polygon(view, target)
+    if polygon.is_empty:
+        raise InputError(
+            f"picture {target.name}", "its silhouette vanishes when traced", "Use a bolder picture"
+        )
+    return polygon
+
+
+def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
+    """The silhouette as a polygon, mm, in the plane through the origin, along the view's axes."""
+    own = view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
+    camera = camera_of(own, target.width, target.height)
+
+    def to_plane(pixels: Array) -> Array:
+        at = camera.corner + pixels[:, :1] * camera.du + pixels[:, 1:] * camera.dv
+        share = camera.eye[2] / (camera.eye[2] - at[:, 2])
+        return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
+
+    moved = shapely.transform(polygon_of(target.mask), to_plane)
+    parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
+    return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
+
+
+def _left_by_others(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:
+    """What of the silhouette lies in the hull's shadow, as `silhouette_polygon` gives it."""
+    cell = max(1.0, max(target.mask.shape) / max(bound.covered.shape))
+    wide = binary_dilation(bound.covered, np.ones((3, 3)))  # an edge where nothing is missing stays
+    rows, columns = (
+        np.minimum(((np.arange(n) + 0.5) / cell).astype(int), m - 1)
+        for n, m in zip(target.mask.shape, wide.shape, strict=True)
+    )
+    left = target.mask & wide[np.ix_(rows, columns)]
+    return silhouette_polygon(view, replace(target, mask=left)) if left.any() else MultiPolygon()
+
+
+def _reach(views: Sequence[View]) -> float:
+    """How far from the middle matter may stand: clear of every wall and light, mm."""
+    return min(
+        min(0.97 * v.wall_distance_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
+        for v in views
+    )
+
+
+def opening_iou(polygon: MultiPolygon, radius: float) -> float:
+    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
+    opened = polygon.buffer(-radius).buffer(radius)
+    return float(opened.intersection(polygon).area / polygon.union(opened).area)

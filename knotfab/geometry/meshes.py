@@ -1,0 +1,43 @@
+"""Several closed surfaces as one mesh, and back again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Mesh", "join_meshes", "split_shells"]
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+"""Vertices (n, 3) mm and faces (m, 3)."""
+
+
+def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
+    """All meshes as one, in their order; no vertex is shared between them."""
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
+    faces = [faces + shift for (_, faces), shift in zip(meshes, first, strict=True)]
+    return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
+
+
+def split_shells(mesh: Mesh) -> list[Mesh]:
+    """The connected surfaces of a mesh, in the order of their first faces.
+
+    Faces that share a vertex are connected; vertices that belong to no face are dropped.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    vertices, faces = mesh
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    n = len(vertices)
+    graph = coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    of_faces = label[faces[:, 0]]
+    names, first = np.unique(of_faces, return_index=True)
+    shells = []
+    for name in names[np.argsort(first)]:
+        own = faces[of_faces == name]
+        used, renumbered = np.unique(own, return_inverse=True)
+        shells.append((vertices[used], renumbered.reshape(-1, 3).astype(np.int32)))
+    return shells

@@ -1,0 +1,97 @@
+"""The files of a piece, or of knots of which no piece can be made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.design.design import Design
+from knotfab.files.folder import OutputFolder
+from knotfab.files.stl import write_stl
+from knotfab.files.threemf import write_3mf, write_coloured_3mf
+from knotfab.part.assemble import Part
+from knotfab.part.plates import Plates
+from knotfab.scene.load import dump_scene
+from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
+from knotfab.target.read import Target
+
+__all__ = ["COLOURED", "pose_of", "posed_scene", "write_part", "write_unbuilt"]
+
+Array = NDArray[np.float64]
+Row = tuple[float, float, float, float]
+
+COLOURED = "part-colours.3mf"
+# after the material's own, of the second body and on: told apart by everybody (Okabe and Ito, 2008)
+_PALETTE = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7")
+
+
+def pose_of(matrix: Array, plates: Plates | None = None) -> Pose:
+    """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
+    laid = [] if plates is None else plates.plates
+    each = tuple(Plate(matrices=tuple(_rows(motion) for motion in p.to_part)) for p in laid)
+    return Pose(matrix=_rows(matrix), plates=each)
+
+
+def posed_scene(part: Part) -> ResolvedScene:
+    """The part's scene, its mount resolved, with the pose that takes the written files to it."""
+    pose = pose_of(part.pose.matrix, part.plates)
+    return part.mounted.scene.model_copy(update={"pose": pose})
+
+
+def write_part(
+    folder: OutputFolder,
+    part: Part,
+    scene: Scene,
+    targets: Sequence[Target],
+    colours: bool = False,
+    suffix: str = "",
+) -> None:
+    """Write part.stl, part.3mf, the plates, knots.json, the views' pictures and scene.toml.
+
+    Args:
+        scene: with the pose (`posed_scene`).
+        colours: whether part-colours.3mf is written too.
+        suffix: in the names of part, knots and scene, such as "-01" of a sequence's frame.
+    """
+    title = "knotfab " + " and ".join(target.name for target in targets)
+    write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
+    write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, title)
+    for number, plate in enumerate([] if part.plates is None else part.plates.plates, start=1):
+        write_3mf(folder.file(f"plate-{number}.3mf"), plate.bodies, f"{title}, plate {number}")
+    if colours:
+        count = len(part.bodies)
+        paint = [scene.material.color, *(_PALETTE[k % len(_PALETTE)] for k in range(count - 1))]
+        write_coloured_3mf(
+            folder.file(COLOURED.replace(".", f"{suffix}.")),
+            part.bodies,
+            part.mounted.names,
+            paint,
+            title,
+        )
+    part.pose.knots.write(folder.file(f"knots{suffix}.json"))
+    _write_scene(folder, scene, targets, suffix)
+
+
+def write_unbuilt(
+    folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
+) -> Scene:
+    """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene."""
+    scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
+    made.knots.write(folder.file(f"knots{suffix}.json"))
+    _write_scene(folder, scene, targets, suffix)
+    return scene
+
+
+def _write_scene(
+    folder: OutputFolder, scene: Scene, targets: Sequence[Target], suffix: str
+) -> None:
+    for view, target in zip(scene.views, targets, strict=True):
+        folder.write(view.picture, target.png_bytes)
+    folder.write(f"scene{suffix}.toml", dump_scene(scene))
+
+
+def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:
+    a, b, c, d = ((float(w), float(x), float(y), float(z)) for w, x, y, z in matrix)
+    return a, b, c, d

@@ -1,0 +1,71 @@
+"""A frame as a function of turns and distances that carry gradients: the view as an unknown.
+
+The paper names this as future work (section 7: the viewer's configuration is found along with the knot).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from knotfab.render.frame import Frame
+
+__all__ = ["Sheet", "posed_frame", "turn_matrix"]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What stays fixed of a view: the raster on the receiver, and the receiver's tilt."""
+
+    width: int
+    height: int
+    pixel_mm: float  # of the (square) pixels, on the receiver
+    wall_tilt_deg: float = 0.0
+
+
+def turn_matrix(turn_deg: Tensor) -> Tensor:
+    """[3, 3] the turn of a view by [3] azimuth, elevation and roll: columns are its x, y, z in the scene.
+
+    Azimuth turns light, wall and picture about the scene's y axis (docs/conventions.md); then
+    elevation raises the light, and roll turns the picture counter-clockwise seen from the light.
+    """
+    a, e, r = torch.deg2rad(turn_deg)
+    zero, one = torch.zeros_like(a), torch.ones_like(a)
+
+    def matrix(*entries: Tensor) -> Tensor:
+        return torch.stack(entries).reshape(3, 3)
+
+    about_y = matrix(a.cos(), zero, a.sin(), zero, one, zero, -a.sin(), zero, a.cos())
+    about_x = matrix(one, zero, zero, zero, e.cos(), e.sin(), zero, -e.sin(), e.cos())
+    about_z = matrix(r.cos(), -r.sin(), zero, r.sin(), r.cos(), zero, zero, zero, one)
+    return about_y @ about_x @ about_z
+
+
+def posed_frame(
+    sheet: Sheet,
+    turn_deg: Tensor,  # [3] azimuth, elevation, roll
+    light_distance_mm: Tensor,  # [] light to the middle of the piece
+    wall_distance_mm: Tensor,  # [] middle of the piece to the wall
+) -> Frame:
+    """The frame of `sheet` seen from a light at these numbers, differentiable in all of them.
+
+    Without elevation and roll it equals `frame_of(camera_of(view, ...))`.
+    """
+    turn = turn_matrix(turn_deg)
+    right, upright, back = turn.T
+    tilt = torch.deg2rad(torch.as_tensor(sheet.wall_tilt_deg, dtype=turn.dtype))
+    down = -(tilt.cos() * upright + tilt.sin() * back)
+    axes = torch.stack([right, down, torch.linalg.cross(right, down)])
+    # from the light to the middle of the sheet, in the receiver's axes
+    middle = axes @ (-(light_distance_mm + wall_distance_mm) * back)
+    return Frame(
+        axes,
+        light_distance_mm * back,
+        middle[0] / sheet.pixel_mm - 0.5 * (sheet.width - 1),
+        middle[1] / sheet.pixel_mm - 0.5 * (sheet.height - 1),
+        sheet.pixel_mm / middle[2],
+        sheet.width,
+        sheet.height,
+    )

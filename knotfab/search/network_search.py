@@ -1,0 +1,176 @@
+"""The paper's search: the weights of an invertible network that maps a template to the knots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from knotfab.effects.base import Decision, Limits
+from knotfab.geometry.carry import Curves, Parameters, carry, even_parameters, refined, same_type
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import Rings, dot, rings_of_sizes
+from knotfab.problem import Report
+from knotfab.search.network import CouplingNetwork
+from knotfab.search.phases import three_phases
+from knotfab.search.state import SearchState
+
+__all__ = ["keep_largest", "search_network"]
+
+Array = NDArray[np.float64]
+_REFRESH = 40  # iterations between even samplings of the curves
+_EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
+_TAU = (1.0, 6.0)  # from softer than the flow's: there is further to go
+_FURTHER = 2.0  # the rate from a circle over that from a filling template
+_SLOWEST = 0.1  # the last step's rate over the first's
+_SLOPE = 20.0  # of the hidden units: it bends about the piece's twentieth part at once
+_FINE = 0.6  # share of the iterations after which the picture is the fine one
+_REFINEMENTS = 5  # how often the samples may be doubled for their certificate
+
+
+@dataclass(frozen=True)
+class _Map:
+    """The network as a path of homeomorphisms of space: points in mm, `size` mm to its unit."""
+
+    network: CouplingNetwork
+    size: float
+    device: str
+
+    def __call__(self, points: Array, share: float = 1.0) -> Array:
+        """Points (N, 3) at a share of the way from the identity, 0, to the network, 1."""
+        with torch.no_grad():
+            there = self.network(torch.as_tensor(points / self.size, device=self.device), share)
+        return np.asarray((self.size * there).cpu().numpy())
+
+    def images(self, curves: Curves, where: Parameters) -> list[Array]:
+        """[(n, 3)] the images of each curve's points at its parameters."""
+        start = curves.at(where)
+        ends = np.cumsum([len(part) for part in start])[:-1]
+        return np.split(self(np.concatenate(start)), ends)
+
+
+def search_network(state: SearchState, report: Report | None = None) -> None:
+    """Search the network's weights so that the images of the state's polylines draw the pictures.
+
+    The curves are smooth ones through the start's vertices. Adam descends the objective of the flow; its
+    rate follows from how far the vertices are to go in one step, so that it suits any depth and width.
+    At the end the polygons are carried from the start to where they are in certified steps
+    (`geometry.carry`); where that fails with the samples at hand, with twice as many.
+    """
+    template = state.rings.split(state.points)
+    curves = Curves.through(template)
+    settings = state.settings
+    network = CouplingNetwork(
+        settings.network_depth, settings.network_width, settings.seed, gain=_SLOPE
+    ).to(state.device)
+    mapped = _Map(network, float(np.abs(state.points).max()), state.device)
+    where = _descend(state, curves, mapped, report)
+    for refinement in range(_REFINEMENTS + 1):
+        start = curves.at(where)
+        rings = rings_of_sizes(tuple(len(w) for w in where))
+        joined = np.concatenate(start)
+        begun = same_type(template, curves.knots, start, where, curves.periods)
+        finer = refined(where, curves.periods)
+        coarse, fine = rings.split(mapped(joined)), mapped.images(curves, finer)
+        ended = same_type(coarse, where, fine, finer, curves.periods)
+        if begun.valid and ended.valid:
+            way = carry(joined, rings, mapped, _EDGE * state.radius)
+            if way.reached == 1.0:
+                state.points, state.rings = way.points, rings
+                state.log.accepted += way.steps
+                for margin in (begun.margin, ended.margin, way.least_margin):
+                    state.log.add_margin(margin)
+                state.log.template += (
+                    f"; carried along the invertible network in {way.steps} steps, with "
+                    f"{refinement} doublings of its samples"
+                )
+                return
+        if refinement < _REFINEMENTS:
+            where = finer
+    state.points, state.rings = mapped(joined), rings
+    state.log.add_margin(0.0)
+    state.log.template += (
+        "; the invertible network mapped it to where no sampling could be certified"
+    )
+
+
+def keep_largest(effects: dict[str, Decision], fresh: dict[str, Decision]) -> None:
+    """Judge `effects` anew: the larger magnitude counts, and what was simulated once stays so.
+
+    The network goes further than any bound from the template covers.
+    """
+    for name, decision in fresh.items():
+        old = effects[name]
+        if decision.magnitude > old.magnitude:
+            old.magnitude, old.threshold = decision.magnitude, decision.threshold
+            old.simulated |= decision.simulated
+
+
+def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:
+    """Adam on the network's weights; the parameters of even samples at the end."""
+    network, settings, limits = mapped.network, state.settings, state.limits
+    rate = 1e-3 / settings.network_width
+    adam = torch.optim.Adam(network.parameters(), lr=rate, betas=(0.9, 0.99))
+    edge, radius = _EDGE * limits.radius, limits.radius
+    total = settings.network_iterations
+    first = settings.network_rate_radii * (_FURTHER if settings.network_start == "circle" else 1.0)
+    phases = [
+        replace(phase, tau=_TAU) for phase in three_phases(settings, len(state.problem.views))[:2]
+    ]
+    where = curves.knots
+    for iteration in range(total):
+        progress = iteration / max(1, total - 1)
+        number = int(progress >= _FINE)
+        if iteration % _REFRESH == 0 or number != int((iteration - 1) / max(1, total - 1) >= _FINE):
+            where = _sample(state, curves, mapped, where, edge)
+            start = torch.as_tensor(
+                np.concatenate(curves.at(where)) / mapped.size, device=state.device
+            )
+            keep_largest(state.effects, state.survey())
+            phase = phases[number]
+            objective = state.objective(phase)
+            update, since = state.between(objective, phase), iteration
+            near: Neighbours | None = None
+            before: Array | None = None
+        images = mapped.size * network(start)
+        x = images.detach().cpu().numpy()
+        if near is None or near.moved(x) > 0.3 * radius:
+            near = _near(x, state.rings, limits)
+        if before is not None:
+            goal = first * _SLOWEST**progress * radius
+            moved = float(np.sqrt(dot(x - before, x - before).mean()))
+            rate *= float(np.sqrt(np.clip(goal / max(moved, 1e-300), 0.5, 2.0)))
+        before = x
+        update(x, near, iteration - since, progress)
+        adam.zero_grad()
+        torch.autograd.backward(objective(images, near, progress))
+        for group in adam.param_groups:
+            group["lr"] = rate
+        adam.step()
+        if report is not None and iteration % 10 == 0:
+            report(progress, min(objective.ious(x)))
+    where = _sample(state, curves, mapped, where, edge)
+    keep_largest(state.effects, state.survey())
+    if report is not None:
+        report(1.0, min(state.ious()))
+    return where
+
+
+def _sample(
+    state: SearchState, curves: Curves, mapped: _Map, where: Parameters, edge_mm: float
+) -> Parameters:
+    """Even samples on the images of the curves, which the state then holds; their parameters."""
+    where = even_parameters(where, mapped.images(curves, where), curves.periods, edge_mm)
+    state.rings = rings_of_sizes(tuple(len(w) for w in where))
+    state.points = np.concatenate(mapped.images(curves, where))
+    return where
+
+
+def _near(points: Array, rings: Rings, limits: Limits) -> Neighbours:
+    """Everything that the clearance term can feel before the list is made anew."""
+    edge = points[rings.next] - points
+    longest = float(np.sqrt(dot(edge, edge).max()))
+    felt = 1.02 * limits.separation + 1.5 * longest + 0.7 * limits.radius
+    return find_neighbours(points, rings, max(4.0 * limits.radius, felt), 6)

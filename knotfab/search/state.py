@@ -1,0 +1,202 @@
+"""Where a search stands (vertices, what is asked of them, the certificates so far), and its single steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.feasibility import Feasibility, measure_feasibility
+from knotfab.effects.survey import survey
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.resample import resample, subdivide
+from knotfab.problem import CertificateLog, Problem, Start
+from knotfab.render.picture import ViewImage
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.balance import Balance
+from knotfab.search.flow import Between, flow
+from knotfab.search.grace import Grace
+from knotfab.search.objective import Objective, Term
+from knotfab.search.phases import Phase
+from knotfab.search.pose import Pose, ViewNumbers, descend_pose, look_from
+from knotfab.search.spill import Spill
+
+__all__ = ["SearchState", "begin", "resample_state", "run_phase"]
+
+Array = NDArray[np.float64]
+
+_BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
+
+
+@dataclass
+class SearchState:
+    """Vertices `points` (N, 3), mm, of the polylines `rings`, and all that the search goes by.
+
+    `pose` is the one view's pose while that is an unknown.
+    """
+
+    problem: Problem
+    radius: float
+    settings: SearchSettings
+    points: Array
+    rings: Rings
+    log: CertificateLog
+    effects: dict[str, Decision]
+    terms: tuple[Term, ...] = ()
+    pose: Pose | None = None
+    keep_vertices: bool = False
+    device: str = "cpu"
+    balance: Balance | None = None
+    numbers: ViewNumbers | None = None  # of the pose, once it is found
+
+    @property
+    def limits(self) -> Limits:
+        """The hard limits at the present radius."""
+        return self.problem.limits(self.radius)
+
+    def feasibility(self) -> Feasibility:
+        """The hard limits measured on the polylines as they are."""
+        return measure_feasibility(self.points, self.rings, self.limits)
+
+    def wanting(self, points: Array) -> bool:
+        """Whether vertices (N, 3) break a limit, or a term that is one."""
+        if not all(term.kept(points) for term in self.terms):
+            return True
+        return bool(measure_feasibility(points, self.rings, self.limits).violations)
+
+    def survey(self) -> dict[str, Decision]:
+        """Every effect judged on the polylines as they are."""
+        views = tuple(v.view for v in self.problem.views)
+        tolerance = self.settings.tolerance_px
+        return survey(Situation(views, self.limits, self.points, self.rings, tolerance))
+
+    def simulate(self, broken: list[str]) -> None:
+        """A violation calls for what the bound beforehand did not: from here on these are simulated."""
+        for name in broken:
+            self.effects[name].simulated = True
+
+    def ious(self) -> tuple[float, ...]:
+        """IoU of each view at the resolution of the fine phase."""
+        images = self._images(self.settings.fine_px)
+        return tuple(i.iou(self.points, self.rings, self.radius) for i in images)
+
+    def _images(self, pixels: int) -> tuple[ViewImage, ...]:
+        return tuple(v.image_at(self.radius, pixels, self.device) for v in self.problem.views)
+
+    def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
+        """The objective of a phase on the polylines as they are; `loose` (N,): the vertices that may move."""
+        terms = self.terms
+        if phase.spill:
+            terms += tuple(Spill.of(v, self.radius, self.device) for v in self.problem.views)
+        objective = Objective(
+            self._images(phase.pixels),
+            self.rings,
+            self.limits,
+            self.effects,
+            phase.weights,
+            phase.tau,
+            terms,
+            loose,
+        )
+        if self.pose is not None:
+            look_from(self.pose, objective, self.problem)
+        return objective
+
+    def between(self, objective: Objective, phase: Phase) -> Between:
+        """What changes between the steps of a phase: pose, winning capsules, and the weights of the views."""
+        balance = self.balance if phase.balanced else None
+
+        def update(points: Array, near: Neighbours, iteration: int, progress: float) -> None:
+            if iteration % self.settings.winners_every == 0:
+                objective.find_winners(points, progress)
+            if self.pose is not None:
+                descend_pose(self.pose, objective, self.problem, points, near, progress)
+                self.radius = self.pose.radius_mm
+            if balance is not None and iteration % _BALANCED_EVERY == 0:
+                objective.shares = balance.update(objective.ious(points))
+
+        return update
+
+
+def begin(
+    problem: Problem,
+    start: Start,
+    radius: float,
+    settings: SearchSettings,
+    terms: tuple[Term, ...] = (),
+    pose: Pose | None = None,
+    keep_vertices: bool = False,
+    log: CertificateLog | None = None,
+    device: str = "cpu",
+) -> SearchState:
+    """The state at the start of a search, its effects judged there."""
+    if settings.grace > 0:
+        terms += (Grace(radius, settings.grace),)
+    state = SearchState(
+        problem,
+        radius,
+        settings,
+        np.concatenate(start.curves),
+        rings_of_sizes(tuple(len(c) for c in start.curves)),
+        log or CertificateLog(start.why, start.types),
+        {},
+        terms,
+        pose,
+        keep_vertices,
+        device,
+        None if problem.goals is None else Balance(problem.goals),
+    )
+    state.effects = state.survey()
+    return state
+
+
+def resample_state(state: SearchState, edge_mm: float) -> None:
+    """Certified resampling; where it cannot be certified, new vertices on the long edges only."""
+    if state.keep_vertices:
+        return
+    points, rings, verdict = resample(state.points, state.rings, edge_mm)
+    if verdict.valid:
+        state.log.resamplings += 1
+        state.log.add_margin(verdict.margin)
+    else:
+        state.log.resamplings_refused += 1
+        points, rings = subdivide(state.points, state.rings, edge_mm)
+    state.points, state.rings = points, rings
+
+
+def run_phase(
+    state: SearchState,
+    phase: Phase,
+    report: Callable[[float, float], None] | None = None,
+    until_kept: bool = False,
+    loose: NDArray[np.bool_] | None = None,
+) -> Objective:
+    """One phase of the certified flow; `until_kept` ends it as soon as every limit holds.
+
+    Returns:
+        The objective at the end of the phase.
+    """
+    objective = state.objective(phase, loose)
+    limits = state.limits
+    result = flow(
+        state.points,
+        state.rings,
+        objective,
+        limits.radius,
+        phase.walk,
+        state.device,
+        report,
+        (lambda x: not state.wanting(x)) if until_kept else None,
+        limits.separation,
+        state.between(objective, phase),
+    )
+    state.points = result.points
+    state.log.accepted += result.accepted
+    state.log.shortened += result.shortened
+    state.log.refused += result.refused
+    state.log.add_margin(result.least_margin)
+    return objective

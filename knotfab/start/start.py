@@ -1,0 +1,91 @@
+"""Where a search starts: curves of known type that nearly draw every picture, the knot asked for tied in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.effects.region import tube_outside
+from knotfab.problem import Problem, Start
+from knotfab.scene.knot_names import knot_name
+from knotfab.scene.settings import SearchSettings
+from knotfab.start.circle import start_at_circles
+from knotfab.start.filling import Template, fill
+from knotfab.start.lift import lift_template
+from knotfab.start.tie import Room, tie
+from knotfab.start.views import start_between_views
+
+__all__ = ["make_start", "tie_knot"]
+
+Array = NDArray[np.float64]
+
+
+def make_start(
+    problem: Problem,
+    radius: float,
+    settings: SearchSettings,
+    knots: int | None = None,
+    spacing: float = 1.0,
+    template: Template | None = None,
+) -> Start:
+    """The start for a tube of this radius, mm: a filling at its depths, or circles where the settings say so.
+
+    Args:
+        knots: None for one curve a piece of the picture; a number to bridge pieces until so many are left.
+            Of several views always one.
+        spacing: of the strands, times what fills the picture.
+        template: of the one view, where it is known already.
+
+    Raises:
+        SceneError: no such curve keeps clear of itself, or it has no place for the knot.
+    """
+    one = len(problem.views) == 1
+    if one and template is None:
+        template = fill(problem.views[0].polygon, spacing * radius, knots)
+    if settings.network_start == "circle":
+        return start_at_circles(problem, radius, settings, template)
+    if template is not None:
+        start = lift_template(problem, template, radius, settings)
+    else:
+        tied = bool(knot_name(problem.knot).factors)
+        start = start_between_views(problem, spacing * radius, settings, facing_only=tied)
+    return tie_knot(problem, start, radius)
+
+
+def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
+    """The start with the problem's knot tied into the longest of its curves, seen from the view they face."""
+    wanted = knot_name(problem.knot)
+    if not wanted.factors:
+        return start
+    if start.facing is None:
+        raise ValueError("a knot is tied in where a view sees the curve simple")
+    facing, limits = problem.views[start.facing], problem.limits(radius)
+    axes = facing.axes
+
+    def outside(points: Array) -> float:
+        here = points @ axes
+        ahead = np.roll(here, -1, axis=0)
+        return float(tube_outside(here, ahead, limits.region, limits.radius)[1].max())
+
+    room = Room(
+        facing.polygon,
+        facing.view.light_distance_mm,
+        limits.radius,
+        max(0.5 * limits.separation, limits.bend_radius),
+        outside,
+        tuple(
+            (v.polygon, v.axes @ axes.T, v.view.light_distance_mm)
+            for v in problem.views
+            if v is not facing
+        ),
+    )
+    tied = tie(tuple(c @ axes.T for c in start.curves), wanted.factors, room)
+    types = list(start.types)
+    types[tied.component] = wanted.promise
+    why = (
+        f"{start.why}; and a {wanted.promise} tied into knot {tied.component}, before or behind all "
+        "strands that it hides: their connected sum"
+    )
+    return replace(start, curves=tuple(c @ axes for c in tied.curves), types=tuple(types), why=why)

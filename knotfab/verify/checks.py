@@ -1,0 +1,66 @@
+"""The one rule of what passes, and the one list of check names, for checks in the report's form."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+from knotfab_validators.check import Check
+from knotfab_validators.names import KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
+from knotfab_validators.verdict import exit_code_of
+
+__all__ = ["CHECKS", "PRINTER_CHECKS", "exit_code", "explain_unprinted", "refused", "unmet"]
+
+Record = dict[str, Any]
+
+STATES = ("pass", "fail", "skipped")
+# the validators' checks that are of no concern to a piece that is not to be printed
+PRINTER_CHECKS = ("build_volume", *PRINTING, *PLATES)
+# what `--skip` knows: the validators' checks, the rendering that some of them use, and the slicer
+CHECKS = (
+    "shadow-render",
+    "slicer",
+    *SHADOWS,
+    "intrusion",
+    *KNOTS,
+    *MESH,
+    *TUBE,
+    *PRINTING,
+    *PLATES,
+)
+
+
+def exit_code(checks: Iterable[Mapping[str, Any]]) -> int:
+    """0 where every required check passed, 1 where one failed, else 3 where one could not run.
+
+    Raises:
+        ValueError: a check has no known status.
+    """
+    states = [(bool(check["required"]), str(check["status"])) for check in _known(checks)]
+    return exit_code_of(states)
+
+
+def unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The required checks that did not pass: a skipped one proves nothing."""
+    return [check for check in _known(checks) if check["required"] and check["status"] != "pass"]
+
+
+def explain_unprinted(checks: Iterable[Record], skip: Collection[str]) -> None:
+    """Say of the printer's checks that were left out how to have them, unless `skip` asked for it."""
+    for check in checks:
+        if check["name"] in PRINTER_CHECKS and check["name"] not in skip:
+            check["detail"] = "checked with --print"
+
+
+def refused(why: str) -> Record:
+    """The verdict on a piece of which no part could be made."""
+    part = Check("part", "fail", True, None, None, "", why).to_dict()
+    return {"status": "fail", "exit_code": 1, "checks": [part], "views": [], "seconds": {}}
+
+
+def _known(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    found = list(checks)
+    for check in found:
+        if check["status"] not in STATES:
+            raise ValueError(f"check {check['name']!r} has the status {check['status']!r}")
+    return found

@@ -1,0 +1,18 @@
+"""The names of all checks, in one place: what a report lists, and what may be left out by name."""
+
+from __future__ import annotations
+
+__all__ = ["KNOTS", "MESH", "PLATES", "PRINTING", "SHADOWS", "TUBE"]
+
+MESH = (
+    *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
+    *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
+)
+TUBE = ("tube", "clearance", "region", "build_volume")  # of the part as a tube, in its place
+KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
+PRINTING = (
+    *("feature", "gap", "overhang", "support_volume"),
+    *("bridge", "floating", "islands", "standing"),
+)
+PLATES = ("plate_mesh", "plates", "plates_volume")
+SHADOWS = ("shadow", "shadow_exact", "outline", "wrong_outline")  # `intrusion` too, of a mount
