@@ -1,4 +1,4 @@
-"""What the studies share: pictures as files and as problems, builds in a process of their own, time spent."""
+"""What the studies share: pictures as files and as questions, builds as processes of their own, time."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 if TYPE_CHECKING:
-    from knotfab.problem import Problem
-    from knotfab.scene.model import Scene
+    from knotfab.design.question import Question
 
 __all__ = [
     "STOPPED",
@@ -29,7 +28,7 @@ __all__ = [
     "failed_checks",
     "make_folder",
     "paint_comparison",
-    "read_problem",
+    "read_question",
     "read_report",
     "save_pictures",
 ]
@@ -84,25 +83,19 @@ def save_pictures(
     return files
 
 
-def read_problem(picture: str | Path | Image.Image) -> tuple[Scene, Problem]:
-    """The default scene of a picture, resolved, and the search's question in it."""
+def read_question(picture: str | Path | Image.Image) -> Question:
+    """What a search is asked for one picture in the default scene."""
     # torch takes seconds to load, and what only runs other commands has no use for it
-    from knotfab.design.design import problem_of, resolve_view
-    from knotfab.scene.catalogue import resolve
+    from knotfab.design.question import ask
     from knotfab.scene.model import Scene
     from knotfab.target.read import read_target
 
-    if isinstance(picture, Image.Image):
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "picture.png"
-            picture.save(path)
-            target = read_target(path)
-    else:
-        target = read_target(picture)
-    scene = resolve(Scene(), [(target.width, target.height)])
-    view = resolve_view(scene.views[0], target)
-    scene = scene.model_copy(update={"views": (view,)})
-    return scene, problem_of(scene, target)
+    if not isinstance(picture, Image.Image):
+        return ask(Scene(), [read_target(picture)])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.png"
+        picture.save(path)
+        return ask(Scene(), [read_target(path)])
 
 
 @dataclass(frozen=True)

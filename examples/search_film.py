@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 if __package__ in (None, ""):
@@ -14,30 +15,26 @@ if __package__ in (None, ""):
 
 import numpy as np
 import torch
-from knotfab.search.steps import walked
 from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from examples.measurement import paint_comparison, read_problem
+from examples.measurement import paint_comparison, read_question
 from examples.side_view import beside, side_view
-from knotfab.effects.base import Situation
-from knotfab.effects.survey import survey
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings
-from knotfab.problem import Account, Problem
+from knotfab.effects.base import State
+from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.problem import Problem
 from knotfab.render.frame import Frame
-from knotfab.render.picture import frame_mm, picture_at
-from knotfab.render.threads import one_thread
+from knotfab.render.picture import picture_at
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import PRESETS
-from knotfab.search.objective import Objective
-from knotfab.search.phases import objective_of, three_phases
+from knotfab.search.objective import Term, Weights
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
 from knotfab.sequence.gif import write_gif
-from knotfab.start.filling import fill
-from knotfab.start.lift import lifted
+from knotfab.start.start import make_start
 
-__all__ = ["film", "watched"]
+__all__ = ["film", "watch_search"]
 
 Array = NDArray[np.float64]
 
@@ -57,36 +54,35 @@ _SETTINGS = PRESETS["draft"].model_copy(
 )
 
 
-@one_thread()
-def watched(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
+class Watch(Term):
+    """A term that adds nothing to the objective, and keeps the vertices of every so many calls."""
+
+    def __init__(self, every: int) -> None:
+        self.every, self.calls = every, 0
+        self.seen: list[Array] = []
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        if self.calls % self.every == 0:
+            self.seen.append(state.points.detach().numpy().copy())
+        self.calls += 1
+        return state.points.new_zeros(())
+
+
+def watch_search(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
-    limits, account = problem.limits(radius), Account()
-    points, rings, _ = lifted(problem, fill(problem.polygon, radius), limits, _SETTINGS, account)
-    seen = [points]
-    for phase in three_phases(_SETTINGS):
-        pixel_mm = max(frame_mm(problem.view)) / phase.pixels
-        effects = survey(
-            Situation(problem.view, limits, points, rings, pixel_mm, _SETTINGS.tolerance_px)
-        )
-        objective = objective_of(
-            problem.view, problem.mask, limits, rings, effects, phase, _SETTINGS, "cpu"
-        )
-
-        def watch(
-            x: Tensor, near: Neighbours, progress: float, base: Objective = objective
-        ) -> Tensor:
-            if base.calls % every == 0:
-                seen.append(x.detach().numpy().copy())
-            return base(x, near, progress)
-
-        points = walked(points, rings, watch, limits, phase.walk, account, "cpu", None)
-    return [*seen, points], rings
+    start, watch = make_start(problem, radius, _SETTINGS), Watch(every)
+    # the same vertices from the first picture to the last, and no repair after the last phase
+    plan = replace(plan_of(_SETTINGS), keep_vertices=True, repairs=0, mendings=0)
+    result = search(problem, start, radius, _SETTINGS, terms=(watch,), plan=plan)
+    rings = rings_of_sizes(tuple(len(c) for c in start.curves))
+    return [np.concatenate(start.curves), *watch.seen, result.knots.points], rings
 
 
 def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Image]:
     """The pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
-    stages, rings = watched(problem, radius, every)
-    frame, target, _ = picture_at(problem.view, problem.mask, PANEL, True, "cpu")
+    stages, rings = watch_search(problem, radius, every)
+    (view,) = problem.views
+    frame, target, _ = picture_at(view.view, view.mask, PANEL)
     reach = 1.05 * max(float(np.linalg.norm(p, axis=1).max()) for p in stages) + radius
     wanted = target.numpy() > 0.5
     found = []
@@ -111,9 +107,9 @@ def _shadow(
 
 def main(source: str, path: Path) -> None:
     """Write the film of the search for one picture."""
-    _, problem = read_problem(source)
-    assert problem.view.frame_width_mm is not None
-    pictures = film(problem, round(SHARE * problem.view.frame_width_mm, 3))
+    question = read_question(source)
+    radius = round(SHARE * question.views[0].frame_width_mm, 3)
+    pictures = film(question.with_depth(radius).problem, radius)
     write_gif(path, pictures, 80)
     print(f"{path}: {len(pictures)} pictures")
 

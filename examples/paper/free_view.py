@@ -11,19 +11,20 @@ import argparse
 
 import numpy as np
 import torch
-from knotfab.render.free_frame import Sheet, free_frame, render_free
-from knotfab.search.free_search import free_search
 from numpy.typing import NDArray
 
-from examples.measurement import Stopwatch, read_problem
+from examples.measurement import Stopwatch, read_question
 from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
+from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.render.posed_frame import Sheet, posed_frame
 from knotfab.render.threads import one_thread
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
-from knotfab.start.filling import fill
+from knotfab.start.start import make_start
 
 __all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
 
@@ -42,10 +43,10 @@ def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
 def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torch.Tensor:
     """[height, width] the hard shadow (0 or 1) of one closed knot."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
-    lengths = [numbers.light_distance_mm, numbers.wall_distance_mm, numbers.radius_mm]
-    frame = free_frame(sheet, turn, *torch.tensor(lengths, dtype=torch.float64))
+    distances = torch.tensor([numbers.light_distance_mm, numbers.wall_distance_mm]).double()
+    frame = posed_frame(sheet, turn, *distances)
     p = torch.as_tensor(points)
-    return (render_free(p, p.roll(-1, 0), frame, 10.0) > 0.5).float()
+    return (render_tiled(p, p.roll(-1, 0), frame, numbers.radius_mm, 10.0) > 0.5).float()
 
 
 def recoveries(seeds: int = 3) -> None:
@@ -87,19 +88,20 @@ def designs(names: list[str]) -> None:
     print("picture    radius   fixed    free   light    wall  radius   turn   CPU seconds")
     gains = []
     for name in names:
-        scene, problem = read_problem(every[name])
         radius = RADII_MM.get(name, 2.5)
-        template = fill(problem.polygon, radius)
+        question = read_question(every[name]).with_depth(radius)
+        problem = question.problem
+        start = make_start(problem, radius, settings)
         watch = Stopwatch()
-        fixed = search(problem, template, radius, settings)
+        fixed = search(problem, start, radius, settings)
         fixed_s = watch.cpu_s
-        bounds = Bounds(least_radius_mm=scene.printer.min_tube_radius_mm)
-        free = free_search(problem, template, radius, settings, bounds)
+        pose, settings_free = start_pose(question.scene, problem, radius, settings)
+        result = search(problem, start, radius, settings_free, pose=pose)
         free_s = watch.cpu_s - fixed_s
-        n = free.numbers
+        n = result.numbers
+        assert n is not None
         still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
-        result = free.result
-        told = "".join(f"  {line}" for line in result.standing.violations)
+        told = "".join(f"  {line}" for line in result.feasibility.violations)
         print(
             f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
             f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "

@@ -9,7 +9,7 @@ settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,13 +17,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from examples.measurement import Stopwatch, paint_comparison, read_problem
+from examples.measurement import Stopwatch, paint_comparison, read_question
 from examples.pictures import pictures
+from knotfab.problem import Problem, SearchResult
 from knotfab.render.picture import picture_at
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import PRESETS, SearchSettings
-from knotfab.search.search import Infeasible, Problem, SearchResult, search
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
+from knotfab.start.start import make_start
 
 __all__ = ["Run", "main", "run"]
 
@@ -55,10 +58,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("."))
     asked = parser.parse_args()
-    _, problem = read_problem(pictures()[asked.picture])
-    assert problem.view.frame_width_mm is not None
-    radius = round(RADIUS * problem.view.frame_width_mm, 3)
-    template = fill(problem.polygon, radius)
+    question = read_question(pictures()[asked.picture])
+    radius = round(RADIUS * question.views[0].frame_width_mm, 3)
+    problem = question.with_depth(radius).problem
+    template = fill(problem.polygons[0], radius)
     runs = []
     print(f"{asked.picture}, tube radius {radius:g} mm, seed {asked.seed}; IoU at 256 px\n")
     print(
@@ -90,19 +93,18 @@ def run(
     base = PRESETS["draft"].model_dump() | WAYS[way] | {"seed": seed}
     settings = SearchSettings(**base).scaled(scale)
     watch = Stopwatch()
-    try:
-        result = search(problem, template, radius, settings, repairs=repairs)
-    except Infeasible as error:
-        result = error.result
+    start = make_start(problem, radius, settings, template=template)
+    plan = replace(plan_of(settings), repairs=repairs)
+    result = search(problem, start, radius, settings, plan=plan)
     return Run(way, scale, repairs, watch.cpu_s, result)
 
 
 def _line(one: Run) -> str:
-    state, limits = one.result.standing, one.result.standing.limits
-    scale = f"{one.scale:g}" if one.repairs == 0 else f"+{one.result.account.repairs}"
+    state, limits = one.result.feasibility, one.result.feasibility.limits
+    scale = f"{one.scale:g}" if one.repairs == 0 else f"+{one.result.log.repairs}"
     return (
         f"{one.way:13} {scale:>5} {one.cpu_s:6.1f} {one.result.iou_estimate:7.4f} "
-        f"{'certified' if one.result.account.certified else 'unproved':>9} "
+        f"{'certified' if one.result.log.certified else 'unproved':>9} "
         f"{state.bend_mm / limits.bend_radius:6.2f} {state.gap_mm / limits.separation:6.2f}  "
         f"{', '.join(state.broken) or '-'}"
     )
@@ -121,7 +123,7 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
         for r in runs:
             if r.way == way and r.repairs:
                 at = (r.cpu_s, 1 - r.result.iou_estimate)
-                mark = "X" if r.result.standing.broken else "*"
+                mark = "X" if r.result.feasibility.broken else "*"
                 plot.plot(*at, mark, color=drawn.get_color(), markersize=14, markeredgecolor="k")
     plot.set(xscale="log", yscale="log", xlabel="CPU seconds", ylabel="1 - IoU (lower is better)")
     plot.set_title(
@@ -141,7 +143,8 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
 
 def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
     """Shadow and target in one picture: black where both are, red too much, blue missing."""
-    frame, target, _ = picture_at(problem.view, problem.mask, 256, True, "cpu")
+    (view,) = problem.views
+    frame, target, _ = picture_at(view.view, view.mask, 256)
     seen = np.zeros(target.shape, dtype=bool)
     for knot in result.knots.knots:
         points = torch.as_tensor(knot.points, dtype=torch.float32)

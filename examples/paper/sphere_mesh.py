@@ -21,10 +21,11 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import label
 from torch import Tensor
 
-from examples.measurement import Stopwatch, read_problem
+from examples.measurement import Stopwatch, read_question
 from examples.pictures import Canvas, pictures
-from knotfab.design.radius import choose_radius
+from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
+from knotfab.progress import Progress
 from knotfab.render.picture import picture_at
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
@@ -157,13 +158,11 @@ def _square(mask: Mask, pixels: int) -> Array:
 
 def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
-    scene, problem = read_problem(picture)
-    view, settings = problem.view, search_settings("draft", {})
-    assert view.frame_width_mm is not None
-    least = scene.printer.min_tube_radius_mm
-    choice = choose_radius(problem, view.frame_width_mm, least, None, settings)
-    knots = search(problem, choice.template, choice.radius_mm, settings).knots
-    frame, target, _ = picture_at(view, problem.mask, COMPARED_PX, True, "cpu")
+    question, settings = read_question(picture), search_settings("draft", {})
+    question, radius, start, _ = choose_tube(question, settings, Progress("quiet"))
+    knots = search(question.problem, start, radius, settings).knots
+    (view,) = question.problem.views
+    frame, target, _ = picture_at(view.view, view.mask, COMPARED_PX)
     starts = torch.as_tensor(knots.points).float()
     ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
     with torch.no_grad():

@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 import statistics
 
-from examples.measurement import read_problem
+from examples.measurement import read_question
 from examples.pictures import pictures
-from knotfab.start.filling import fill
+from knotfab.scene.settings import search_settings
+from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import measure
 from knotfab.tradeoff.points import points
 
@@ -26,14 +27,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     asked = parser.parse_args()
-    problems = []
+    problems, settings = [], search_settings("standard", {})
     for name, image in pictures().items():
         if name in asked.names:
-            _, problem = read_problem(image)
-            width = problem.view.frame_width_mm
-            assert width is not None
-            radius = RADIUS * width
-            problems.append((problem, radius, fill(problem.polygon, radius)))
+            question = read_question(image)
+            radius = RADIUS * question.views[0].frame_width_mm
+            problem = question.with_depth(radius).problem
+            problems.append((problem, radius, make_start(problem, radius, settings)))
     print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
     rows = [measure(p, t, r, points()) for p, r, t in problems]
     for column in zip(*rows, strict=True):

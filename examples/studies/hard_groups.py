@@ -32,7 +32,7 @@ from examples.studies.hard_sheets import (
     draw_shadow,
     draw_tube,
 )
-from knotfab.design.design import Design, design
+from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
@@ -176,17 +176,16 @@ def _scenes() -> Iterator[Line]:
             "views": [{"picture": "heart.png"}],
             **parts,
         }
-        made = design(Scene.model_validate(given), target)
+        made = design_knots(Scene.model_validate(given), [target])
         price = made.binding[0] if made.binding else None
         cells = (
-            "every limit holds" if not made.result.standing.violations else "broken",
+            "every limit holds" if made.result.feasible else "broken",
             f"{made.result.iou_estimate:.3f}",
             " and ".join(price.limits) if price else "-",
             f"{price.iou_without:.3f}" if price else "-",
         )
-        held = not made.result.standing.violations
         draw = partial(draw_shadow, target=target.mask, shadow=_shadow(made, target))
-        yield Line(name, why, cells, held and (price is None) == (not parts), draw)
+        yield Line(name, why, cells, made.result.feasible and (price is None) == (not parts), draw)
 
 
 def _shadow(made: Design, target: Target) -> Array:

@@ -17,7 +17,7 @@ from examples.measurement import (
     build_apart,
     failed_checks,
     paint_comparison,
-    read_problem,
+    read_question,
     read_report,
     save_pictures,
 )
@@ -63,7 +63,7 @@ def test_the_report_of_a_folder_or_of_what_was_rejected_in_it(tmp_path: Path) ->
     assert read_report(tmp_path) == {"checks": []}
 
 
-def test_pictures_are_saved_by_name_and_become_problems(tmp_path: Path) -> None:
+def test_pictures_are_saved_by_name_and_become_questions(tmp_path: Path) -> None:
     ink = np.full((48, 64), 255, dtype=np.uint8)
     ink[12:36, 16:48] = 0
     drawn = {"two words": Image.fromarray(ink), "other": Image.fromarray(ink)}
@@ -72,9 +72,9 @@ def test_pictures_are_saved_by_name_and_become_problems(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["two-words.png"]
     assert len(save_pictures(drawn, tmp_path)) == 2
     for picture in (saved["two words"], drawn["two words"]):
-        scene, problem = read_problem(picture)
-        assert problem.mask.shape == (48, 64) and problem.mask.sum() == 24 * 32
-        assert scene.views == (problem.view,)
+        (view,) = read_question(picture).problem.views
+        assert view.mask.shape == (48, 64) and view.mask.sum() == 24 * 32
+        assert view.view.frame_mm == (180.0, 135.0)
 
 
 def test_a_comparison_tells_spill_from_what_is_missing() -> None:
