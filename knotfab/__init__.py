@@ -1,3 +1,109 @@
-"""knotfab: a picture becomes a knotted tube whose shadow is that picture, proved before printing."""
+"""knotfab: a picture becomes a knotted tube whose shadow is that picture, proved before printing.
+
+    import knotfab
+
+    result = knotfab.build("cat.png", "out", mount="wall")
+    print(result.exit_code, result.folder, result.report["views"][0]["iou"])
+
+The stages are functions of their own, from data to data; all that is public is listed in `__all__`, loaded
+when it is first used, and described in docs/api.md.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from knotfab.api import (
+        assemble_part,
+        build,
+        choose_tube,
+        design_knots,
+        pose_question,
+        read_picture,
+        search_knots,
+        settle_design,
+        sweep_tube,
+        validate_part,
+        write_files,
+    )
+    from knotfab.design.design import Design
+    from knotfab.design.question import Question
+    from knotfab.errors import InputError, KnotfabError, MachineError, SceneError
+    from knotfab.knots import Knot, Knots
+    from knotfab.part.assemble import Part
+    from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.request import Outcome
+    from knotfab.scene.model import ResolvedScene, Scene
+    from knotfab.target.read import Target
 
 __version__ = "0.1.0"
+
+_MODULES = {
+    "knotfab.api": (
+        "assemble_part",
+        "build",
+        "choose_tube",
+        "design_knots",
+        "pose_question",
+        "read_picture",
+        "search_knots",
+        "settle_design",
+        "sweep_tube",
+        "validate_part",
+        "write_files",
+    ),
+    "knotfab.design.design": ("Design",),
+    "knotfab.design.question": ("Question",),
+    "knotfab.errors": ("InputError", "KnotfabError", "MachineError", "SceneError"),
+    "knotfab.knots": ("Knot", "Knots"),
+    "knotfab.part.assemble": ("Part",),
+    "knotfab.problem": ("Problem", "SearchResult", "Start"),
+    "knotfab.request": ("Outcome",),
+    "knotfab.scene.model": ("ResolvedScene", "Scene"),
+    "knotfab.target.read": ("Target",),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = [
+    "Design",
+    "InputError",
+    "Knot",
+    "KnotfabError",
+    "Knots",
+    "MachineError",
+    "Outcome",
+    "Part",
+    "Problem",
+    "Question",
+    "ResolvedScene",
+    "Scene",
+    "SceneError",
+    "SearchResult",
+    "Start",
+    "Target",
+    "assemble_part",
+    "build",
+    "choose_tube",
+    "design_knots",
+    "pose_question",
+    "read_picture",
+    "search_knots",
+    "settle_design",
+    "sweep_tube",
+    "validate_part",
+    "write_files",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used (PEP 562): importing knotfab loads nothing heavy."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'knotfab' has no attribute {name!r}")
+    found = globals()[name] = getattr(importlib.import_module(_HOME[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.design.design import Design, design_knots
-from knotfab.errors import InputError, SceneError
+from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
 from knotfab.flatten import flatten
@@ -36,13 +36,26 @@ from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
-from knotfab.target.read import Target, read_target
+from knotfab.target.read import Target, read_targets
 from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted, refused
 from knotfab.verify.verifier import Files, Verifier
 
-__all__ = ["build"]
+__all__ = ["build", "run_build"]
 
 _RESERVE_S = 5.0  # of a time budget, for what follows the search
+
+
+def run_build(request: Request, progress: Progress | None = None) -> Outcome:
+    """Build what was asked: a piece, or a sequence of them.
+
+    Raises:
+        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    """
+    if request.sequence:
+        from knotfab.sequence.build import build_sequence
+
+        return build_sequence(request, progress)
+    return build(request, progress)
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
@@ -59,19 +72,22 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
-            targets = _read_targets(request)
+            inverts = [view.invert for view in request.scene.views]
+            targets = list(
+                request.targets or read_targets(request.pictures, inverts, base=request.base)
+            )
             target = targets[0]
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
-            if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
+            if request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
-                part = part_of(made, request.printing, target, progress)
+                part = part_of(made, request.printing, targets, progress)
                 flattening = None
                 if len(targets) == 1:
                     made, part, flattening = flatten(request, target, made, part, progress)
@@ -99,13 +115,13 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             with progress.stage("bending plan"):
                 from knotfab.wire.plan import write_bending_plan
 
-                picture = folder.file(scene.views[0].picture)
-                plan = write_bending_plan(folder.work, made.knots, scene, picture)
+                pictures = [folder.file(view.picture) for view in scene.views]
+                plan = write_bending_plan(folder.work, made.knots, scene, pictures)
                 verdict["checks"] += plan.checks
         drawings: list[str] = []
         if request.printing:
             with progress.stage("drawings"):
-                drawings = write_drawings(folder, part, scene, target, verdict)
+                drawings = write_drawings(folder, part, scene, targets, verdict)
         with progress.stage("report"):
             report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
             add_fabrication(report, part.mounted, sliced, plan, request.printing)
@@ -129,25 +145,6 @@ def _finish(
         return Outcome(0, report, request.out)
     folder.reject()
     return Outcome(code, report, request.out / "rejected")
-
-
-def _read_targets(request: Request) -> list[Target]:
-    """The pictures of all views, in their order.
-
-    Raises:
-        InputError: one cannot be read, or there are not as many as views.
-    """
-    sources, views = request.pictures, request.scene.views
-    if len(sources) != len(views):
-        raise InputError(
-            "the call",
-            f"{len(sources)} pictures are given for {len(views)} views",
-            "Give one picture for each [[views]] of the scene, in their order",
-        )
-    return [
-        read_target(source, invert=view.invert, base=request.base)
-        for source, view in zip(sources, views, strict=True)
-    ]
 
 
 def _begin_slicing(

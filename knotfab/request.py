@@ -8,6 +8,7 @@ from typing import Any
 
 from knotfab.errors import MachineError
 from knotfab.scene.model import Scene
+from knotfab.target.read import Target
 
 __all__ = ["Outcome", "Request", "require_device"]
 
@@ -31,6 +32,8 @@ class Request:
     time_budget_s: float | None = None
     command: str = ""
     colours: bool = False  # whether part-colours.3mf is written
+    sequence: bool = False  # the pictures are frames of one moving knot
+    targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
 
 
 @dataclass(frozen=True)

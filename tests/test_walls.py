@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from command import picture, square
+from imports import imports_of
 
 import knotfab_fixtures
 import knotfab_validators
@@ -15,30 +17,10 @@ import knotfab_validators
 HEAVY = ("torch", "vtk", "vtkmodules", "pyvista", "cadquery", "OCP")
 WALLS = {
     knotfab_validators: (
-        "knotfab", "knotfab_fixtures", "torch", "cadquery", "OCP", "manifold3d", "trimesh.boolean",
+        "knotfab", "knotfab_fixtures", "torch", "cadquery", "OCP", "manifold3d", "trimesh",
     ),
     knotfab_fixtures: ("knotfab", "knotfab_validators", "torch"),
 }  # fmt: skip
-
-
-def imports_of(source: str) -> set[str]:
-    """Every absolute name that a file imports, wherever in it the import stands."""
-    found = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-        elif (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name | ast.Attribute)
-            and (getattr(node.func, "id", None) or getattr(node.func, "attr", None))
-            in ("import_module", "__import__")
-            and node.args
-            and isinstance(node.args[0], ast.Constant)
-        ):
-            found.add(str(node.args[0].value))
-    return found
 
 
 def behind(name: str, banned: tuple[str, ...]) -> bool:
@@ -70,7 +52,7 @@ def test_the_scan_sees_an_import(line: str) -> None:
 
 
 def test_a_namesake_is_no_import_from_behind_the_wall() -> None:
-    names = imports_of("import knotfab_validators.check\nfrom .knotfab import x\nimport trimesh")
+    names = imports_of("import knotfab_validators.check\nfrom .knotfab import x\nimport trimeshes")
     assert not any(behind(n, WALLS[knotfab_validators]) for n in names)
 
 
@@ -81,8 +63,9 @@ def test_a_namesake_is_no_import_from_behind_the_wall() -> None:
         ["-m", "knotfab", "--help"],
         ["-m", "knotfab", "build", "--help"],
         ["-m", "knotfab", "build", "nowhere.png", "--accuracy", "superb"],
+        ["-m", "knotfab", "printers"],
     ],
-    ids=["import", "help", "build-help", "wrong-call"],
+    ids=["import", "help", "build-help", "wrong-call", "printers"],
 )
 def test_a_light_command_loads_nothing_heavy(call: list[str]) -> None:
     done = subprocess.run(
@@ -95,6 +78,69 @@ def test_a_light_command_loads_nothing_heavy(call: list[str]) -> None:
     assert "knotfab" in loaded
     heavy = {name for name in loaded if behind(name, HEAVY)}
     assert not heavy, sorted(heavy)[:5]
+
+
+# Runs a command in a process of its own and prints what that left in sys.modules.
+REFUSED = """
+import sys
+from knotfab.cli.app import main
+try:
+    main(sys.argv[1:])
+except SystemExit as left:
+    print(*sys.modules, sep="\\n")
+    sys.exit(left.code)
+"""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ["build", "missing.png"],
+        ["build", "blank.png"],
+        ["build", "words.png"],
+        ["build", "good.png", "missing.png"],
+        ["build", "text: "],
+        ["build", "page.svg"],
+        ["build", "good.png", "--tube-radius", "thick"],
+        ["build", "good.png", "--time-budget", "soon"],
+        ["build", "good.png", "--printer", "nonsense"],
+        ["build", "good.png", "--skip", "everything"],
+        ["build", "good.png", "--font", "DejaVu Sans"],
+        ["build", "good.png", "--knot", "9_99"],
+        ["build", "good.png", "--scene", "missing.toml"],
+        ["build", "good.png", "--scene", "search.toml"],
+        ["build", "--sequence", "good.png"],
+        ["build", "--sequence", "good.png", "good.png", "--mount", "wall"],
+        ["build"],
+        ["tradeoff", "missing.png"],
+        ["tradeoff", "blank.png", "--accuracy", "draft"],
+        ["validate", "missing"],
+    ],
+    ids=" ".join,
+)
+def test_what_is_refused_loads_nothing_heavy(tmp_path: Path, call: list[str]) -> None:
+    picture(tmp_path / "good.png", square())
+    picture(tmp_path / "blank.png", np.zeros((64, 64), dtype=bool))
+    (tmp_path / "words.png").write_text("I am no picture.")
+    (tmp_path / "page.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="0"/>')
+    (tmp_path / "search.toml").write_text("[search]\niterations = 10\n")
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSED, *call], cwd=tmp_path, capture_output=True, encoding="utf-8"
+    )
+    assert done.returncode == 2 and done.stderr.startswith("knotfab: "), done.stderr
+    loaded = done.stdout.split()
+    assert "knotfab.cli.app" in loaded
+    heavy = [name for name in loaded if behind(name, HEAVY)]
+    assert not heavy, heavy[:5]
+
+
+def test_the_scan_of_what_was_loaded_sees_torch() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", f"import torch\n{REFUSED}", "validate", "missing"],
+        capture_output=True,
+        encoding="utf-8",
+    )
+    assert any(behind(name, HEAVY) for name in done.stdout.split())
 
 
 @pytest.mark.parametrize("folder", ["validators", "fixtures"])

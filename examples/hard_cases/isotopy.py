@@ -17,8 +17,8 @@ from examples.hard_cases.curves import HardKnot
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Rings, rings_of_sizes
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 
 __all__ = ["Fuzzed", "fuzz", "types_of"]
 

@@ -18,7 +18,7 @@ from examples.hard_cases.value_error import value_error
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.dense import render_dense
 from knotfab.start.filling import fill
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["KINDS"]
 
@@ -58,7 +58,7 @@ def _picture(rng: np.random.Generator) -> str:
     """Blurred noise, from specks to blobs, filled by a tube of any thickness."""
     noise = ndimage.gaussian_filter(rng.normal(size=(160, 200)), float(rng.uniform(0, 12)))
     mask = noise > np.quantile(noise, rng.uniform(0.2, 0.95))
-    polygon = polygon_of(mask)
+    polygon = trace_polygon(mask)
     if not polygon.is_valid:
         return "the outline is not valid"
     if polygon.is_empty:

@@ -30,7 +30,7 @@ from examples.paper.ring import Curve, circle, even_ring
 from examples.paper.settings import PAPER, PaperSettings
 from examples.pictures import pictures
 from knotfab.render.outlines import render_outlines
-from knotfab.target.silhouette import image_at
+from knotfab.target.silhouette import resample_mask
 
 __all__ = ["ABLATIONS", "Row", "main"]
 
@@ -73,7 +73,7 @@ def _picture(name: str) -> Tensor:
     square = np.zeros((side, side), dtype=np.bool_)
     top, left = ((side - n) // 2 for n in mask.shape)
     square[top : top + mask.shape[0], left : left + mask.shape[1]] = mask
-    return torch.as_tensor(image_at(square, PIXELS, PIXELS), dtype=torch.float64)
+    return torch.as_tensor(resample_mask(square, PIXELS, PIXELS), dtype=torch.float64)
 
 
 def _frame() -> Tensor:

@@ -40,7 +40,7 @@ from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
 from knotfab.target.read import Target, read_target
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["GROUPS", "Line", "groups"]
 
@@ -146,7 +146,7 @@ def _geometry() -> Iterator[Line]:
         if case.name in SLOW:
             continue
         mask = case.draw()
-        outline = polygon_of(mask)
+        outline = trace_polygon(mask)
         pieces, corners = len(outline.geoms), shapely.get_num_coordinates(outline)
         good, said = outline.is_valid, "nothing to fill"
         curves: Sequence[Array] = ()

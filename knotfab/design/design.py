@@ -36,7 +36,7 @@ from knotfab.start.start import make_start
 from knotfab.start.views import start_ious
 from knotfab.target.read import Target
 
-__all__ = ["Design", "choose_tube", "design_knots"]
+__all__ = ["Design", "choose_tube", "design_knots", "settle_design"]
 
 REGION_FILE = "region.stl"
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
@@ -116,12 +116,8 @@ def design_knots(
     if settings.free_view:
         radius = result.knots.radius_mm
         question = question.seen_from(result.views, targets)
-        fine = _fine_enough(question, settings, radius)
-        settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
-    floor = scene.accuracy.iou_floor
-    if isinstance(floor, str):
-        floor = settings.floor(question.most_iou(radius))
     binding: tuple[Price, ...] = ()
+    floor = _floor(question, settings, radius)
     if unmet is not None or result.iou_estimate < floor:
         with progress.stage("limits"):
             binding = price_limits(
@@ -133,23 +129,46 @@ def design_knots(
                 device,
                 None if unmet is None else result.iou_estimate,
             )
+    made = settle_design(question, result, settings)
+    return replace(
+        made,
+        radius=choice,
+        unmet=None if unmet is None else unmet.feasibility,
+        binding=binding,
+        start_ious=start_ious(problem, start, radius) if question.bounds else (),
+    )
+
+
+def settle_design(question: Question, result: SearchResult, settings: SearchSettings) -> Design:
+    """The design that a search has come to: its scene with nothing left to choose.
+
+    Args:
+        question: seen from where the search ended.
+    """
+    radius = result.knots.radius_mm
+    fine = _fine_enough(question, settings, radius)
+    settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
     region, region_stl = question.problem.region, None
     if region.file is not None:  # the build writes it beside the scene
         region_stl = Path(region.file).read_bytes()
         region = region.model_copy(update={"file": REGION_FILE})
+    floor = _floor(question, settings, radius)
     return Design(
         _resolve(question, region, result, radius, floor, settings),
         result.knots,
         result,
-        choice,
+        None,
         question.opening(radius),
         settings,
         region_stl,
-        None if unmet is None else unmet.feasibility,
-        binding,
-        question.bounds,
-        start_ious(problem, start, radius) if question.bounds else (),
+        bounds=question.bounds,
     )
+
+
+def _floor(question: Question, settings: SearchSettings, radius: float) -> float:
+    """The IoU that the part must reach: the scene's, or what follows from what its pictures allow."""
+    asked = question.scene.accuracy.iou_floor
+    return settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
 
 
 def choose_tube(

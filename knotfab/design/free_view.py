@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from knotfab.problem import Problem, ViewNumbers
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.pose import ALL, Bounds, Pose
@@ -37,8 +38,9 @@ def start_pose(
 ) -> tuple[Pose, SearchSettings]:
     """The pose of the one view as an unknown, and the settings that say where it started.
 
-    A tube radius (mm) that the scene gives is kept.
+    A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
+    scene = resolve(scene)
     given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
     free = ALL if not given else tuple(name for name in ALL if name != "radius")
     view = problem.views[0].view

@@ -16,6 +16,7 @@ from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.errors import InputError
+from knotfab.mount.mount import require_mount
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
@@ -23,7 +24,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
 from knotfab.search.balance import goals_of
 from knotfab.target.read import Target
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["Question", "ask", "opening_iou", "silhouette_polygon"]
 
@@ -134,12 +135,7 @@ def _require_several(scene: Scene) -> None:
             "the pictures of several views fix each other's places: what one may turn, another sees",
             "Leave it out, or give one picture",
         )
-    if scene.mount.kind == "wall":
-        raise InputError(
-            "scene key mount.kind",
-            "pegs that run along one light's rays stand in the other light's picture",
-            'Use "stand" (--mount stand) or "none"',
-        )
+    require_mount(scene)
 
 
 def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
@@ -188,7 +184,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
         share = camera.eye[2] / (camera.eye[2] - at[:, 2])
         return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
 
-    moved = shapely.transform(polygon_of(target.mask), to_plane)
+    moved = shapely.transform(trace_polygon(target.mask), to_plane)
     parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
     return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
 

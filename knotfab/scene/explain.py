@@ -60,13 +60,13 @@ def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:
     return tuple(path)
 
 
-def _at(path: tuple[int | str, ...], raw: Any) -> Any:
+def _look_up(path: tuple[int | str, ...], raw: Any) -> Any:
     for step in path:
         raw = raw[step]
     return raw
 
 
-def _table(path: tuple[int | str, ...]) -> str:
+def _name_table(path: tuple[int | str, ...]) -> str:
     """A table's name as the file writes it, with the view's number."""
     if not path:
         return "the top level"
@@ -75,7 +75,7 @@ def _table(path: tuple[int | str, ...]) -> str:
     return f"[{path[0]}]"
 
 
-def _tables() -> dict[str, type[BaseModel]]:
+def _list_tables() -> dict[str, type[BaseModel]]:
     """Each table's name and its model."""
     tables: dict[str, type[BaseModel]] = {}
     for name, field in Scene.model_fields.items():
@@ -86,13 +86,13 @@ def _tables() -> dict[str, type[BaseModel]]:
 
 
 def _key_names(table: str | None) -> list[str]:
-    model = Scene if table is None else _tables().get(table)
+    model = Scene if table is None else _list_tables().get(table)
     if model is None:
         return []
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
-def _converted(number: float, unit: str, target: str) -> float | None:
+def _convert(number: float, unit: str, target: str) -> float | None:
     """`number` of `unit` in mm or deg, or None where the units do not fit."""
     table = _LENGTHS if target == "mm" else _ANGLES
     factor = table.get(unit if unit == '"' else unit.lower())
@@ -103,19 +103,19 @@ def _unknown_key(path: tuple[int | str, ...], raw: Mapping[str, Any], what: str)
     key, table = str(path[-1]), path[:-1]
     valid = _key_names(str(table[0]) if table else None)
     stem, _, suffix = key.rpartition("_")
-    value = _at(path, raw)
+    value = _look_up(path, raw)
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
     for unit, name in _NAMES.items():
         wanted = f"{stem}_{unit}"
-        converted = None if number is None else _converted(number, suffix, unit)
+        converted = None if number is None else _convert(number, suffix, unit)
         known = _LENGTHS if unit == "mm" else _ANGLES
         if wanted in valid and suffix.lower() in known:
             remedy = f"knotfab takes {name}: {wanted}"
             remedy += f" = {converted!r}." if converted is not None else "."
-            return InputError(what, f"{_table(table)} has no key {key!r}", remedy)
+            return InputError(what, f"{_name_table(table)} has no key {key!r}", remedy)
     close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     close = [v for v in valid if v in (f"{key}_mm", f"{key}_deg")] or close
-    homes = [name for name in _tables() if key in _key_names(name)]
+    homes = [name for name in _list_tables() if key in _key_names(name)]
     if homes and (not table or homes != [table[0]]):
         home = "[[views]]" if homes[0] == "views" else f"[{homes[0]}]"
         remedy = f"It belongs in {home}."
@@ -123,10 +123,10 @@ def _unknown_key(path: tuple[int | str, ...], raw: Mapping[str, Any], what: str)
         remedy = f"Did you mean {close[0]!r}?"
     else:
         remedy = f"Its keys are: {', '.join(valid)}."
-    return InputError(what, f"{_table(table)} has no key {key!r}", remedy)
+    return InputError(what, f"{_name_table(table)} has no key {key!r}", remedy)
 
 
-def _expected(error: Mapping[str, Any]) -> str:
+def _describe_expected(error: Mapping[str, Any]) -> str:
     """What one branch of a type would have taken."""
     context = error.get("ctx", {})
     match error["type"]:
@@ -158,7 +158,7 @@ def _expected(error: Mapping[str, Any]) -> str:
 def _wrong_value(
     path: tuple[int | str, ...], errors: list[Any], raw: Mapping[str, Any], what: str
 ) -> InputError:
-    value = _at(path, raw)
+    value = _look_up(path, raw)
     if path in (("views",), ("views", 0)) and not isinstance(value, dict):
         return InputError(
             what, "it has no view in [[views]]", "Write one or more [[views]] tables."
@@ -170,16 +170,16 @@ def _wrong_value(
     names = [step for step in path if isinstance(step, str)]
     key = names[-1]
     table = path[: path.index(key)]
-    shown = _shown(value)
-    expected = list(dict.fromkeys(_expected(e) for e in errors))
+    shown = _show(value)
+    expected = list(dict.fromkeys(_describe_expected(e) for e in errors))
     if len(errors) > 1 and isinstance(path[-1], int):  # a member of a list: no other branch applies
         expected = expected[:1]
-    where = f"{_table(table)} {key}" if table else key
+    where = f"{_name_table(table)} {key}" if table else key
     why = f"{where} is {shown}, but must be {' or '.join(expected)}"
     return InputError(what, why, _remedy(key, value))
 
 
-def _shown(value: Any) -> str:
+def _show(value: Any) -> str:
     text = f'"{value}"' if isinstance(value, str) else str(value)
     if isinstance(value, bool):
         text = text.lower()
@@ -190,7 +190,7 @@ def _remedy(key: str, value: Any) -> str:
     """The line to write instead, where a text holds a number."""
     unit = key.rpartition("_")[2]
     if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)):
-        number = _converted(float(match[1]), match[2] or unit, unit) if unit in _NAMES else None
+        number = _convert(float(match[1]), match[2] or unit, unit) if unit in _NAMES else None
         if number is not None:
             return f"Write {key} = {number!r}, in {_NAMES[unit]}, without unit or quotes."
         if not match[2]:

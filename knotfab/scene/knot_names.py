@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
+from knotfab.geometry.sampling import arc_lengths
 
-__all__ = ["BRAIDS", "Factor", "KnotName", "knot_name", "named_knot"]
+__all__ = ["BRAIDS", "Factor", "KnotName", "load_knot", "parse_knot_name"]
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ class KnotName:
     factors: tuple[Factor, ...]
 
 
-def knot_name(text: str) -> KnotName:
+def parse_knot_name(text: str) -> KnotName:
     """The knot that a name stands for; without a hand, the right-handed one.
 
     Raises:
@@ -128,10 +129,10 @@ def knot_name(text: str) -> KnotName:
             f"it is a sum of {len(factors)} knots",
             f"Use {_MOST_FACTORS} at most.",
         )
-    return KnotName(_promise(tuple(factors)), tuple(factors))
+    return KnotName(_state_type(tuple(factors)), tuple(factors))
 
 
-def _promise(factors: tuple[Factor, ...]) -> str:
+def _state_type(factors: tuple[Factor, ...]) -> str:
     """The type as a file states it: with the hand, where there is one."""
     hands = {f.mirrored for f in factors if f.name not in _AMPHICHIRAL}
     if len(hands) == 2:
@@ -148,7 +149,7 @@ def _table() -> dict[str, Any]:
     return tomllib.loads(text)["knots"]  # type: ignore[no-any-return]
 
 
-def named_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
+def load_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
     """The tight centre line of a knot of the table, (n, 3) in tube radii, about its middle.
 
     Vertices are about `step` apart. Strands keep 2 between them and bends a radius of 1.
@@ -161,11 +162,10 @@ def named_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
     from scipy.interpolate import CubicSpline
 
     points = np.asarray(_table()[name], dtype=np.float64)
-    closed = np.concatenate([points, points[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    spline = CubicSpline(arc, closed, bc_type="periodic")
+    arc = arc_lengths(points)
+    spline = CubicSpline(arc, np.concatenate([points, points[:1]]), bc_type="periodic")
     fine = spline(np.linspace(0.0, arc[-1], 8 * len(points) + 1))
-    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    run = arc_lengths(fine[:-1])
     count = max(12, round(run[-1] / step))
     at = np.interp(np.arange(count) * run[-1] / count, run, np.linspace(0.0, arc[-1], len(fine)))
     result = np.asarray(spline(at), dtype=np.float64)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from knotfab.errors import InputError
 from knotfab.scene.explain import explain, toml_reason
-from knotfab.scene.knot_names import knot_name
+from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
@@ -103,7 +103,7 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
     for name in names:
         if names.count(name) > 1:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
-    knot_name(scene.piece.knot)
+    parse_knot_name(scene.piece.knot)
     radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
     depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth
     size = scene.region.size_mm

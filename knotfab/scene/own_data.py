@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+from platformdirs import user_config_path
 from pydantic import ValidationError
 
 from knotfab.errors import InputError
@@ -28,14 +29,9 @@ USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa"}
 
 
 def data_folder() -> Path:
-    """A person's own data: $KNOTFAB_DATA, else knotfab in the folder for settings (XDG)."""
+    """A person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
     own = os.environ.get("KNOTFAB_DATA")
-    if own:
-        return Path(own).expanduser()
-    settings = os.environ.get("XDG_CONFIG_HOME")
-    # the XDG specification ignores relative paths
-    base = Path(settings) if settings and Path(settings).is_absolute() else Path("~/.config")
-    return base.expanduser() / "knotfab"
+    return Path(own).expanduser() if own else user_config_path("knotfab", appauthor=False)
 
 
 def is_file_name(text: str) -> bool:

@@ -27,7 +27,11 @@ def frame_name(number: int) -> str:
 
 
 def read_frames(
-    sources: Sequence[str], *, invert: bool = False, base: Path | None = None
+    sources: Sequence[str],
+    *,
+    invert: bool = False,
+    base: Path | None = None,
+    font: str | None = None,
 ) -> tuple[Target, ...]:
     """The frames of a sequence, in order, named frame-01, frame-02, …
 
@@ -37,6 +41,7 @@ def read_frames(
             the order given.
         invert: swap shape and background in all of them.
         base: folder that relative paths start from.
+        font: of pictures that are `text:…`.
 
     Raises:
         InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
@@ -55,7 +60,7 @@ def read_frames(
             found = _of_animation(path, what, invert)
     else:
         _count(what, len(sources))
-        found = [read_target(s, invert=invert, base=base) for s in sources]
+        found = [read_target(s, invert=invert, base=base, font=font) for s in sources]
     first = found[0]
     for number, target in enumerate(found, start=1):
         if (target.width, target.height) != (first.width, first.height):

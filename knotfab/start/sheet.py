@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 from shapely import MultiPolygon
 
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["Row", "Sheet", "laid_on", "rows_of", "sheet_of"]
 
@@ -154,7 +154,7 @@ def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Sheet:
             mask[len(rows) - k] = inside.any(1)
     if not mask.any():
         return Sheet(rows, low, pitch, MultiPolygon())
-    traced = polygon_of(mask)
+    traced = trace_polygon(mask)
 
     def to_plane(pixels: Array) -> Array:
         x = at[0] + pitch * pixels[:, 0]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from knotfab.effects.region import tube_outside
 from knotfab.problem import Problem, Start
-from knotfab.scene.knot_names import knot_name
+from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
@@ -49,14 +49,14 @@ def make_start(
     if template is not None:
         start = lift_template(problem, template, radius, settings)
     else:
-        tied = bool(knot_name(problem.knot).factors)
+        tied = bool(parse_knot_name(problem.knot).factors)
         start = start_between_views(problem, spacing * radius, settings, facing_only=tied)
     return tie_knot(problem, start, radius)
 
 
 def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
     """The start with the problem's knot tied into the longest of its curves, seen from the view they face."""
-    wanted = knot_name(problem.knot)
+    wanted = parse_knot_name(problem.knot)
     if not wanted.factors:
         return start
     if start.facing is None:

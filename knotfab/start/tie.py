@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from shapely import MultiPoint, MultiPolygon
 
 from knotfab.errors import SceneError
-from knotfab.scene.knot_names import Factor, named_knot
+from knotfab.scene.knot_names import Factor, load_knot
 
 __all__ = ["Room", "Tied", "tie"]
 
@@ -107,7 +107,7 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> T
     plain: Flags = np.ones(len(curves[component]), dtype=bool)  # vertices still of the template
     tied = Tied(curves, component, np.zeros(3), 0.0)
     for factor in factors:
-        knot = named_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
+        knot = load_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
         tied, plain = _tied(tied, plain, _poses(knot, room.unit), factor.name, room)
     return tied
 

@@ -100,7 +100,7 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
     return upright, kind
 
 
-def _channels(image: Image.Image) -> tuple[Levels, Mask | None]:
+def _split_channels(image: Image.Image) -> tuple[Levels, Mask | None]:
     """Colours (H, W) or (H, W, 3), and where it is opaque (None without any transparency)."""
     key = image.info.get("transparency")
     if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
@@ -119,20 +119,20 @@ def _channels(image: Image.Image) -> tuple[Levels, Mask | None]:
     return np.asarray(image if image.mode == "RGB" else image.convert("RGB")), None
 
 
-def _border(colours: Levels) -> Levels:
+def _take_border(colours: Levels) -> Levels:
     """(n, channels) the outermost pixels, each once."""
     rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
     channels = 1 if colours.ndim == 2 else colours.shape[2]
     return np.concatenate([r.reshape(-1, channels) for r in rows])
 
 
-def _differing(colours: Levels, what: str) -> Mask:
+def _differs_from_border(colours: Levels, what: str) -> Mask:
     """Pixels that differ from the border's median colour by more than half the largest difference.
 
     The difference of two colours is Euclidean, compared squared. Pixel values and half-integer
     medians are squared exactly, so levels on either side of the half fall where they belong.
     """
-    middle = np.median(_border(colours), axis=0)
+    middle = np.median(_take_border(colours), axis=0)
     height = colours.shape[0]
     squared = np.empty(colours.shape[:2], dtype=np.float32 if colours.ndim == 3 else np.float64)
     for top in range(0, height, _ROWS):
@@ -168,14 +168,14 @@ def silhouette(image: Image.Image, what: str, *, invert: bool = False) -> Mask:
     Raises:
         InputError: no shape, nothing but specks, or a shape that fills the whole frame.
     """
-    colours, opaque = _channels(image)
+    colours, opaque = _split_channels(image)
     if opaque is not None and not opaque.any():
         raise InputError(
             what,
             "it is transparent everywhere, so there is no shape in it",
             "Use a picture with opaque pixels where the shape is.",
         )
-    mask = _differing(colours, what) if opaque is None else opaque
+    mask = _differs_from_border(colours, what) if opaque is None else opaque
     if invert:
         mask = ~mask
     _check_shape(mask, what)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from knotfab.errors import InputError
 from knotfab.target import raster, svg, text
 
-__all__ = ["TEXT_PREFIX", "Target", "read_target"]
+__all__ = ["TEXT_PREFIX", "Target", "read_target", "read_targets"]
 
 TEXT_PREFIX = "text:"
 _LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
@@ -43,14 +44,14 @@ class Target:
         return self.name + self.suffix
 
 
-def _name(raw: str, fallback: str) -> str:
+def _to_plain_name(raw: str, fallback: str) -> str:
     plain = unicodedata.normalize("NFKD", raw).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or fallback
 
 
-def _text_name(content: str) -> str:
+def _name_text(content: str) -> str:
     code = "-".join(f"{ord(c):x}" for c in content[:4])
-    return _name(content, f"text-{code}" if code else "text")
+    return _to_plain_name(content, f"text-{code}" if code else "text")
 
 
 def _read_bytes(path: Path, what: str) -> bytes:
@@ -83,7 +84,13 @@ def _read_bytes(path: Path, what: str) -> bytes:
     return data
 
 
-def read_target(source: str | Path, *, invert: bool = False, base: Path | None = None) -> Target:
+def read_target(
+    source: str | Path,
+    *,
+    invert: bool = False,
+    base: Path | None = None,
+    font: str | None = None,
+) -> Target:
     """Read a picture and take its silhouette.
 
     Args:
@@ -92,6 +99,7 @@ def read_target(source: str | Path, *, invert: bool = False, base: Path | None =
         invert: swap shape and background.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
+        font: of `text:`, a family's name or a font file.
 
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
@@ -99,19 +107,47 @@ def read_target(source: str | Path, *, invert: bool = False, base: Path | None =
     what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _from_raster(text.render_text(content), what, _text_name(content), "", invert)
+        return _take_target(text.render_text(content, font), what, _name_text(content), "", invert)
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
     data = _read_bytes(path, what)
     suffix = path.suffix.lower()
-    name = _name(path.stem, "picture")
+    name = _to_plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
-        return _from_raster(svg.render_svg(data, what), what, name, "", invert)
-    return _from_raster(data, what, name, suffix, invert)
+        return _take_target(svg.render_svg(data, what), what, name, "", invert)
+    return _take_target(data, what, name, suffix, invert)
 
 
-def _from_raster(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
+def read_targets(
+    sources: Sequence[str],
+    inverts: Sequence[bool],
+    *,
+    base: Path | None = None,
+    font: str | None = None,
+) -> tuple[Target, ...]:
+    """Read the pictures of all views, in their order.
+
+    Args:
+        sources: as `read_target` takes them. inverts: whether each view's is inverted.
+        base, font: as `read_target` takes them.
+
+    Raises:
+        InputError: one cannot be read, or there are not as many as views.
+    """
+    if len(sources) != len(inverts):
+        raise InputError(
+            "the call",
+            f"{len(sources)} pictures are given for {len(inverts)} views",
+            "Give one picture for each [[views]] of the scene, in their order",
+        )
+    return tuple(
+        read_target(source, invert=invert, base=base, font=font)
+        for source, invert in zip(sources, inverts, strict=True)
+    )
+
+
+def _take_target(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
     image, kind = raster.decode(data, what)
     mask = raster.silhouette(image, what, invert=invert)
     height, width = mask.shape

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import scipy.sparse
     from shapely import MultiPolygon, Polygon
 
-__all__ = ["LONGER_SIDE", "image_at", "mask_1024", "pieces", "polygon_of"]
+__all__ = ["LONGER_SIDE", "pieces", "resample_mask", "sample_1024", "trace_polygon"]
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def _overlaps(source: int, wanted: int) -> scipy.sparse.csr_array:
     return csr_array((weights, (rows, middle.astype(np.int64))), shape=(wanted, source))
 
 
-def image_at(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
+def resample_mask(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
     """The mask's coverage at another resolution of the same frame, by an exact box filter.
 
     Args:
@@ -66,7 +66,7 @@ def _scaled(width: int, height: int, longer: int) -> tuple[int, int]:
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def mask_1024(mask: Mask) -> Mask:
+def sample_1024(mask: Mask) -> Mask:
     """The mask with 1024 px on its longer side, larger or smaller, by nearest sampling."""
     height, width = mask.shape
     columns, rows = _scaled(width, height, LONGER_SIDE)
@@ -81,7 +81,7 @@ def _area(ring: Array) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-def _smoothed(ring: Array, length: float, reach: float) -> Array:
+def _smooth(ring: Array, length: float, reach: float) -> Array:
     """A closed ring without its stair steps, never further than about `reach` from where it was.
 
     Strong smoothing alone would round corners: so moves are clipped to `reach`, and the clipped
@@ -117,7 +117,7 @@ def _smoothed(ring: Array, length: float, reach: float) -> Array:
     return smooth if len(few) < 4 else few
 
 
-def _with_area(ring: Array, area: float, reach: float) -> Array:
+def _restore_area(ring: Array, area: float, reach: float) -> Array:
     """The ring offset along its normals, by at most `reach` px, so that it encloses `area`."""
     for _ in range(2):  # the second takes care of the offset's curvature term
         tangent = np.roll(ring, -1, axis=0) - np.roll(ring, 1, axis=0)
@@ -130,7 +130,7 @@ def _with_area(ring: Array, area: float, reach: float) -> Array:
     return ring
 
 
-def _traced(coverage: NDArray[np.float32]) -> list[list[Array]]:
+def _trace(coverage: NDArray[np.float32]) -> list[list[Array]]:
     """Outlines at half coverage: for each piece its outer ring and its holes, none repeated."""
     import contourpy
 
@@ -144,7 +144,7 @@ def _traced(coverage: NDArray[np.float32]) -> list[list[Array]]:
     return found
 
 
-def polygon_of(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
+def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     """The silhouette as smooth polygons with holes, in the mask's pixel coordinates.
 
     The half-coverage outline (marching squares) of the mask, brought down to 1024 px on the longer
@@ -163,9 +163,9 @@ def polygon_of(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
 
     height, width = mask.shape
     w, h = _scaled(width, height, min(LONGER_SIDE, max(width, height)))
-    coverage = image_at(mask, w, h)
+    coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
-    traced = _traced(coverage)
+    traced = _trace(coverage)
     if sum(map(len, traced)) > _MOST_RINGS:
         smooth_px = 0.0
     reach = _REACH if binary else 0.5 * _REACH
@@ -176,7 +176,7 @@ def polygon_of(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
         if areas[0] < _SPECK:
             continue
         large = [(r, a) for r, a in zip(rings, areas, strict=True) if a >= _SPECK]
-        kept.extend(_piece(large, smooth_px, reach))
+        kept.extend(_smooth_piece(large, smooth_px, reach))
     shape = MultiPolygon(kept)
     if not shape.is_valid:  # neighbours that touched at a corner may overlap by a hair
         shape = _polygons(shapely.make_valid(shapely.union_all(kept)))
@@ -184,14 +184,16 @@ def polygon_of(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     return shapely.transform(shape, lambda uv: (uv + 0.5) * scale - 0.5)
 
 
-def _piece(rings: list[tuple[Array, float]], smooth_px: float, reach: float) -> list[Polygon]:
+def _smooth_piece(
+    rings: list[tuple[Array, float]], smooth_px: float, reach: float
+) -> list[Polygon]:
     """One piece, smoothed as much as its thin parts allow without running into themselves."""
     import shapely
     from shapely import Polygon
 
     for part in (1.0, 0.4) if smooth_px > 0 else ():
         moved = [
-            _with_area(_smoothed(r, smooth_px * part, reach * part), a, reach) for r, a in rings
+            _restore_area(_smooth(r, smooth_px * part, reach * part), a, reach) for r, a in rings
         ]
         piece = Polygon(moved[0], moved[1:])
         if piece.is_valid:

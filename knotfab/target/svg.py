@@ -6,11 +6,13 @@ import base64
 import binascii
 import re
 import struct
+from typing import Any
 from urllib.parse import unquote_to_bytes
 from xml.etree.ElementTree import Element, ParseError, tostring
 
 from knotfab.errors import InputError
 from knotfab.target.raster import LARGEST_SIDE, SMALLEST_SIDE, decode
+from knotfab.target.svg_size import CSS_DPI, set_pixel_size
 
 __all__ = ["LONGER_SIDE", "looks_like_svg", "render", "render_svg"]
 
@@ -31,8 +33,8 @@ def looks_like_svg(data: bytes) -> bool:
     return head.startswith(b"<") and b"<svg" in data[:65536].replace(b"\0", b"")
 
 
-def _unescaped(css: str) -> str:
-    """CSS without comments and with its escapes resolved, so that nothing hides behind them."""
+def _unescape(css: str) -> str:
+    """Drop the comments of a CSS text and resolve its escapes, so that nothing hides behind them."""
 
     def character(match: re.Match[str]) -> str:
         if match[1] is None:
@@ -44,7 +46,7 @@ def _unescaped(css: str) -> str:
 
 
 def _check_css(css: str, name: str, what: str) -> None:
-    plain = _unescaped(css)
+    plain = _unescape(css)
     if "@import" in plain.lower():
         raise InputError(what, f"the element <{name}> imports a style sheet (@import)", _ALONE)
     for match in _URL.finditer(plain):
@@ -148,6 +150,7 @@ def render_svg(data: bytes, what: str) -> bytes:
     if data[:2] == b"\x1f\x8b":
         raise InputError(what, "it is a compressed SVG", "Save it as a plain, uncompressed SVG.")
     root = _parse(data, what)
+    set_pixel_size(root, LARGEST_SIDE, what)
     text = any(str(e.tag) in (f"{_SVG}text", f"{_SVG}tspan") for e in root.iter())
     # Rendered from the tree that was checked: no second parser sees the original bytes.
     return render(tostring(root, encoding="unicode"), what, fonts=text)
@@ -155,32 +158,30 @@ def render_svg(data: bytes, what: str) -> bytes:
 
 def render(svg: str, what: str, *, fonts: bool = False) -> bytes:
     """Render trusted SVG text to an RGBA PNG as `render_svg` says; `fonts` serves <text>."""
-    png = _fitted(svg, what, LONGER_SIDE, fonts)
+    png = _render_at(svg, what, LONGER_SIDE, fonts)
     if min(struct.unpack(">II", png[16:24])) < SMALLEST_SIDE:  # width and height in the header
-        png = _fitted(svg, what, LARGEST_SIDE, fonts)
+        png = _render_at(svg, what, LARGEST_SIDE, fonts)
     return png
 
 
-def _fitted(svg: str, what: str, side: int, fonts: bool) -> bytes:
+def _render_at(svg: str, what: str, side: int, fonts: bool) -> bytes:
     """A PNG whose longer side is `side` pixels (given both, resvg keeps the aspect ratio)."""
     import resvg_py
 
-    try:
-        if not fonts:
-            png = resvg_py.svg_to_bytes(svg, width=side, height=side, skip_system_fonts=True)
-        else:
-            import matplotlib
+    options: dict[str, Any] = {"skip_system_fonts": True}
+    if fonts:
+        import matplotlib
 
-            png = resvg_py.svg_to_bytes(
-                svg,
-                width=side,
-                height=side,
-                font_dirs=[f"{matplotlib.get_data_path()}/fonts/ttf"],
-                font_family="DejaVu Sans",
-                sans_serif_family="DejaVu Sans",
-                serif_family="DejaVu Serif",
-                monospace_family="DejaVu Sans Mono",
-            )
+        options = {
+            "font_dirs": [f"{matplotlib.get_data_path()}/fonts/ttf"],
+            "font_family": "DejaVu Sans",
+            "sans_serif_family": "DejaVu Sans",
+            "serif_family": "DejaVu Serif",
+            "monospace_family": "DejaVu Sans Mono",
+        }
+    try:
+        # without a resolution resvg takes every length in mm, pt, in, ... for nothing
+        png = resvg_py.svg_to_bytes(svg, width=side, height=side, dpi=CSS_DPI, **options)
     except ValueError as error:
         raise InputError(
             what,

@@ -2,72 +2,47 @@
 
 from __future__ import annotations
 
-import unicodedata
-from functools import cache
-from typing import TYPE_CHECKING, Any
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
+from knotfab.target.fonts import find_font, load_font, supply_fonts
 from knotfab.target.svg import LONGER_SIDE, render
 
-if TYPE_CHECKING:
-    from matplotlib.ft2font import FT2Font
-
-__all__ = ["MARGIN", "render_text", "text_outline"]
+__all__ = ["MARGIN", "Outline", "outline_text", "render_text"]
 
 MARGIN = 0.06  # clear space around the ink, in parts of the frame's longer side
 _LONGEST = 200  # characters; more than this is no picture
 
-# All of them come with matplotlib; the first that has a glyph draws it.
-_FONTS = (
-    "DejaVuSans",
-    "DejaVuSansMono",
-    "DejaVuSerif",
-    "DejaVuSansDisplay",
-    "STIXGeneral",
-    "STIXNonUni",
-    "STIXSizOneSymReg",
-)
-_SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
+
+@dataclass(frozen=True)
+class Outline:
+    """Glyphs of one line of text as SVG path data (thousandths of an em, y down, nonzero winding).
+
+    `bounds` are those of the ink's control points: (left, top, right, bottom). `fonts` are the files
+    that were drawn from, in the order of their first characters.
+    """
+
+    path: str
+    bounds: tuple[float, float, float, float]
+    fonts: tuple[str, ...]
 
 
-@cache
-def _font(name: str) -> FT2Font:
-    import matplotlib
-    from matplotlib.ft2font import FT2Font
-
-    font = FT2Font(f"{matplotlib.get_data_path()}/fonts/ttf/{name}.ttf")
-    font.set_size(_SIZE, 72)
-    return font
-
-
-def _font_for(character: str, what: str) -> str:
-    for name in _FONTS:
-        if _font(name).get_char_index(ord(character)):
-            return name
-    known = unicodedata.name(character, "a control or unassigned character").lower()
-    raise InputError(
-        what,
-        f"no font of this program has the character {character!r} "
-        f"(U+{ord(character):04X}, {known})",
-        "Use another character, or draw it as a PNG or SVG.",
-    )
-
-
-def text_outline(text: str) -> tuple[str, tuple[float, float, float, float]]:
-    """Glyph outlines of one line of text as SVG path data.
+def outline_text(text: str, font: str | None = None) -> Outline:
+    """Glyph outlines of one line of text.
 
     Args:
         text: characters in the order they are drawn, left to right; no shaping of scripts.
-
-    Returns:
-        Path data (thousandths of an em, y down, nonzero winding), and the bounds of the ink's
-        control points: (left, top, right, bottom).
+        font: a family's name or a font file; characters that it lacks come from other fonts.
 
     Raises:
-        InputError: no ink, too long, or a character that no font has.
+        InputError: no ink, too long, no such font, or a character that no font has.
     """
     what = "text:" + "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     # Variation selectors and joiners choose between styles of a glyph; these fonts have one.
@@ -79,18 +54,21 @@ def text_outline(text: str) -> tuple[str, tuple[float, float, float, float]]:
     from matplotlib.ft2font import Kerning, LoadFlags
 
     flags = LoadFlags.NO_HINTING | LoadFlags.NO_BITMAP
+    fonts = supply_fonts(font)
+    used: dict[str, None] = {}
     parts: list[str] = []
     corners: list[NDArray[np.float64]] = []
     pen = 0.0
     previous: tuple[str, Any] = ("", 0)
     for character in drawn:
-        name = _font_for(character, what)
-        font = _font(name)
-        index = font.get_char_index(ord(character))
+        name = find_font(character, fonts, what)
+        face = load_font(name)
+        used[name] = None
+        index = face.get_char_index(ord(character))
         if previous[0] == name:
-            pen += font.get_kerning(previous[1], index, Kerning.UNFITTED) / 64.0
-        glyph = font.load_char(ord(character), flags=flags)
-        vertices, codes = font.get_path()
+            pen += face.get_kerning(previous[1], index, Kerning.UNFITTED) / 64.0
+        glyph = face.load_char(ord(character), flags=flags)
+        vertices, codes = face.get_path()
         if len(vertices):
             placed = np.asarray(vertices) * (1.0, -1.0) + (pen, 0.0)
             corners.append(placed[np.asarray(codes) != 79])
@@ -103,7 +81,8 @@ def text_outline(text: str) -> tuple[str, tuple[float, float, float, float]]:
         )
     ink = np.concatenate(corners)
     (left, top), (right, bottom) = ink.min(axis=0), ink.max(axis=0)
-    return " ".join(parts), (float(left), float(top), float(right), float(bottom))
+    bounds = (float(left), float(top), float(right), float(bottom))
+    return Outline(" ".join(parts), bounds, tuple(used))
 
 
 def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
@@ -122,19 +101,22 @@ def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
     return " ".join(data)
 
 
-def render_text(text: str) -> bytes:
+def render_text(text: str, font: str | None = None) -> bytes:
     """Draw text, black on white, as a canonical PNG.
 
     Args:
         text: what stands after `text:`.
+        font: a family's name or a font file; None: the first of those that come along that serves.
 
     Returns:
-        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that.
+        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its
+        text entry `Font` names the files of the fonts that were drawn from.
 
     Raises:
-        InputError: no ink, or a character that no font has.
+        InputError: no ink, no such font, or a character that no font has.
     """
-    data, (left, top, right, bottom) = text_outline(text)
+    drawn = outline_text(text, font)
+    left, top, right, bottom = drawn.bounds
     width, height = right - left, bottom - top
     margin = max(width, height) * MARGIN / (1.0 - 2.0 * MARGIN)
     box = (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
@@ -151,6 +133,14 @@ def render_text(text: str) -> bytes:
     svg = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{columns}" height="{rows}" '
         f'viewBox="{x} {y} {w} {h}" preserveAspectRatio="none">'
-        f'<rect x="{x}" y="{y}" width="{w}" height="{h}" fill="white"/><path d="{data}"/></svg>'
+        f'<rect x="{x}" y="{y}" width="{w}" height="{h}" fill="white"/><path d="{drawn.path}"/></svg>'
     )
-    return render(svg, "text:")
+    return _with_note(render(svg, "text:"), "Font", ", ".join(Path(f).name for f in drawn.fonts))
+
+
+def _with_note(png: bytes, key: str, value: str) -> bytes:
+    """The PNG with a tEXt entry behind its header (PNG specification, 11.3.4.3)."""
+    entry = b"tEXt" + f"{key}\0{value}".encode("latin-1", "replace")
+    chunk = struct.pack(">I", len(entry) - 4) + entry + struct.pack(">I", zlib.crc32(entry))
+    end = 8 + 25  # the signature and the header, which comes first
+    return png[:end] + chunk + png[end:]

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.wire.arcs import Sites, Wire, wire_of
 from knotfab.wire.residual import FitLimits, Strand, distances
 from knotfab.wire.residual import residual as residual_of
 
-__all__ = ["FitLimits", "fit_wires", "resampled"]
+__all__ = ["FitLimits", "fit_wires"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -24,15 +25,6 @@ _NEAR_LIMIT = 0.93  # share of the tolerance
 _ROUNDING = 0.01  # mm or degrees: what is no fault
 _SPLIT_DEG = 70.0  # a bend that misses the curve and turns farther becomes two
 _MERGED_DEG = 110.0  # the most that one corner in place of two may turn
-
-
-def resampled(points: Array, step: float = _STEP_MM) -> Array:
-    """A closed polyline (n, 3) at equal distances of at most about `step` mm, from its first point."""
-    closed = np.concatenate([points, points[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    count = max(8, int(np.ceil(along[-1] / step)))
-    at = np.arange(count) * (along[-1] / count)
-    return np.column_stack([np.interp(at, along, closed[:, k]) for k in range(3)])
 
 
 def _first_corners(points: Array, scaled: Array, tolerance: float) -> Index:
@@ -79,11 +71,12 @@ def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> li
     not meet every limit: measure what comes back.
 
     Args:
-        curves: (n, 3) each, mm. light: (3,) the point light, None: no direction is special.
+        curves: (n, 3) each, mm. light: (3,) the point light of the one view; None, with several views:
+            no direction is special.
     """
     strands = []
     for curve in curves:
-        points = resampled(curve)
+        points = sample_evenly(curve, _STEP_MM, at_most=True)
         scaled = _scaled(points, light, limits.depth_factor)
         index = _first_corners(points, scaled, 2.0 * limits.tolerance_mm)
         if len(index) < 3:

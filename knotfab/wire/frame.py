@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.scene.model import Material, View
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["WireFrame", "wire_frame"]
 
@@ -23,12 +23,13 @@ LARGEST = 64.0  # times the frame, beyond which no width is sought
 
 @dataclass(frozen=True)
 class WireFrame:
-    """What a wire can draw of a picture in its frame.
+    """What a wire can draw of the picture of one view in its frame.
 
     `width_mm` of the frame; `most_iou` of the picture and its morphological opening by the wire's
     shadow; `enough_mm` the least width in which that is `ENOUGH_IOU`; None where none would do.
     """
 
+    view: str
     width_mm: float
     most_iou: float
     enough_mm: float | None
@@ -40,7 +41,7 @@ class WireFrame:
         wide = f"a frame {self.width_mm:g} mm wide"
         text = (
             f"IoU of the picture and what strands {material.wire_diameter_mm:g} mm thick can fill of "
-            f"it in {wide}"
+            f"it in {wide} (view {self.view})"
         )
         if self.most_iou < ENOUGH_IOU:
             text += ": too small for this wire"
@@ -61,14 +62,16 @@ def wire_frame(mask: Mask, view: View, material: Material) -> WireFrame:
         mask: (H, W) the picture's silhouette. view: with its frame's width as a number.
     """
     assert view.frame_width_mm is not None
-    polygon = polygon_of(mask)
+    polygon = trace_polygon(mask)
     spread = view.magnification
     shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
     width = view.frame_width_mm
     most = _opening_iou(polygon, shadow)
     if _opening_iou(polygon, shadow / LARGEST) < ENOUGH_IOU:
-        return WireFrame(width, most, None)
-    return WireFrame(width, most, width * _least_scale(polygon, shadow, 1 / LARGEST, LARGEST))
+        return WireFrame(view.name, width, most, None)
+    return WireFrame(
+        view.name, width, most, width * _least_scale(polygon, shadow, 1 / LARGEST, LARGEST)
+    )
 
 
 def _least_scale(polygon: MultiPolygon, radius: float, low: float, high: float) -> float:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, Scene
+from knotfab.scene.model import Material, View
 from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
     Deviation,
@@ -21,7 +22,10 @@ from knotfab.wire.replay import (
     sensitivity,
 )
 
-__all__ = ["Judge", "Shade", "Verdict", "WireKnot", "wire_checks"]
+if TYPE_CHECKING:
+    from knotfab_validators.shadows.view import ViewGeometry
+
+__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "wire_checks"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,35 +68,27 @@ class WireKnot:
         }
 
 
-class Shade:
-    """The picture and the piece's own shadow, by the validators' exact tube."""
+@dataclass(frozen=True)
+class ViewShadow:
+    """One view's picture and the piece's own shadow in it, by the validators' exact tube.
 
-    def __init__(self, scene: Scene, picture: Path, knots: Knots) -> None:
-        from scipy.ndimage import distance_transform_edt
+    `mask` is the picture's silhouette (height, width), `target` the same on the working frame of
+    `geometry`; `inside_mm`, of that frame too, is how deep in the piece's shadow each pixel lies, on the
+    receiver.
+    """
 
-        from knotfab_validators.silhouette import padded_mask, read_silhouette, working_frame
-        from knotfab_validators.view import view_geometry
-
-        view = scene.views[0]
-        mask = read_silhouette(picture, invert=view.invert)
-        height, width = mask.shape
-        frame = working_frame(width, height)
-        self.geometry = view_geometry(view, width, height).resampled(frame)  # type: ignore[arg-type]
-        self.target = padded_mask(mask, frame)
-        self.radius = knots.radius_mm
-        shadow = self._shadow([k.points for k in knots.knots])
-        self.inside_mm = distance_transform_edt(shadow) * self.geometry.pixel_mm
-
-    def _shadow(self, curves: list[Array]) -> Mask:
-        from knotfab_validators.tube_field import tube_field
-
-        return tube_field(curves, self.radius, self.geometry).mask
+    view: View
+    mask: Mask
+    geometry: ViewGeometry
+    target: Mask
+    radius: float
+    inside_mm: Array
 
     def iou(self, curves: list[Array]) -> float:
         """Of the wires' shadow and the picture, at the validators' resolution."""
-        from knotfab_validators.compare import overlap
+        from knotfab_validators.shadows.compare import overlap
 
-        return overlap(self._shadow(curves), self.target).iou
+        return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
 
     def hides(self, points: Array) -> Array:
         """How far inside the piece's shadow points (k, 3) are seen, in mm at the points."""
@@ -102,12 +98,45 @@ class Shade:
         return np.asarray(self.inside_mm[i, j] * w)
 
 
+def cast_shadows(
+    views: Sequence[View], pictures: Sequence[Path], knots: Knots
+) -> tuple[ViewShadow, ...]:
+    """The shadow of a piece in each view, beside that view's picture.
+
+    Args:
+        views: with their frames as numbers. pictures: the file of each. knots: in scene coordinates.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    from knotfab_validators.files.picture import read_silhouette
+    from knotfab_validators.shadows.frame import padded_mask, working_frame
+    from knotfab_validators.shadows.view import view_geometry
+
+    found = []
+    for view, picture in zip(views, pictures, strict=True):
+        mask = read_silhouette(picture, invert=view.invert)
+        height, width = mask.shape
+        frame = working_frame(width, height)
+        geometry = view_geometry(view, width, height).resampled(frame)
+        shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
+        inside = distance_transform_edt(shadow) * geometry.pixel_mm
+        target = padded_mask(mask, frame)
+        found.append(ViewShadow(view, mask, geometry, target, knots.radius_mm, inside))
+    return tuple(found)
+
+
+def _cast_shadow(curves: list[Array], radius: float, geometry: ViewGeometry) -> Mask:
+    from knotfab_validators.shadows.tube_field import tube_field
+
+    return tube_field(curves, radius, geometry).mask
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """What came of bending all rows; `checks` are in the report's form."""
+    """What came of bending all rows; `ious` by the views' names, `checks` in the report's form."""
 
     knots: tuple[WireKnot, ...]
-    iou: float
+    ious: dict[str, float]
     least_distance_mm: float
     checks: tuple[dict[str, Any], ...]
 
@@ -117,31 +146,31 @@ class Judge:
     """Measures rows by bending them again, beside the knots that they stand for."""
 
     curves: list[Array]
-    light: Array
+    shadows: tuple[ViewShadow, ...]
     material: Material
     tolerance: float
     depth_factor: float
-    shade: Shade
     floor: float
 
     def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
         """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
         lines = [replayed(p)[0] for p in plans]
+        lights = [s.geometry.light for s in self.shadows]
         knots = tuple(
-            _measured(names[k], plan, lines[k], self.curves[k], self.light, hidden[k])
+            _measured(names[k], plan, lines[k], self.curves[k], lights, hidden[k])
             for k, plan in enumerate(plans)
         )
         closed = [line[:-1] for line in lines]
-        iou = self.shade.iou(closed)
+        ious = {s.view.name: s.iou(closed) for s in self.shadows}
         least = least_distance(closed, self.material.wire_diameter_mm)
         checks = wire_checks(
-            knots, self.material, self.tolerance, self.depth_factor, iou, self.floor, least
+            knots, self.material, self.tolerance, self.depth_factor, ious, self.floor, least
         )
-        return Verdict(knots, iou, least, checks)
+        return Verdict(knots, ious, least, checks)
 
 
 def _measured(
-    name: str, plan: BendList, line: Array, curve: Array, light: Array, hidden: bool
+    name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
 ) -> WireKnot:
     """What one file gives, beside the knot that it stands for."""
     bent = [r for r in plan.bends if r.bend_deg > 0]
@@ -150,7 +179,7 @@ def _measured(
         file=name,
         length_mm=plan.length_mm,
         bends=len(bent),
-        deviation=deviation(curve, line[:-1], light),
+        deviation=deviation(curve, line[:-1], lights),
         closing_mm=float(np.linalg.norm(line[-1] - line[0])),
         shortest_straight_mm=min([r.feed_mm for r in bent[1:]] + [joint]),
         largest_bend_deg=max((r.bend_deg for r in bent), default=0.0),
@@ -165,21 +194,22 @@ def wire_checks(
     material: Material,
     tolerance: float,
     depth_factor: float,
-    iou: float,
+    ious: Mapping[str, float],
     floor: float,
     least: float,
 ) -> tuple[dict[str, Any], ...]:
     """The checks of a replayed plan, in the report's form."""
     from knotfab_validators.check import at_least, at_most
 
+    view = min(ious, key=lambda name: ious[name])
     across = max(found, key=lambda k: k.deviation.across)
     along = max(found, key=lambda k: k.deviation.largest)
     straight = min(found, key=lambda k: k.shortest_straight_mm)
     sharp = max(found, key=lambda k: k.largest_bend_deg)
     checks = [
         at_least(
-            "wire_shadow", iou, floor, "", "IoU of the picture and the shadow of the wire as the "
-            "bending plan's files give it",
+            "wire_shadow", ious[view], floor, "", "IoU of the picture and the shadow of the wire as the "
+            f"bending plan's files give it, view {view}",
         ),
         at_most(
             "wire_deviation", across.deviation.across, tolerance, "mm",

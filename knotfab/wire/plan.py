@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from knotfab.wire.bends import BendList, bend_list
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.frame import WireFrame, wire_frame
-from knotfab.wire.judge import Judge, Shade, WireKnot
+from knotfab.wire.judge import Judge, ViewShadow, WireKnot, cast_shadows
 from knotfab.wire.replay import replayed
 from knotfab.wire.template_pdf import drawings_of, write_templates
 
@@ -42,12 +43,17 @@ class WirePlan:
     knots: tuple[WireKnot, ...]
     length_mm: float
     mass_g: float
-    iou: float
+    ious: dict[str, float]  # by view
     least_distance_mm: float
     tolerance_mm: float
     pages: dict[str, int]
     frame: WireFrame
     checks: tuple[dict[str, Any], ...]
+
+    @property
+    def iou(self) -> float:
+        """The least of all views."""
+        return min(self.ious.values())
 
     @property
     def status(self) -> str:
@@ -63,6 +69,7 @@ class WirePlan:
             "mass_g": self.mass_g,
             "bends": sum(k.bends for k in self.knots),
             "iou": self.iou,
+            "iou_of_views": self.ious,
             "least_distance_mm": self.least_distance_mm,
             "tolerance_mm": self.tolerance_mm,
             "pages": self.pages,
@@ -81,7 +88,7 @@ def write_bending_plan(
     folder: Path,
     knots: Knots,
     scene: Scene,
-    picture: Path,
+    pictures: Sequence[Path],
     *,
     iou_floor: float | None = None,
     tolerance_mm: float | None = None,
@@ -93,11 +100,12 @@ def write_bending_plan(
     knots. The templates are `bending-templates-a4.pdf` and `bending-templates-letter.pdf`.
 
     Args:
-        folder: where the files go. knots: in scene coordinates. scene: with its first view's frame
-            and its material resolved. picture: the file that the view's shadow is compared with.
-        iou_floor: required of the replayed wire's shadow; the scene's, less `IOU_LOSS`, by default.
+        folder: where the files go. knots: in scene coordinates. scene: with its views' frames
+            and its material resolved. pictures: the file that each view's shadow is compared with.
+        iou_floor: required of the replayed wire's shadow in each view; the scene's, less `IOU_LOSS`, by
+            default.
         tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
-        depth_factor: how much more is allowed along the rays.
+        depth_factor: how much more is allowed along the rays of a single view.
 
     Raises:
         InputError: the material is no wire, or its diameter is not the tube's.
@@ -116,20 +124,19 @@ def write_bending_plan(
             f"{2 * knots.radius_mm:g} mm",
             f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
         )
-    from knotfab_validators.silhouette import read_silhouette
-
     tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
     floor = iou_floor
     if floor is None:
         wanted = scene.accuracy.iou_floor
         floor = 0.0 if isinstance(wanted, str) else max(0.0, wanted - IOU_LOSS)
-    light, right, up = _axes(scene)
     curves = [k.points for k in knots.knots]
-    shade = Shade(scene, picture, knots)
+    shadows = cast_shadows(scene.views, pictures, knots)
+    # what runs along the rays of one view lies across those of another
+    light = shadows[0].geometry.light if len(shadows) == 1 else None
     names = (
         ["bends.csv"] if len(curves) == 1 else [f"bends-{k + 1}.csv" for k in range(len(curves))]
     )
-    judge = Judge(curves, light, material, tolerance, depth_factor, shade, floor)
+    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(
@@ -141,22 +148,26 @@ def write_bending_plan(
             depth_factor,
         )
         wires = fit_wires(curves, light, limits)
-        joints = [_joint(wire, shade) for wire in wires]
+        joints = [_choose_joint(wire, shadows) for wire in wires]
         rows = [
             bend_list(wire, cut, material.springback_percent)
             for wire, (cut, _) in zip(wires, joints, strict=True)
         ]
         hidden = [h for _, h in joints]
         tried = judge.of(rows, names, hidden)
-        rank = (sum(c["status"] != "pass" for c in tried.checks), -tried.iou)
+        rank = (sum(c["status"] != "pass" for c in tried.checks), -min(tried.ious.values()))
         if best is None or rank < best[0]:
             best = (rank, rows, hidden)
         if rank[0] == 0:
             break
     assert best is not None
+    tolerances = f"{tolerance:g} mm in any direction"
+    if light is not None:
+        along = f"{tolerance * depth_factor:g} mm along"
+        tolerances = f"{tolerance:g} mm across the light's rays, {along}"
     total = sum(r.length_mm for r in best[1])
     for name, row in zip(names, best[1], strict=True):
-        header = _header(name, row, material, tolerance, total, depth_factor)
+        header = _header(name, row, material, total, tolerances)
         write_bends(folder / name, row, header)
     # from here on only what the files say
     plans = [read_bends(folder / name) for name in names]
@@ -169,8 +180,8 @@ def write_bending_plan(
             "wire" if len(lines) == 1 else f"wire {k + 1}",
             line,
             begins,
-            right,
-            up,
+            shadows[0].geometry.right,
+            shadows[0].geometry.up,
             material.wire_diameter_mm,
         )
     ]
@@ -182,14 +193,14 @@ def write_bending_plan(
             path, paper, drawings, facts, "print at 100 %, not fitted to the page"
         )
     length = sum(k.length_mm for k in verdict.knots)
-    view = scene.views[0]
-    frame = wire_frame(read_silhouette(picture, invert=view.invert), view, material)
+    frames = [wire_frame(s.mask, s.view, material) for s in shadows]
+    frame = min(frames, key=lambda f: f.most_iou)
     return WirePlan(
         files=(*names, *pages),
         knots=verdict.knots,
         length_mm=length,
         mass_g=_mass(length, material),
-        iou=verdict.iou,
+        ious=verdict.ious,
         least_distance_mm=verdict.least_distance_mm,
         tolerance_mm=tolerance,
         pages=pages,
@@ -198,22 +209,13 @@ def write_bending_plan(
     )
 
 
-def _axes(scene: Scene) -> tuple[Array, Array, Array]:
-    """The light, and the axes to the right and up of someone there, in scene coordinates."""
-    view = scene.views[0]
-    azimuth = np.deg2rad(view.azimuth_deg)
-    light = view.light_distance_mm * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
-    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    return light, right, np.array([0.0, 1.0, 0.0])
-
-
 def _mass(length_mm: float, material: Material) -> float:
     area = np.pi * (0.5 * material.wire_diameter_mm) ** 2
     return float(length_mm * area * 1e-3 * material.density_g_cm3)
 
 
-def _joint(wire: Wire, shade: Shade) -> tuple[int, bool]:
-    """The straight whose middle is cut, and whether a sleeve there stays within the shadow.
+def _choose_joint(wire: Wire, shadows: Sequence[ViewShadow]) -> tuple[int, bool]:
+    """The straight whose middle is cut, and whether a sleeve there stays within all shadows.
 
     The sleeve is half a radius thicker than the wire. The longest straight that hides it, or the
     longest of all where none is long enough.
@@ -224,7 +226,9 @@ def _joint(wire: Wire, shade: Shade) -> tuple[int, bool]:
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     hidden = np.ones(len(middle), dtype=bool)
     for share in (-0.5, 0.0, 0.5):
-        hidden &= shade.hides(middle + share * _SLEEVE_MM * along) >= 1.5 * shade.radius
+        place = middle + share * _SLEEVE_MM * along
+        for shadow in shadows:
+            hidden &= shadow.hides(place) >= 1.5 * shadow.radius
     good = hidden & (wire.straight >= _SLEEVE_MM)
     if not good.any():
         longest = int(wire.straight.argmax())
@@ -236,9 +240,8 @@ def _header(
     name: str,
     rows: BendList,
     material: Material,
-    tolerance: float,
     total: float,
-    depth_factor: float,
+    tolerances: str,
 ) -> dict[str, str]:
     return {
         "made by": f"knotfab {__version__}",
@@ -246,7 +249,7 @@ def _header(
         "length": f"{rows.length_mm:.1f} mm for {name}, {total:.1f} mm for all",
         "bends": str(rows.count),
         "tool": f"pin of {material.tool_radius_mm:g} mm radius; radius_mm is the centre line's",
-        "tolerance": f"{tolerance:g} mm across the light's rays, {tolerance * depth_factor:g} mm along",
+        "tolerance": tolerances,
         "springback": f"{material.springback_percent:g} % of the angle bent to",
         "how": "feed the straight, turn the wire about itself (clockwise as seen along the feed), "
         "bend to tool_angle_deg; distance_mm is where the bend begins, along the straight wire",
@@ -272,7 +275,8 @@ def _facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) ->
         ]
     lines += [
         "",
-        "Front view: as the wire lies before you with the light behind your head, without perspective.",
+        "Front view: as the wire lies before you with the (first) light behind your head, without "
+        "perspective.",
         "A number is a bend of the list; in brackets its height in mm above the lowest point of the wire.",
         "Side view: the same wire from its right; the light is at the left of the page.",
         "The blue square is the joint: both ends meet there in the middle of a straight.",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.wire.bends import BendList
 
 __all__ = [
@@ -71,8 +73,8 @@ def _frames(rows: BendList) -> list[tuple[Array, Array]]:
 class Deviation:
     """How far two closed curves are from each other (mm).
 
-    `largest` and `mean` are plain distances, `across` is the largest distance across the light's
-    rays: the only kind that the shadow sees.
+    `largest` and `mean` are plain distances, `across` is the largest distance across the rays of any
+    view's light: the only kind that the shadows see.
     """
 
     largest: float
@@ -81,16 +83,17 @@ class Deviation:
     at: tuple[float, float, float]  # on the first curve
 
 
-def deviation(curve: Array, other: Array, light: Array | None, step: float = 0.1) -> Deviation:
+def deviation(curve: Array, other: Array, lights: Sequence[Array], step: float = 0.1) -> Deviation:
     """Distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
 
     Points answer to about the same share of the way around, so that another strand that passes
     close by does not excuse one that strayed.
 
     Args:
-        other: begins anywhere and runs in the same sense. light: (3,), None: across is largest.
+        other: begins anywhere and runs in the same sense.
+        lights: (3,) of each view; none: every direction counts as across.
     """
-    first, second = _even(curve, step), _even(other, step)
+    first, second = sample_evenly(curve, step), sample_evenly(other, step)
     # start both at the same place: the point of the first that is nearest to where the other begins
     shift = int(((first - second[0]) ** 2).sum(axis=1).argmin())
     first = np.roll(first, -shift, axis=0)
@@ -99,11 +102,12 @@ def deviation(curve: Array, other: Array, light: Array | None, step: float = 0.1
     gaps = np.concatenate([second[there] - first, second - first[back]])
     places = np.concatenate([first, first[back]])
     size = np.linalg.norm(gaps, axis=1)
-    across = size
-    if light is not None:
+    across = size if not len(lights) else np.zeros(len(gaps))
+    for light in lights:
         ray = light - places
         ray /= np.linalg.norm(ray, axis=1)[:, None]
-        across = np.linalg.norm(gaps - (gaps * ray).sum(axis=1)[:, None] * ray, axis=1)
+        seen = np.linalg.norm(gaps - (gaps * ray).sum(axis=1)[:, None] * ray, axis=1)
+        across = np.maximum(across, seen)
     x, y, z = places[int(size.argmax())]
     return Deviation(
         float(size.max()),
@@ -111,13 +115,6 @@ def deviation(curve: Array, other: Array, light: Array | None, step: float = 0.1
         float(across.max()),
         (float(x), float(y), float(z)),
     )
-
-
-def _even(points: Array, step: float) -> Array:
-    closed = np.concatenate([points, points[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.arange(0.0, along[-1], step)
-    return np.column_stack([np.interp(at, along, closed[:, k]) for k in range(3)])
 
 
 def _nearest(points: Array, others: Array) -> NDArray[np.int64]:
@@ -147,10 +144,12 @@ def least_distance(curves: list[Array], diameter: float, step: float = 0.25) -> 
     longer than a half circle about one diameter: shorter ones are one bend. Distances above three
     diameters are not looked for: the answer is then three diameters.
     """
-    even = [_even(c, step) for c in curves]
+    even = [sample_evenly(c, step) for c in curves]
+    length = np.array([arc_lengths(c)[-1] for c in curves])
     owner = np.concatenate([np.full(len(e), k) for k, e in enumerate(even)])
-    along = np.concatenate([step * np.arange(len(e)) for e in even])
-    length = np.array([step * len(e) for e in even])
+    along = np.concatenate(
+        [whole * np.arange(len(e)) / len(e) for e, whole in zip(even, length, strict=True)]
+    )
     points = np.concatenate(even)
     least = 3.0 * diameter
     pairs = cKDTree(points).query_pairs(1.2 * diameter, output_type="ndarray")

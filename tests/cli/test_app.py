@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,11 @@ from command import knotfab, picture, small_disk, square
 from PIL import Image
 
 import knotfab as package
+from knotfab import pipeline
+from knotfab.cli.app import app
 from knotfab.errors import InputError, MachineError
+from knotfab.options import BUILD_EXAMPLES, BuildOptions
+from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
@@ -51,8 +57,9 @@ BAD_SCENES = {
 BAD_CALLS = [
     (["--bogus"], "Unknown option"),
     (["--accuracy", "superb"], "Choose from"),
-    (["--time-budget", "abc"], "not a positive number. Give seconds"),
-    (["--time-budget", "-3"], "not a positive number"),
+    (["--time-budget", "abc"], "not a positive time. Give seconds"),
+    (["--time-budget", "-3"], "not a positive time"),
+    (["--font", "DejaVu Serif"], "no picture is one"),
     (["--printer", "nonsense"], "no such printer"),
     (["--tube-radius", "0"], "Give millimetres"),
     (["--tube-radius", "thick"], "not a positive number"),
@@ -144,6 +151,66 @@ def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) ->
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("30", 30.0), ("30s", 30.0), ("90sec", 90.0), ("2 seconds", 2.0), ("1m", 60.0),
+        ("1.5min", 90.0), (".5 minutes", 30.0), ("1m30s", 90.0), ("1h 5 min", 3900.0), ("2H", 7200.0),
+    ],
+)  # fmt: skip
+def test_times(text: str, seconds: float) -> None:
+    assert read_seconds(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "s", "0", "0min", "-3", "nan", "inf", "1:30", "1m 30", "5 parsecs", "1.2.3s", "m5"]
+)
+def test_what_is_no_time(text: str) -> None:
+    with pytest.raises(InputError, match=r"--time-limit .*not a positive time"):
+        read_seconds(text, "--time-limit")
+
+
+@pytest.mark.parametrize(
+    ("options", "in_scene", "printing"),
+    [
+        ([], "", False),
+        (["--print"], "", True),
+        (["--mount", "wall"], "", True),
+        (["--mount", "stand"], "", True),
+        (["--mount", "none"], "", False),
+        ([], "stand", True),  # a scene that a build wrote gives the same part again
+        (["--mount", "none"], "stand", False),
+    ],
+)
+def test_a_mount_is_printed(
+    bad: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    in_scene: str,
+    printing: bool,
+) -> None:
+    asked: list[pipeline.Request] = []
+
+    def build(request: pipeline.Request, progress: object) -> None:
+        asked.append(request)
+        raise InputError("the test", "it has seen enough", "Go on")
+
+    monkeypatch.setattr(pipeline, "build", build)
+    if in_scene:
+        scene = tmp_path / "scene.toml"
+        scene.write_text(f'[mount]\nkind = "{in_scene}"\n')
+        options = [*options, "--scene", str(scene)]
+    refused(2, "build", bad / "good.png", "--out", tmp_path / "out", *options)
+    assert [request.printing for request in asked] == [printing]
+
+
+def test_a_font_is_for_text(bad: Path, tmp_path: Path) -> None:
+    call = ("build", "text:R", "--out", tmp_path / "out", "--font")
+    assert "no font of that name" in refused(2, *call, "No Such Family At All")
+    assert "no font file" in refused(2, *call, bad / "words.png")
+
+
 def test_no_picture_and_two_pictures(bad: Path, tmp_path: Path) -> None:
     assert "no picture" in refused(2, "build", "--out", tmp_path / "out")
     good = bad / "good.png"
@@ -214,16 +281,30 @@ def test_wrong_calls_of_the_others(
     assert sorted(bad.iterdir()) == before
 
 
-def test_help_and_version() -> None:
+def test_help() -> None:
     done = knotfab("--help")
     assert (done.code, done.err) == (0, "")
     for word in ("Exit codes", "0 ", "1 ", "2 ", "3 ", "130", "build", "validate", "shadow"):
         assert word in done.out
     done = knotfab("build", "--help")
     assert done.code == 0
-    options = ("--print", "--sequence", "--tube-radius", "--depth", "--knots", "--skip")
-    for option in (*options, "--time-budget"):
-        assert option in done.out
+    for field in fields(BuildOptions):
+        assert f"--{field.name.strip('_').replace('_', '-')} " in done.out
+    groups = [done.out.index(f"─ {name} ─") for name in ("Picture", "Piece", "Print", "Search")]
+    assert groups == sorted(groups)
+
+
+def test_the_examples_of_the_help_are_calls() -> None:
+    lines = [line for line in BUILD_EXAMPLES.splitlines() if line.startswith("knotfab ")]
+    assert len(lines) > 5
+    for line in lines:
+        words = shlex.split(line.split("   ")[0])
+        command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
+        assert command.__name__ == "build"
+        assert bound.args or "--scene" in words or "--sequence" in words
+
+
+def test_version() -> None:
     done = knotfab("--version")
     assert (done.code, done.out.strip(), done.err) == (0, package.__version__, "")
 

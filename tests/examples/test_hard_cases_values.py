@@ -27,7 +27,7 @@ from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill
 from knotfab.target.read import read_target
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +121,7 @@ def test_noise_whose_inset_once_crossed_itself_is_filled() -> None:
 
 
 def test_a_template_that_crosses_itself_has_an_iou() -> None:
-    comb = polygon_of(next(c for c in hard_pictures() if c.name == "comb").draw())
+    comb = trace_polygon(next(c for c in hard_pictures() if c.name == "comb").draw())
     for radius in (2.0, 3.0):
         assert 0 <= template_iou(fill(comb, radius), comb) <= 1
 

@@ -13,7 +13,7 @@ from examples.hard_cases.pictures import HardPicture, hard_pictures
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import _transport, mesh_volume, sweep
 from knotfab.start.filling import fill
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 # those whose outlines alone take seconds are left to `examples.studies.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
@@ -116,7 +116,7 @@ def test_an_outline_of_a_hundred_thousand_corners_is_filled() -> None:
 )
 def test_hard_pictures_have_valid_outlines_and_templates(case: HardPicture) -> None:
     mask = case.draw()
-    polygon = polygon_of(mask)
+    polygon = trace_polygon(mask)
     assert polygon.is_valid
     area = float(np.count_nonzero(mask))
     assert polygon.is_empty == (case.name in {"blank", "pixel", "strip"})
@@ -131,12 +131,12 @@ def test_hard_pictures_have_valid_outlines_and_templates(case: HardPicture) -> N
 
 def test_an_inset_that_splits_gives_one_curve_all_the_same() -> None:
     case = next(c for c in hard_pictures() if c.name == "dumbbell")
-    found = fill(polygon_of(case.draw()), 14.0)
+    found = fill(trace_polygon(case.draw()), 14.0)
     assert len(found.curves) == 1
     assert shapely.LinearRing(found.curves[0]).is_simple
 
 
 def test_noise_is_filled_at_the_tubes_own_scale() -> None:
     case = next(c for c in hard_pictures() if c.name == "noise")
-    found = fill(polygon_of(case.draw()), 8.0)
+    found = fill(trace_polygon(case.draw()), 8.0)
     assert 1 <= len(found.curves) < 100

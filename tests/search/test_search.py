@@ -35,6 +35,7 @@ def problem() -> Problem:
     return problem_of(scene, target)
 
 
+@pytest.mark.slow
 def test_the_search_ends_feasible_and_certified(problem: Problem) -> None:
     result = search(problem, fill(problem.polygon, 3.0), 3.0, QUICK)
     assert result.standing.violations == []
@@ -75,6 +76,7 @@ def test_a_length_budget_below_need_is_told(problem: Problem) -> None:
         search(short, fill(problem.polygon, 4.0), 4.0, QUICK, repairs=1)
 
 
+@pytest.mark.slow
 def test_effects_not_called_for_run_no_code(
     problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

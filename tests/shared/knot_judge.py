@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 
 __all__ = ["judge_type", "linking_numbers"]
 

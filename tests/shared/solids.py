@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab_validators.read_mesh import Mesh, merge_equal
+from knotfab_validators.geometry.mesh import Mesh, merge_equal
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from knotfab.design.radius import template_iou
 from knotfab.start.filling import even_samples, fill, rings_of, simple_curves
-from knotfab.target.silhouette import polygon_of
+from knotfab.target.silhouette import trace_polygon
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
 RING = Polygon(DISC.exterior, [Point(0, 0).buffer(30, quad_segs=64).exterior])
@@ -73,7 +73,7 @@ def test_strands_that_just_touch_have_the_area_they_cover() -> None:
     """A block's insets lie exactly two radii apart: GEOS once drew them as an invalid polygon."""
     mask = np.zeros((128, 128), dtype=np.bool_)
     mask[40:90, 20:60] = True
-    polygon = shapely.transform(polygon_of(mask), lambda p: p * 150 / 128)
+    polygon = shapely.transform(trace_polygon(mask), lambda p: p * 150 / 128)
     for radius in (1.5, 1.9472):
         template = fill(polygon, radius)
         low_x, low_y, high_x, high_y = polygon.buffer(2 * radius).bounds

@@ -16,7 +16,7 @@ from knotfab.cli.options import scene_of
 from knotfab.design.design import problem_of, resolve_view
 from knotfab.errors import InputError, SceneError
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.knot_names import knot_name, named_knot
+from knotfab.scene.knot_names import load_knot, parse_knot_name
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Piece, Scene
 from knotfab.scene.settings import PRESETS
@@ -25,8 +25,8 @@ from knotfab.start.depth import lift
 from knotfab.start.filling import Template, even_samples, fill, simple_curves
 from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
 from knotfab.target.read import read_target
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 
 Array = NDArray[np.float64]
 LIGHT = 400.0
@@ -73,7 +73,7 @@ def verdicts(tied: Tied, promise: str) -> list[str]:
     ["trefoil", "left trefoil", "4_1", "5_2", "left 7_4", "8_19", "8_18", "square", "3_1#4_1"],
 )
 def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
-    name = knot_name(asked)
+    name = parse_knot_name(asked)
     before = lifted(DISC, 0.02)
     tied = tie(before, name.factors, room(DISC))
     assert set(verdicts(tied, name.promise)) <= {"proved", "consistent"}
@@ -89,7 +89,7 @@ def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
 
 def test_the_wrong_hand_is_refuted() -> None:
     """The check on which the others rest can fail."""
-    tied = tie(lifted(DISC, 0.02), knot_name("trefoil").factors, room(DISC))
+    tied = tie(lifted(DISC, 0.02), parse_knot_name("trefoil").factors, room(DISC))
     assert verdicts(tied, "left-handed 3_1") == ["refuted"]
     assert verdicts(tied, "unknot") == ["refuted"]
 
@@ -101,7 +101,7 @@ def test_without_factors_nothing_is_changed() -> None:
 
 def test_the_longest_curve_gets_the_knot_and_the_others_stay() -> None:
     before = lifted(TWO, 0.03)
-    tied = tie(before, knot_name("5_1").factors, room(TWO))
+    tied = tie(before, parse_knot_name("5_1").factors, room(TWO))
     longest = int(np.argmax([len(c) for c in before]))
     assert tied.component == longest
     for k, curve in enumerate(before):
@@ -111,20 +111,20 @@ def test_the_longest_curve_gets_the_knot_and_the_others_stay() -> None:
 
 @pytest.mark.parametrize("wave", [0.005, 0.05, 0.11])
 def test_any_depth_of_the_strands_will_do(wave: float) -> None:
-    tied = tie(lifted(DISC, wave), knot_name("6_2").factors, room(DISC))
+    tied = tie(lifted(DISC, wave), parse_knot_name("6_2").factors, room(DISC))
     assert verdicts(tied, "right-handed 6_2") == ["proved"]
 
 
 def test_a_knot_larger_than_the_picture_spills_but_keeps_its_type() -> None:
     bar = MultiPolygon([box(-60, -5, 60, 5)])
-    tied = tie(lifted(bar, 0.05), knot_name("7_4").factors, room(bar))
+    tied = tie(lifted(bar, 0.05), parse_knot_name("7_4").factors, room(bar))
     assert tied.spill > 0
     assert verdicts(tied, "right-handed 7_4") == ["proved"]
 
 
 def test_where_there_is_no_room_in_depth_the_error_says_so() -> None:
     with pytest.raises(SceneError, match="the knot 5_2: the piece has no place for it") as error:
-        tie(lifted(DISC, 0.02), knot_name("5_2").factors, room(DISC, deep=25.0))
+        tie(lifted(DISC, 0.02), parse_knot_name("5_2").factors, room(DISC, deep=25.0))
     assert error.value.exit_code == 1
 
 
@@ -137,13 +137,13 @@ def test_a_strand_in_the_way_of_every_knot_forbids_it() -> None:
     )
     # the hoods' shadows lie on the template's own: not simple from the light, so nothing is proved
     with pytest.raises(SceneError, match="no place"):
-        tie((before[0], *hoods), knot_name("3_1").factors, room(DISC, deep=200.0))
+        tie((before[0], *hoods), parse_knot_name("3_1").factors, room(DISC, deep=200.0))
 
 
 def test_a_knot_among_the_strands_is_not_taken_for_proved() -> None:
     curve, disc = lifted(DISC, 0.02)[0], room(DISC)
     plain = np.ones(len(curve), dtype=bool)
-    knot = named_knot("3_1") * disc.unit
+    knot = load_knot("3_1") * disc.unit
     site = next(iter(_sites(curve, [], plain, _poses(knot, disc.unit), disc)))
     assert _spliced(curve, [], plain, site, disc) is not None
     sunk = replace(site, points=site.points - [0.0, 0.0, 3.0 * disc.unit * site.side])
@@ -212,8 +212,8 @@ def test_the_scene_names_the_knot(tmp_path: Path) -> None:
 
 def test_the_named_knots_are_those_that_are_tied() -> None:
     """The tied part is the named knot itself: at its own scale it is found among the vertices."""
-    name = knot_name("8_19")
+    name = parse_knot_name("8_19")
     tied = tie(lifted(DISC, 0.02), name.factors, room(DISC))
-    size = np.ptp(named_knot("8_19"), axis=0).max() * 2.7 * 1.03
+    size = np.ptp(load_knot("8_19"), axis=0).max() * 2.7 * 1.03
     away = np.linalg.norm(tied.curves[0] - tied.place, axis=1)
     assert (away < size).sum() > 60.0 / 0.4

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Point, Polygon, affinity
 
-from knotfab.target.silhouette import image_at, mask_1024, pieces, polygon_of
+from knotfab.target.silhouette import pieces, resample_mask, sample_1024, trace_polygon
 
 Mask = NDArray[np.bool_]
 
@@ -31,12 +31,12 @@ def test_discs_have_their_area_place_and_no_stairs(radius: float) -> None:
     side = int(2 * radius + 20)
     u, v = side / 2 + 0.3, side / 2 - 0.2
     mask = disc(side, radius, u, v)
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.is_valid and len(shape.geoms) == 1
     assert shape.area == pytest.approx(mask.sum(), rel=2e-3)
     exact = Point(u, v).buffer(radius, quad_segs=256)
     assert shapely.hausdorff_distance(shape, exact) < 0.7
-    stairs = turning(polygon_of(mask, 0).geoms[0])
+    stairs = turning(trace_polygon(mask, 0).geoms[0])
     assert turning(shape.geoms[0]) < 2 * np.pi + 0.1 * (stairs - 2 * np.pi)
 
 
@@ -45,16 +45,16 @@ def test_rectangles_keep_their_sides_and_corners(angle: float) -> None:
     exact = affinity.rotate(shapely.box(60.5, 80.5, 200.5, 160.5), angle)
     y, x = np.mgrid[:256, :256]
     mask = shapely.contains_xy(exact, x, y)
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.area == pytest.approx(mask.sum(), rel=2e-3)
-    assert shapely.hausdorff_distance(shape, polygon_of(mask, 0)) < 0.7
+    assert shapely.hausdorff_distance(shape, trace_polygon(mask, 0)) < 0.7
     assert shape.symmetric_difference(exact).area / exact.area < 0.01
 
 
 def test_untouched_outline_runs_between_the_pixels() -> None:
     mask = np.zeros((20, 30), dtype=bool)
     mask[5:10, 8:20] = True
-    shape = polygon_of(mask, 0)
+    shape = trace_polygon(mask, 0)
     assert shape.bounds == pytest.approx((7.5, 4.5, 19.5, 9.5), abs=2e-3)
     assert shape.area == pytest.approx(60 - 0.5, abs=0.1)
 
@@ -62,7 +62,7 @@ def test_untouched_outline_runs_between_the_pixels() -> None:
 def test_shapes_that_touch_the_frame_end_there() -> None:
     mask = np.zeros((100, 100), dtype=bool)
     mask[:, :50] = True
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.bounds == pytest.approx((-0.5, -0.5, 49.5, 99.5), abs=0.3)
     assert shape.area == pytest.approx(5000, rel=2e-3)
 
@@ -70,7 +70,7 @@ def test_shapes_that_touch_the_frame_end_there() -> None:
 def test_holes_and_pieces() -> None:
     mask = disc(300, 80, 100, 100) & ~disc(300, 40, 110, 90) | disc(300, 15, 110, 90)
     mask |= disc(300, 30, 240, 240)
-    parts = pieces(polygon_of(mask))
+    parts = pieces(trace_polygon(mask))
     assert [len(p.interiors) for p in parts] == [1, 0, 0]
     areas = [np.pi * (80**2 - 40**2), np.pi * 30**2, np.pi * 15**2]
     assert [p.area for p in parts] == pytest.approx(areas, rel=5e-3)
@@ -80,7 +80,7 @@ def test_specks_and_pinholes_go() -> None:
     mask = disc(100, 30, 50, 50)
     mask[2, 2] = True
     mask[50, 50] = False
-    (part,) = pieces(polygon_of(mask))
+    (part,) = pieces(trace_polygon(mask))
     assert len(part.interiors) == 0
 
 
@@ -91,7 +91,7 @@ def test_thin_strokes_survive() -> None:
     i = np.arange(40, 160)
     mask[i, i + 30] = True  # connected by corners alone
     mask[i, i + 31] = True
-    parts = pieces(polygon_of(mask))
+    parts = pieces(trace_polygon(mask))
     assert len(parts) == 3
     assert sum(p.area for p in parts) == pytest.approx(mask.sum(), rel=0.02)
 
@@ -100,14 +100,14 @@ def test_pixels_that_touch_at_corners_are_one_piece() -> None:
     mask = np.zeros((40, 40), dtype=bool)
     mask[10:20, 10:20] = True
     mask[20:30, 20:30] = True
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.is_valid
     assert shape.area == pytest.approx(200, rel=0.02)
 
 
 def test_large_masks_are_traced_smaller_in_their_own_coordinates() -> None:
     mask = disc(3000, 900, 1400.5, 1600)
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.area == pytest.approx(mask.sum(), rel=2e-3)
     assert (shape.centroid.x, shape.centroid.y) == pytest.approx((1400.5, 1600), abs=0.1)
     assert shapely.hausdorff_distance(shape, Point(1400.5, 1600).buffer(900, 256)) < 1.5
@@ -116,7 +116,7 @@ def test_large_masks_are_traced_smaller_in_their_own_coordinates() -> None:
 def test_long_frames() -> None:
     mask = np.zeros((16, 8000), dtype=bool)
     mask[4:12, 100:7900] = True
-    shape = polygon_of(mask)
+    shape = trace_polygon(mask)
     assert shape.is_valid
     assert shape.area == pytest.approx(mask.sum(), rel=0.01)
 
@@ -127,7 +127,7 @@ def test_random_blobs_stay_valid() -> None:
     rng = np.random.default_rng(5)
     for sigma in (1.0, 3.0, 8.0):
         mask = ndimage.gaussian_filter(rng.random((256, 256)), sigma) > 0.5
-        shape = polygon_of(mask)
+        shape = trace_polygon(mask)
         assert shape.is_valid
         assert shape.area == pytest.approx(mask.sum(), rel=0.03)
         outline = shapely.contains_xy(shape, *np.mgrid[:256, :256][::-1])
@@ -136,12 +136,12 @@ def test_random_blobs_stay_valid() -> None:
 
 
 def test_noise_is_traced_without_smoothing() -> None:
-    shape = polygon_of(np.random.default_rng(0).random((300, 300)) > 0.5)
+    shape = trace_polygon(np.random.default_rng(0).random((300, 300)) > 0.5)
     assert shape.is_valid
 
 
 def test_nothing_gives_nothing() -> None:
-    empty = polygon_of(np.zeros((20, 20), dtype=bool))
+    empty = trace_polygon(np.zeros((20, 20), dtype=bool))
     assert empty.is_empty and pieces(empty) == ()
 
 
@@ -149,7 +149,7 @@ def test_nothing_gives_nothing() -> None:
 def test_coverage_is_exact_against_fine_subpixels(size: tuple[int, int]) -> None:
     mask = np.random.default_rng(1).random((40, 60)) > 0.4
     width, height = size
-    coverage = image_at(mask, width, height)
+    coverage = resample_mask(mask, width, height)
     assert coverage.shape == (height, width) and coverage.dtype == np.float32
     fine = np.kron(mask, np.ones((height, width)))  # a common multiple of both grids
     blocks = fine.reshape(height, 40, width, 60).mean(axis=(1, 3))
@@ -159,11 +159,11 @@ def test_coverage_is_exact_against_fine_subpixels(size: tuple[int, int]) -> None
 
 def test_coverage_at_its_own_size_is_the_mask() -> None:
     mask = disc(50, 20, 25, 25)
-    assert (image_at(mask, 50, 50) == mask).all()
+    assert (resample_mask(mask, 50, 50) == mask).all()
 
 
 def test_comparison_mask_is_that_of_the_validators() -> None:
-    from knotfab_validators.silhouette import padded_mask, working_frame
+    from knotfab_validators.shadows.frame import padded_mask, working_frame
 
     rng = np.random.default_rng(4)
     for height, width in ((16, 23), (1024, 700), (1500, 2047), (333, 2048)):
@@ -172,15 +172,15 @@ def test_comparison_mask_is_that_of_the_validators() -> None:
         padded = padded_mask(mask, frame)
         inner = padded[frame.pad_y : frame.pad_y + frame.height]
         inner = inner[:, frame.pad_x : frame.pad_x + frame.width]
-        assert (mask_1024(mask) == inner).all()
+        assert (sample_1024(mask) == inner).all()
 
 
 def test_comparison_mask_samples_the_nearest_pixel() -> None:
     mask = np.random.default_rng(2).random((300, 2000)) > 0.5
-    small = mask_1024(mask)
+    small = sample_1024(mask)
     assert small.shape == (154, 1024)
     for j, i in ((0, 0), (153, 1023), (77, 512), (20, 900)):
         assert small[j, i] == mask[int((j + 0.5) * 300 / 154), int((i + 0.5) * 2000 / 1024)]
     tiny = np.random.default_rng(3).random((16, 8)) > 0.5
-    assert (mask_1024(tiny) == np.kron(tiny, np.ones((64, 64), dtype=bool))).all()
-    assert mask_1024(np.ones((16, 8000), dtype=bool)).shape == (2, 1024)
+    assert (sample_1024(tiny) == np.kron(tiny, np.ones((64, 64), dtype=bool))).all()
+    assert sample_1024(np.ones((16, 8000), dtype=bool)).shape == (2, 1024)

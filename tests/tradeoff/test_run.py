@@ -70,6 +70,7 @@ def test_every_point_is_a_setting_of_its_own() -> None:
     assert {p.label for p in asked if p.knob == "preset"} == set(PRESETS)
 
 
+@pytest.mark.slow
 def test_what_is_written_says_what_was_measured(picture: Path, tmp_path: Path) -> None:
     scene = Scene.model_validate({"schema": 1, "piece": {"tube_radius_mm": 4.0, "depth": "flat"}})
     asked = [Point("preset", "quick", QUICK), Point("iterations", "2 times", QUICK.scaled(2.0))]

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from knotfab.design.free_view import start_pose
+from knotfab.design.question import ask
 from knotfab.scene.catalogue import materials, resolve
 from knotfab.scene.model import Material, Piece, Scene, View
+from knotfab.scene.settings import search_settings
+from knotfab.target.read import read_target
 from knotfab.wire.frame import ENOUGH_IOU, wire_frame
 
 STEEL = materials()["steel-wire-2mm"]
@@ -56,3 +60,13 @@ def test_a_wires_tube_is_as_thick_as_the_wire() -> None:
     asked = Scene(material=Material(name="aluminium-wire-2mm"), piece=Piece(tube_radius_mm=1.5))
     assert resolve(asked).piece.tube_radius_mm == 1.5
     assert resolve(Scene()).piece.tube_radius_mm == "auto"
+
+
+@pytest.mark.parametrize(("material", "free"), [("steel-wire-2mm", False), ("pla", True)])
+def test_a_free_view_leaves_the_wire_as_thick_as_it_is(material: str, free: bool) -> None:
+    scene = Scene(material=Material(name=material), search={"free_view": True})
+    problem = ask(scene, [read_target("text:♥")]).problem
+    settings = search_settings(scene.accuracy.name, scene.search)
+    pose, settings = start_pose(scene, problem, 1.0, settings)
+    assert ("radius" in pose.bounds.free) == free
+    assert (settings.free_radius_mm > 0) == free

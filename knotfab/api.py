@@ -1,0 +1,225 @@
+"""The public functions: the main job as one call, and its stages one by one, from data to data.
+
+Everything heavy is imported where it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.progress import Progress
+from knotfab.scene.model import Scene
+from knotfab.target.read import Target, read_target
+
+if TYPE_CHECKING:
+    from knotfab.design.design import Design
+    from knotfab.design.question import Question
+    from knotfab.knots import Knot
+    from knotfab.part.assemble import Part
+    from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.request import Outcome
+
+__all__ = [
+    "assemble_part",
+    "build",
+    "choose_tube",
+    "design_knots",
+    "pose_question",
+    "read_picture",
+    "search_knots",
+    "settle_design",
+    "sweep_tube",
+    "validate_part",
+    "write_files",
+]
+
+Source = str | Path
+
+
+def build(
+    pictures: Source | Sequence[Source] = (), out: str | Path = "knotfab-out", **options: Any
+) -> Outcome:
+    """Turn a picture, or several, into a verified part: what `knotfab build` does.
+
+    Args:
+        pictures: an image file, an SVG, or `text:…`; several are several views of one part, or with
+            `sequence=True` frames of one moving knot; none: those that the scene names.
+        out: the folder to write.
+        options: those of the command line by their names, with `_` for `-` (`print_=True` for `--print`):
+            `mount="wall"`, `accuracy="draft"`, `tube_radius=2.5`, `time_budget=30`.
+
+    Returns:
+        `exit_code` by the contract, `folder` (where the files are), and `report`, the content of
+        report.json.
+
+    Raises:
+        InputError: an option, the scene or a picture is wrong. SceneError: the scene cannot be met.
+        MachineError: this machine lacks something.
+    """
+    from knotfab.options import options_from
+    from knotfab.prepare import prepare_build
+
+    sources = [pictures] if isinstance(pictures, str | Path) else list(pictures)
+    given = options_from({**options, "out": out})
+    words = [f"{key}={value!r}" for key, value in options.items()]
+    command = (
+        f"knotfab.build({', '.join([repr([str(s) for s in sources]), repr(str(out)), *words])})"
+    )
+    progress = Progress("quiet")
+    request = prepare_build([str(s) for s in sources], given, command, progress)
+    from knotfab.pipeline import run_build
+
+    return run_build(request, progress)
+
+
+def read_picture(source: Source, *, invert: bool = False, font: str | None = None) -> Target:
+    """Read a picture and take its silhouette: a file, an SVG, or `text:` and characters.
+
+    Raises:
+        InputError: it cannot be read, or holds no silhouette.
+    """
+    return read_target(source, invert=invert, font=font)
+
+
+def design_knots(
+    scene: Scene, targets: Sequence[Target], *, device: str = "cpu", budget_s: float | None = None
+) -> Design:
+    """From a scene and the pictures of its views, in their order, to feasible knots.
+
+    Args:
+        budget_s: seconds that this may take.
+
+    Raises:
+        SceneError: the scene cannot be met. InputError: the scene or a picture is wrong.
+    """
+    from knotfab.design.design import design_knots as design
+
+    return design(scene, targets, device, None, budget_s)
+
+
+def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
+    """What a search is to be asked: views with their frames, silhouettes, limits, and each view's bound.
+
+    Raises:
+        InputError: the scene or a picture is wrong.
+    """
+    from knotfab.design.question import ask
+
+    return ask(scene, targets)
+
+
+def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Question, float, Start]:
+    """The tube's radius (mm), the scene's or the best, and the curves of known type to start from.
+
+    Returns:
+        The question with the depth that this radius leaves, the radius, and the start.
+
+    Raises:
+        SceneError: no tube draws the pictures.
+    """
+    from knotfab.design.design import choose_tube as choose
+    from knotfab.scene.settings import search_settings
+
+    settings = search_settings(accuracy, question.scene.search)
+    question, radius, start, _ = choose(question, settings, Progress("quiet"))
+    return question, radius, start
+
+
+def search_knots(
+    problem: Problem,
+    start: Start,
+    radius: float,
+    accuracy: str = "standard",
+    *,
+    device: str = "cpu",
+    **settings: Any,
+) -> SearchResult:
+    """Knots that draw every picture of the problem, by certified steps from the start.
+
+    Args:
+        radius: of the tube, mm. settings: keys of the scene's [search], over those of the accuracy.
+
+    Returns:
+        `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
+    """
+    from knotfab.scene.settings import search_settings
+    from knotfab.search.search import search
+
+    return search(problem, start, radius, search_settings(accuracy, settings), device=device)
+
+
+def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:
+    """The design that a search has come to: its knots, and the scene with nothing left to choose."""
+    from knotfab.design.design import settle_design as settle
+    from knotfab.scene.settings import search_settings
+
+    return settle(question, result, search_settings(accuracy, question.scene.search))
+
+
+def sweep_tube(
+    knot: Knot, radius: float, sides: int = 48
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """The tube about a closed knot, in mm: vertices (n, 3) and triangles (m, 3), watertight.
+
+    Raises:
+        SceneError: it bends tighter than a tube of this radius can.
+    """
+    from knotfab.geometry.tube import sweep
+
+    return sweep(knot.points, radius, sides)
+
+
+def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool = True) -> Part:
+    """One watertight tube a knot with its mount, in print pose.
+
+    Raises:
+        SceneError: the piece does not fit the printer, or its mount does not fit the piece.
+    """
+    from knotfab.part.assemble import part_of
+
+    return part_of(design, printing, targets)
+
+
+def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Path:
+    """Write part.stl, part.3mf, knots.json, scene.toml and the pictures, whole or not at all.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from knotfab.files.folder import OutputFolder
+    from knotfab.part.write import posed_scene, write_part
+
+    with OutputFolder(Path(folder)) as staged:
+        write_part(staged, part, posed_scene(part), targets)
+        staged.commit()
+    return Path(folder)
+
+
+def validate_part(
+    part: str | Path | None, knots: str | Path | None = None, scene: str | Path | None = None
+) -> dict[str, Any]:
+    """Measure written files with other code than wrote them; a folder stands for the files in it.
+
+    Returns:
+        {"status", "checks", "views"}, as `knotfab validate --json` prints it.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    from knotfab.errors import InputError
+    from knotfab_validators.validate import validate
+
+    given = None if part is None else Path(part)
+    if given is not None and given.is_dir():
+        knots, scene = knots or given / "knots.json", scene or given / "scene.toml"
+        given = given / "part.stl"
+    try:
+        return validate(given, knots, scene).to_dict()
+    except ValueError as error:
+        name, _, reason = str(error).partition(": ")
+        raise InputError(name, reason.rstrip("."), "Correct that file, or name another.") from error

@@ -1,0 +1,126 @@
+"""The options of `knotfab build` as one value: their names, defaults, groups and help."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+from knotfab.errors import InputError
+
+__all__ = ["BUILD_EXAMPLES", "BuildOptions", "Flag", "Names", "options_from"]
+
+_PICTURE = Group.create_ordered("Picture")
+_PIECE = Group.create_ordered("Piece")
+_PRINT = Group.create_ordered("Print")
+_SEARCH = Group.create_ordered("Search")
+_OUTPUT = Group.create_ordered("Output")
+
+Flag = Annotated[bool, Parameter(negative="", show_default=False)]
+Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
+
+BUILD_EXAMPLES = """Examples:
+
+```
+knotfab build cat.png --print              checked against the printer
+knotfab build cat.png --mount wall         ready to hang
+knotfab build cat.png --time-budget 1.5min
+knotfab build logo.svg --depth flat --tube-radius 2
+knotfab build text:Hello --font "DejaVu Serif" --knots 1
+knotfab build heart.png teapot.png         one part, two pictures
+knotfab build --sequence walk/ --print     a part a frame
+knotfab build --scene out/scene.toml       the same part again
+```
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildOptions:
+    """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
+
+    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
+    the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+    invert: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """Draw what is light on dark."""
+    font: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Of text:…, a family's name, such as "DejaVu Serif", or a font file."""
+
+    scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
+    """A scene.toml; the other options are shorthands for its keys and win over it."""
+    tube_radius: Annotated[str | None, Parameter(group=_PIECE)] = None
+    """mm, or auto (default): the thickest tube that draws the picture well."""
+    depth: Annotated[str | None, Parameter(group=_PIECE)] = None
+    """Extent along the view in mm, auto (default: unreadable from elsewhere), or flat."""
+    knots: Annotated[str | None, Parameter(group=_PIECE)] = None
+    """auto (default: one a piece of the picture) or 1: all bridged into one."""
+    knot: Annotated[str | None, Parameter(group=_PIECE)] = None
+    """The knot to be tied into it: unknot (default), trefoil, "left trefoil", figure-eight, any of the
+    table up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
+    free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
+    """view: pose, light and wall distance and the tube's radius are found with the knots, and written
+    to scene.toml."""
+
+    print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
+    """Check it against the printer too, and pose it for printing."""
+    mount: Annotated[Literal["wall", "stand", "none"] | None, Parameter(group=_PRINT)] = None
+    """What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a plate whose face
+    is the wall, or in drilled holes), stand (a base below all pictures), none (default). A mount is
+    printed: it implies --print."""
+    printer: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
+    the names."""
+    material: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A material's name, such as petg, or a file."""
+
+    accuracy: Annotated[Literal["draft", "standard", "fine"] | None, Parameter(group=_SEARCH)] = (
+        None
+    )
+    """draft, standard (default) or fine."""
+    time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
+    """Time for the whole build, such as 30, 90s, 1.5min or 1m30s; sets the iterations."""
+    search: Annotated[Literal["flow", "inn", "inn+flow"] | None, Parameter(group=_SEARCH)] = None
+    """flow (default: the certified flow), inn (the paper's invertible network), or inn+flow, the
+    one after the other."""
+    seed: Annotated[int | None, Parameter(group=_SEARCH)] = None
+    """Of the random depth profiles."""
+    device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
+    """Where the search runs."""
+
+    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("knotfab-out")
+    """The folder to write."""
+    colours: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
+    skip: Annotated[Names, Parameter(group=_OUTPUT)] = ()
+    """Checks to go on without, such as shadow-render."""
+    quiet: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    """Say nothing but errors."""
+    verbose: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    """Say how long each stage took."""
+
+
+def options_from(given: Mapping[str, Any]) -> BuildOptions:
+    """The options by their names, as a library's caller gives them: numbers and paths in their own types.
+
+    Raises:
+        InputError: there is no such option.
+    """
+    known = {field.name: str(field.type) for field in fields(BuildOptions)}
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        key = "print_" if name == "print" else name
+        if key not in known:
+            raise InputError(
+                f"the option {name}", "there is none of that name", f"Known: {', '.join(known)}"
+            )
+        if value is not None and "[str | None" in known[key]:
+            value = str(value)
+        elif value is not None and "Path" in known[key]:
+            value = Path(value)
+        elif key == "skip":
+            value = (value,) if isinstance(value, str) else tuple(value)
+        values[key] = value
+    return BuildOptions(**values)

@@ -1,0 +1,102 @@
+"""From a call to a build that may begin: what can be refused is, before anything heavy is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from knotfab.design.frames import spread_views
+from knotfab.errors import InputError
+from knotfab.options import BuildOptions
+from knotfab.progress import Progress
+from knotfab.read_options import read_scene, read_seconds, read_skips
+from knotfab.request import Request
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import search_settings
+from knotfab.sequence.frames import read_frames
+from knotfab.sequence.require import require_sequence
+from knotfab.target.read import TEXT_PREFIX, read_targets
+
+__all__ = ["check_names", "prepare_build"]
+
+
+def prepare_build(
+    pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
+) -> Request:
+    """Check a call and read its pictures: what can be refused is, before torch is loaded.
+
+    Args:
+        pictures: files, SVGs or `text:…`; none: those that the scene names.
+        command: the call in words, for the report.
+
+    Raises:
+        InputError: an option, the scene or a picture is wrong.
+    """
+    skipped = read_skips(options.skip)
+    budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    scene, folder = read_scene(options)
+    check_names(scene)
+    sources = _sources(pictures, scene, options.scene)
+    _check_font(options.font, sources)
+    base = None if pictures else folder
+    if options.sequence:
+        require_sequence(scene)
+    elif len(sources) > len(scene.views) == 1:
+        scene = spread_views(scene, len(sources))
+    inverts = [view.invert for view in scene.views]
+    with progress.stage("picture"):
+        if options.sequence:
+            targets = read_frames(sources, invert=inverts[0], base=base, font=options.font)
+        else:
+            targets = read_targets(sources, inverts, base=base, font=options.font)
+    return Request(
+        scene,
+        sources,
+        options.out,
+        base=base,
+        printing=_prints(options, scene),
+        device=options.device,
+        skip=skipped,
+        time_budget_s=budget,
+        command=command,
+        colours=options.colours,
+        sequence=options.sequence,
+        targets=tuple(targets),
+    )
+
+
+def _prints(options: BuildOptions, scene: Scene) -> bool:
+    """Whether the piece is to be printed: a mount is, whoever asked for it."""
+    return options.print_ or scene.mount.kind != "none"
+
+
+def check_names(scene: Scene) -> None:
+    """Refuse a printer or material that is not known, and search settings that are none.
+
+    Raises:
+        InputError: naming those that there are.
+    """
+    resolve(scene)
+    search_settings(scene.accuracy.name, scene.search)
+
+
+def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:
+    """The pictures of the call, or those of the scene's views."""
+    named = tuple(pictures) or tuple(view.picture for view in scene.views)
+    if all(named):
+        return named
+    raise InputError(
+        "the call" if path is None else str(path),
+        "no picture is given",
+        "Name one, as in: knotfab build target.png --print",
+    )
+
+
+def _check_font(font: str | None, sources: Sequence[str]) -> None:
+    if font is not None and not any(s.startswith(TEXT_PREFIX) for s in sources):
+        raise InputError(
+            f"--font {font}",
+            "it is for text, and no picture is one",
+            "Leave it out, or give a text, as in: knotfab build text:Hello",
+        )
