@@ -110,18 +110,6 @@ def test_winners_of_before_bound_the_image_from_below() -> None:
     assert bool((stale <= fresh + math.exp(-10)).all())
 
 
-def test_parallel_light_ignores_depth() -> None:
-    from dataclasses import replace
-
-    frame = replace(_frame(), flat_depth=500.0)
-    points = _tangle(20, 9)
-    flat = points.clone()
-    flat[:, 2] = 0.0
-    one = render_tiled(points, points.roll(-1, 0), frame, 3.0, 1.0)
-    other = render_tiled(flat, flat.roll(-1, 0), frame, 3.0, 1.0)
-    assert torch.allclose(one, other)
-
-
 def test_single_precision_keeps_its_digits() -> None:
     points = _tangle(60, 11)
     exact = render_tiled(points, points.roll(-1, 0), _frame(), 3.0, 1.0)
