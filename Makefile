@@ -41,6 +41,7 @@ lint: $(DONE)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 # two files at a time, each on one thread: two cores are what is counted on
 test: system slicer $(DONE) lint

@@ -19,8 +19,8 @@ from knotfab.report.pictures import draw_part
 from knotfab.scene.load import load_scene
 from knotfab.sequence.gif import write_gif
 from knotfab.sequence.written import knot_in_scene
-from knotfab_validators.read_mesh import read_mesh
-from knotfab_validators.render import why_no_rendering
+from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.shadows.render import why_no_rendering
 
 __all__ = ["walk_film", "zoetrope_picture"]
 

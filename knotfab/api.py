@@ -182,7 +182,7 @@ def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool =
     """
     from knotfab.part.assemble import part_of
 
-    return part_of(design, printing, targets[0])
+    return part_of(design, printing, targets)
 
 
 def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Path:

@@ -162,7 +162,7 @@ def _rendering() -> Finding:
     name = "rendering (pyvista)"
     if importlib.util.find_spec("pyvista") is None:
         return Finding(name, "missing", "pyvista is not installed", "pip install pyvista")
-    from knotfab_validators.render import why_no_rendering
+    from knotfab_validators.shadows.render import why_no_rendering
 
     reason = why_no_rendering()
     if reason is not None:

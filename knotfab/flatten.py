@@ -37,7 +37,7 @@ def flatten(
             )
             scene = request.scene.model_copy(update={"piece": piece})
             made = replace(design_knots(scene, [target], request.device, progress), radius=choice)
-            part = part_of(made, request.printing, target, progress)
+            part = part_of(made, request.printing, [target], progress)
             proposal = _propose_depth(made, part)
             if proposal is None:
                 break

@@ -68,7 +68,7 @@ class BuildOptions:
     """Check it against the printer too, and pose it for printing."""
     mount: Annotated[Literal["wall", "stand", "none"] | None, Parameter(group=_PRINT)] = None
     """What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a plate whose face
-    is the wall, or in drilled holes), stand (a base below the picture), none (default). A mount is
+    is the wall, or in drilled holes), stand (a base below all pictures), none (default). A mount is
     printed: it implies --print."""
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists

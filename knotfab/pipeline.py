@@ -81,13 +81,13 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             left = None
             if request.time_budget_s is not None:
                 left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
-            if len(targets) == 1 and request.printing and request.scene.mount.kind != "none":
+            if request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if made.region_stl is not None and made.scene.region.file is not None:
                 folder.write(made.scene.region.file, made.region_stl)
             try:
-                part = part_of(made, request.printing, target, progress)
+                part = part_of(made, request.printing, targets, progress)
                 flattening = None
                 if len(targets) == 1:
                     made, part, flattening = flatten(request, target, made, part, progress)
@@ -121,7 +121,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         drawings: list[str] = []
         if request.printing:
             with progress.stage("drawings"):
-                drawings = write_drawings(folder, part, scene, target, verdict)
+                drawings = write_drawings(folder, part, scene, targets, verdict)
         with progress.stage("report"):
             report = report_of(request, made, part.pose.knots, part.bodies, verdict, progress)
             add_fabrication(report, part.mounted, sliced, plan, request.printing)

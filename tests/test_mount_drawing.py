@@ -26,7 +26,7 @@ def texts(path: Path) -> list[str]:
 
 def drawn(kind: Kind, folder: Path, **view: float) -> list[str]:
     mounted, scene, camera = setup(kind, **view)
-    assert write_setup(folder, mounted, scene, camera, OFF) == ["setup.pdf", "setup.svg"]
+    assert write_setup(folder, mounted, scene, [camera], [OFF]) == ["setup.pdf", "setup.svg"]
     return texts(folder / "setup.svg")
 
 
@@ -84,7 +84,7 @@ def test_a_leaning_wall_and_a_far_lamp_stay_on_the_page(kind: Kind, tmp_path: Pa
 
 def test_nothing_measured_is_said(tmp_path: Path) -> None:
     mounted, scene, camera = setup("none")
-    write_setup(tmp_path, mounted, scene, camera, None)
+    write_setup(tmp_path, mounted, scene, [camera], [None])
     assert "Not measured: nothing was rendered." in texts(tmp_path / "setup.svg")
 
 

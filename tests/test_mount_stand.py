@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from knotfab.errors import SceneError
+from knotfab.geometry.neighbours import segment_distance
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.mount.brace import sag_of_members
-from knotfab.mount.choose import Stiffness
 from knotfab.mount.mount import BASE_DOWN, mount_piece
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import slope_below
-from knotfab.mount.shade import Shade
-from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.shade import ViewShadow
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -24,18 +25,17 @@ from knotfab.mount.struts import (
     Obstacles,
     joined,
     nothing,
-    segment_gap,
     sites_of,
     struts,
 )
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, Scene, View
-from knotfab_validators.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.read_mesh import Mesh
-from knotfab_validators.silhouette import working_frame
-from knotfab_validators.standing import bodies, footprint, margin
-from knotfab_validators.view import view_geometry
+from knotfab.scene.model import Mount, Scene, View
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing.standing import bodies, footprint, margin
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
+from knotfab_validators.shadows.frame import working_frame
+from knotfab_validators.shadows.view import view_geometry
 
 RADIUS = 2.0
 PLA = Stiffness(2300.0, 1.24, 0.04)
@@ -63,7 +63,7 @@ ISLAND = knots(ring(50.0), ring(12.0, 5.0, 80, 4.0))
 
 @cache
 def planned(island: bool) -> StandMount:
-    return plan_stand(ISLAND if island else ONE, camera(), EMPTY, 0.4, PLA, ASKED)
+    return plan_stand(ISLAND if island else ONE, [camera()], [EMPTY], 0.4, PLA, ASKED)
 
 
 @cache
@@ -91,7 +91,7 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
     # what joins the knots to the ground does not do
     sites = sites_of(own)
     first = mount.members.of(np.arange(len(mount.members)) < len(own.knots))
-    assert sag_of_members(own, sites, first, PLA) > PLA.max_sag_mm
+    assert sag_of(own, sites, first, PLA)[0] > PLA.max_sag_mm
 
 
 @pytest.mark.parametrize("island", [False, True])
@@ -107,7 +107,7 @@ def test_what_it_darkens_is_what_was_predicted(island: bool) -> None:
         bare |= shadow_mask(lines, geometry)
     inside = np.s_[frame.pad_y : -frame.pad_y, frame.pad_x : -frame.pad_x]
     more = float((dark & ~bare)[inside].mean())
-    assert more == pytest.approx(planned(island).predicted_intrusion, rel=0.1)
+    assert more == pytest.approx(float(planned(island).predicted_intrusion[0]), rel=0.1)
     # at least a post from the frame's edge to the ring, and a bridge to the island; not ten of them
     pixel = 180 / 1024
     width = 2 * 0.6 * RADIUS * 1.2 / pixel
@@ -125,11 +125,13 @@ def test_the_base_lies_below_the_frame_and_before_the_wall(island: bool) -> None
     assert len(low) and (view.project(low)[:, 1] > view.height - 0.5).all()
     assert (vertices @ view.receiver[:3] + view.receiver[3] > 0).all()
     # the plane of its top goes through the light but for the drop
-    edge = slope_below(view)
+    edge = slope_below([view])
     assert edge.above(view.eye[None]) == pytest.approx([0.0], abs=1e-9)
     corner = view.corner + (view.height - 0.5) * view.dv
     assert edge.above(corner[None]) == pytest.approx([0.0], abs=1e-9)
-    assert edge.height_mm - base.slope.height_mm >= 4.0 and edge.rise == base.slope.rise
+    assert edge.height_mm - base.slope.height_mm >= 4.0 and base.slope.rise == pytest.approx(
+        edge.rise
+    )
 
 
 @pytest.mark.parametrize("island", [False, True])
@@ -154,7 +156,7 @@ def test_it_stands_as_firmly_as_it_says(island: bool) -> None:
 
 def test_struts_of_one_knot_do_not_show() -> None:
     mount = planned(False)
-    shade = Shade(ONE, camera(), EMPTY)
+    shade = ViewShadow(ONE, camera(), EMPTY)
     assert shade.darkened(mount.struts) < 1e-4 < shade.darkened(mount.posts)
 
 
@@ -165,7 +167,7 @@ def test_members_touch_nothing_but_their_ends() -> None:
         t = np.linspace(0, 1, 400)[:, None]
         line = m.start[i] + t * (m.end[i] - m.start[i])
         for j in range(i):
-            gap = segment_gap(m.start[[i]], m.end[[i]], m.start[[j]], m.end[[j]])[0]
+            gap = segment_distance(m.start[[i]], m.end[[i]], m.start[[j]], m.end[[j]])[0]
             assert gap >= m.radius[i] + m.radius[j] + 0.4 - 1e-9
         for curve in ISLAND.knots:
             away = np.linalg.norm(line[:, None] - curve.points[None], axis=2).min(axis=1)
@@ -178,26 +180,26 @@ def test_members_touch_nothing_but_their_ends() -> None:
 def test_a_wall_too_near_is_named() -> None:
     """All feet must stand before the wall."""
     with pytest.raises(SceneError, match=r"reaches knot 0|of the wall"):
-        plan_stand(ONE, camera(wall_distance_mm=8.0), EMPTY, 0.4, PLA, ASKED)
+        plan_stand(ONE, [camera(wall_distance_mm=8.0)], [EMPTY], 0.4, PLA, ASKED)
 
 
 def test_a_knot_that_nothing_reaches_is_named() -> None:
     with pytest.raises(SceneError, match=r"reaches knot [01]"):
-        plan_stand(ISLAND, camera(), EMPTY, 45.0, PLA, ASKED)
+        plan_stand(ISLAND, [camera()], [EMPTY], 45.0, PLA, ASKED)
 
 
 def test_segments_as_near_as_dense_samples_say() -> None:
     random = np.random.default_rng(3)
     a, b, c, d = random.normal(size=(4, 300, 3))
     d[:20] = c[:20] + (b - a)[:20] * 1.3  # parallel ones
-    found = segment_gap(a, b, c, d)
+    found = segment_distance(a, b, c, d)
     t = np.linspace(0, 1, 160)[:, None, None]
     p, q = a + t * (b - a), c + t * (d - c)
     dense = np.array(
         [np.linalg.norm(p[:, None, i] - q[None, :, i], axis=2).min() for i in range(300)]
     )
     assert (found <= dense + 1e-12).all() and (dense - found < 0.03).all()
-    cross = segment_gap(
+    cross = segment_distance(
         *(np.array([x], dtype=float) for x in ([-1, 0, 0], [1, 0, 0], [0, -1, 2], [0, 1, 2]))
     )
     assert cross == pytest.approx([2.0])
@@ -274,7 +276,7 @@ def test_struts_meet_their_tubes_squarely() -> None:
 def test_shade_measures_what_shows() -> None:
     """A strip across the empty frame; nothing below it; nothing where the picture is dark."""
     view = camera()
-    shade = Shade(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, EMPTY)
+    shade = ViewShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, EMPTY)
     post = one([10, 30, 0], [10, -70, 0], 2.0)
     pixel = 180 / 1024
     exact = (2 * 2.0 * 1.2 / pixel) * (100 * 1.2 / pixel)
@@ -285,12 +287,12 @@ def test_shade_measures_what_shows() -> None:
     assert not shade.hidden(post)[0]
     shade.add(post)
     assert shade.cost(post)[0] < 0.01 * exact
-    full = Shade(knots(ring(5.0, wave=0.0)), view, ~EMPTY)
+    full = ViewShadow(knots(ring(5.0, wave=0.0)), view, ~EMPTY)
     assert full.hidden(post)[0] and full.cost(post)[0] == 0 and full.darkened(post) == 0
     # a strip that is hidden to a pixel
     half = np.zeros((90, 90), dtype=bool)
     half[:, :45] = True  # the left of the frame
-    shade = Shade(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, half)
+    shade = ViewShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, half)
     for x, hidden in ((-2.0 - 2 * pixel, True), (-2.0 + pixel, False)):
         assert shade.hidden(one([x, 30, 0], [x, -40, 0], 2.0))[0] == hidden
 
@@ -298,7 +300,7 @@ def test_shade_measures_what_shows() -> None:
 def test_what_is_behind_the_knots_draws_nothing() -> None:
     """A thin bar along the rays behind a strand, and moved out of its shadow into a dark picture."""
     strand = np.column_stack([np.full(121, 10.0), np.linspace(30, -30, 121), np.zeros(121)])
-    shade = Shade(
+    shade = ViewShadow(
         knots(np.concatenate([strand, strand[::-1] + [60.0, 0.0, 0.0]])), camera(), ~EMPTY
     )
     seen = 520.0 / 500.0  # from z = 0 to z = -20, from the light
@@ -320,14 +322,12 @@ def test_members_can_be_thickened_and_joined() -> None:
 def test_the_piece_on_its_stand() -> None:
     scene = resolve(Scene(views=(VIEW,), mount=Mount(kind="stand")))
     tubes = [sweep(k.points, RADIUS, 24) for k in ONE.knots]
-    mounted = mount_piece(scene, ONE, tubes, camera(), EMPTY)
+    mounted = mount_piece(scene, ONE, tubes, [camera()], [EMPTY])
     stand = mounted.stand
     assert stand is not None and mounted.upright is not None and len(mounted.bodies) == 1
     assert mounted.scene.mount.pegs == (len(stand.members),)
     report, sag = mounted.report(), mounted.check_sag()
     assert report["kind"] == "stand" and report["posts"] + report["struts"] == len(stand.members)
     assert sag is not None and sag["status"] == "pass" and sag["measured"] == stand.sag_again_mm
-    low = scene.model_copy(update={"printer": Printer(build_volume_mm=(250.0, 250.0, 100.0))})
-    assert mount_piece(low, ONE, tubes, camera(), EMPTY).upright is None
-    with pytest.raises(ValueError, match="silhouette"):
-        mount_piece(scene, ONE, tubes, camera())
+    with pytest.raises(ValueError, match="silhouettes"):
+        mount_piece(scene, ONE, tubes, [camera()])

@@ -11,10 +11,12 @@ import pytest
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
-from knotfab.mount.choose import Stiffness, choose_pegs, sag_of
+from knotfab.mount.choose import choose_pegs
 from knotfab.mount.mount import mount_piece
-from knotfab.mount.rays import free_rays
+from knotfab.mount.piece_frame import Stiffness, sag_of
+from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall import Peg, WallSettings, plan_wall, wall_bodies
+from knotfab.mount.wall_brace import pegs_on, sites_with
 from knotfab.part.clean import as_written
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
@@ -116,6 +118,14 @@ def test_a_peg_thicker_than_the_shadow_is_refused() -> None:
             free_rays(ONE, view.eye, view.receiver, share, 0.4)
 
 
+def sag_on(
+    rays: Rays, chosen: np.ndarray, top: float, foot: np.ndarray, stiffness: Stiffness
+) -> tuple[float, np.ndarray]:
+    """What `ONE` sags on the pegs of some rays."""
+    sites = sites_with(ONE, rays, chosen)
+    return sag_of(ONE, sites, pegs_on(sites, rays, chosen, top), stiffness, foot[chosen])
+
+
 def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     view = camera()
     rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
@@ -123,11 +133,11 @@ def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     soft = Stiffness(400.0, 1.24, 0.2)
     chosen = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, soft)
     assert chosen.sag_mm <= 0.2 and len(chosen.rays) > 1
-    again, _ = sag_of(ONE, rays, chosen.rays, 0.9 * RADIUS, foot, soft)
+    again, _ = sag_on(rays, chosen.rays, 0.9 * RADIUS, foot, soft)
     assert again == pytest.approx(chosen.sag_mm, rel=0.02)  # other joints, same frame
     for peg in chosen.rays[1:]:
         left = chosen.rays[chosen.rays != peg]
-        assert sag_of(ONE, rays, left, 0.9 * RADIUS, foot, soft)[0] > 0.19
+        assert sag_on(rays, left, 0.9 * RADIUS, foot, soft)[0] > 0.19
     stiff = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, PLA)
     assert len(stiff.rays) <= len(chosen.rays)
 
@@ -138,9 +148,9 @@ def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
     foot = np.full(len(rays.top), 2.0)
     free = np.flatnonzero(rays.free)
     some = free[:: len(free) // 4][:4]
-    sags = [sag_of(ONE, rays, some[: n + 1], 1.8, foot, PLA)[0] for n in range(4)]
+    sags = [sag_on(rays, some[: n + 1], 1.8, foot, PLA)[0] for n in range(4)]
     assert all(b <= a + 1e-12 for a, b in pairwise(sags))
-    soft, _ = sag_of(ONE, rays, some, 1.8, foot, Stiffness(1150.0, 1.24, 0.2))
+    soft, _ = sag_on(rays, some, 1.8, foot, Stiffness(1150.0, 1.24, 0.2))
     assert soft == pytest.approx(2 * sags[-1], rel=1e-6)
 
 
@@ -238,8 +248,8 @@ def dense(points: np.ndarray) -> np.ndarray:
 
 
 def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
-    scene = resolve(Scene(mount=Mount(kind="wall")), [(90, 90)])
-    mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], camera())
+    scene = resolve(Scene(mount=Mount(kind="wall")))
+    mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], [camera()])
     good = mounted.check_sag()
     assert good is not None and (good["status"], good["required"]) == ("pass", True)
     assert "max_sag_mm" not in good["detail"] and mounted.wall is not None
@@ -250,13 +260,13 @@ def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
 
 def test_the_foot_follows_from_the_printer() -> None:
     tubes = [sweep(ONE.points, RADIUS, 12)]
-    mounted = mount_piece(scene(), ONE, tubes, camera())
+    mounted = mount_piece(scene(), ONE, tubes, [camera()])
     assert mounted.scene.mount.foot == "plate" and mounted.upright is not None
     assert mounted.scene.mount.pegs == (len(mounted.wall.pegs),)  # type: ignore[union-attr]
     small = scene().model_copy(update={"printer": Printer(build_volume_mm=(195.0, 200.0, 200.0))})
-    assert mount_piece(small, ONE, tubes, camera()).scene.mount.foot == "dowel"
+    assert mount_piece(small, ONE, tubes, [camera()]).scene.mount.foot == "dowel"
     exact = scene().model_copy(update={"printer": Printer(build_volume_mm=(196.0, 196.0, 200.0))})
-    assert mount_piece(exact, ONE, tubes, camera()).scene.mount.foot == "plate"
+    assert mount_piece(exact, ONE, tubes, [camera()]).scene.mount.foot == "plate"
     report = mounted.report()
     assert report["pegs"] == len(mounted.wall.pegs)  # type: ignore[union-attr]
     sag = mounted.check_sag()
@@ -266,7 +276,7 @@ def test_the_foot_follows_from_the_printer() -> None:
 def test_without_a_mount_nothing_is_added() -> None:
     tubes = [sweep(ONE.points, RADIUS, 12)]
     bare = scene().model_copy(update={"mount": Mount()})
-    mounted = mount_piece(bare, ONE, tubes, camera())
+    mounted = mount_piece(bare, ONE, tubes, [camera()])
     assert mounted.bodies is tubes and mounted.upright is None and mounted.check_sag() is None
     assert mounted.report() == {"kind": "none"}
 

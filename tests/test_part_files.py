@@ -24,7 +24,7 @@ from knotfab.files.threemf import (
 from knotfab.geometry.meshes import join_meshes, split_shells
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
-from knotfab_validators.read_mesh import read_mesh
+from knotfab_validators.files.mesh import read_mesh
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 

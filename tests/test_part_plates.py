@@ -20,11 +20,12 @@ from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
 from knotfab.part.plates import APART_MM, Plates, Printable, plates_of
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Rules
-from knotfab_validators.mesh import BadFile, merge_equal
-from knotfab_validators.mesh import Mesh as Surface
-from knotfab_validators.plates import VOLUME_SHARE, check_plates, printability_of_plates
-from knotfab_validators.read_plates import Laid, read_plates
-from knotfab_validators.read_scene import Printer, parse_scene
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.plates import Plate, read_plates
+from knotfab_validators.files.scene import Printer, parse_scene
+from knotfab_validators.geometry.mesh import Mesh as Surface
+from knotfab_validators.geometry.mesh import merge_equal
+from knotfab_validators.printing.plates import VOLUME_SHARE, check_plates, check_plates_printable
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -219,7 +220,7 @@ def test_the_report_names_the_pins() -> None:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Surface, list[Laid], Path, str]:
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Surface, list[Plate], Path, str]:
     folder = tmp_path_factory.mktemp("plates")
     plates, whole = laid_out([track(), track(20.0, 30.0) + [0.0, 0.0, 20.0]])
     text = "schema = 1\n[pose]\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"
@@ -230,12 +231,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Surface, list[Lai
     return part, read_plates(folder, parse_scene(tomllib.loads(text))), folder, text
 
 
-def checks_of(part: Surface, plates: list[Laid]) -> dict[str, tuple[str, object]]:
+def checks_of(part: Surface, plates: list[Plate]) -> dict[str, tuple[str, object]]:
     return {c.name: (c.status, c.measured) for c in check_plates(part, plates, ROOM)}
 
 
 def test_plates_that_make_up_the_part_pass(
-    written: tuple[Surface, list[Laid], Path, str],
+    written: tuple[Surface, list[Plate], Path, str],
 ) -> None:
     part, plates, _, _ = written
     found = check_plates(part, plates, ROOM)
@@ -245,17 +246,17 @@ def test_plates_that_make_up_the_part_pass(
     assert isinstance(apart, float) and apart < 0.03
     assert isinstance(volume, float) and 0 < volume < 0.01
     printer = Printer("own", ROOM, 0.4)
-    printed = printability_of_plates(plates, printer, found, {})
+    printed = check_plates_printable(plates, printer, found, {})
     assert {c.name: c.status for c in printed}["feature"] == "pass"
 
 
-def moved(laid: Laid, shift: float) -> Laid:
+def moved(laid: Plate, shift: float) -> Plate:
     motion = laid.to_part.copy()
     motion[0, 2, 3] += shift
     return replace(laid, to_part=motion)
 
 
-def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Laid], Path, str]) -> None:
+def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, _, _ = written
     assert checks_of(part, [moved(plates[0], 0.03), *plates[1:]])["plates"][0] == "pass"
     status, apart = checks_of(part, [moved(plates[0], 0.2), *plates[1:]])["plates"]
@@ -263,7 +264,7 @@ def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Laid], Path,
 
 
 def test_a_body_that_is_missing_or_there_twice_fails(
-    written: tuple[Surface, list[Laid], Path, str],
+    written: tuple[Surface, list[Plate], Path, str],
 ) -> None:
     part, plates, _, _ = written
     missing = checks_of(part, plates[:-1])
@@ -283,7 +284,7 @@ def test_the_volume_at_its_limit() -> None:
     for share, status in ((VOLUME_SHARE, "pass"), (1.01 * VOLUME_SHARE, "fail")):
         ends = [box(0.0, 50.0), box(50.0 + 100 * share, 100.0)]
         plates = [
-            Laid("plate", m, np.zeros(len(m.vertices), dtype=np.int64), np.eye(4)[None])
+            Plate("plate", m, np.zeros(len(m.vertices), dtype=np.int64), np.eye(4)[None])
             for m in ends
         ]
         found = {c.name: c for c in check_plates(part, plates, (100.0, 10.0, 10.0))}
@@ -293,7 +294,7 @@ def test_the_volume_at_its_limit() -> None:
 
 
 def test_a_plate_too_large_or_with_a_hole_fails(
-    written: tuple[Surface, list[Laid], Path, str],
+    written: tuple[Surface, list[Plate], Path, str],
 ) -> None:
     part, plates, _, _ = written
     size = float(max(p.mesh.vertices[:, 0].max() for p in plates))
@@ -304,11 +305,11 @@ def test_a_plate_too_large_or_with_a_hole_fails(
     holed = replace(plates[0], mesh=Surface(mesh.vertices, mesh.faces[1:]))
     found = check_plates(part, [holed, *plates[1:]], ROOM)
     assert {c.name: c.status for c in found}["plate_mesh"] == "fail"
-    skipped = printability_of_plates([holed, *plates[1:]], Printer("own", ROOM, 0.4), found, {})
+    skipped = check_plates_printable([holed, *plates[1:]], Printer("own", ROOM, 0.4), found, {})
     assert all(c.status == "skipped" for c in skipped)
 
 
-def test_bodies_and_motions_must_agree(written: tuple[Surface, list[Laid], Path, str]) -> None:
+def test_bodies_and_motions_must_agree(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, folder, text = written
     fewer = [replace(plates[0], to_part=np.repeat(plates[0].to_part, 3, axis=0)), *plates[1:]]
     assert checks_of(part, fewer)["plates"][0] == "fail"

@@ -14,9 +14,9 @@ from knotfab.part.flatter import flatter_depth
 from knotfab.part.orient import AXES, candidates, estimated_cm3, minutes, ranked, within_limits
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Estimate, Rules, Strands, estimate, strands_of
-from knotfab_validators.columns import columns
-from knotfab_validators.mesh import Mesh
-from knotfab_validators.overhang import support_volume
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing.columns import columns
+from knotfab_validators.printing.overhang import support_volume
 
 Array = NDArray[np.float64]
 ROOM = (250.0, 210.0, 220.0)

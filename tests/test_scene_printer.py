@@ -13,8 +13,8 @@ from knotfab.errors import InputError
 from knotfab.scene.catalogue import printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Printer
-from knotfab_validators.read_mesh import BadFile
-from knotfab_validators.read_scene import parse_scene as read
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.scene import parse_scene as read
 
 SHARED = (
     "name", "build_volume_mm", "nozzle_mm", "layer_height_mm", "supports", "max_overhang_deg",
@@ -88,14 +88,14 @@ import sys
 for name in ("knotfab", "torch", "cadquery", "manifold3d", "trimesh"):
     sys.modules[name] = None
 from solids import table
-from knotfab_validators.printability import printability_checks
-from knotfab_validators.read_scene import parse_scene
+from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.files.scene import parse_scene
 checks = printability_checks(table(), parse_scene({}).printer, seconds={})
 print(len(checks), {c.status for c in checks})
 """
     done = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parent,
+        cwd=Path(__file__).parent / "shared",
         capture_output=True,
         text=True,
         check=False,

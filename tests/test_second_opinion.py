@@ -6,8 +6,8 @@ import pytest
 import trimesh
 
 from knotfab.geometry.tube import sweep
-from knotfab_validators.mesh_check import self_intersections
-from knotfab_validators.read_mesh import Mesh
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.mesh.surface_checks import self_intersections
 
 
 def _trefoil(size: float) -> np.ndarray:

@@ -1,11 +1,13 @@
 """A sequence from end to end: one knot, its motion within the bound, each frame a verified part."""
 
 import json
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from command import knotfab
 from PIL import Image, ImageDraw
 
@@ -53,15 +55,18 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     folder = tmp_path_factory.mktemp("sequence")
     names = _frames(folder, (0.0, 16.0))
     request = Request(
-        _scene(), tuple(names), folder / "out", base=folder, printing=True, command="test"
+        _scene(mount=Mount(kind="wall")),
+        tuple(names),
+        folder / "out",
+        base=folder,
+        printing=True,
+        command="test",
     )
     return build_sequence(request)
 
 
 def _points(folder: Path, number: int) -> np.ndarray:
     """The frame's vertices in the scene, by the written pose, with code of the test's own."""
-    import tomllib
-
     pose = tomllib.loads((folder / f"scene-{number:02d}.toml").read_text())["pose"]["matrix"]
     knots = json.loads((folder / f"knots-{number:02d}.json").read_text())["knots"]
     assert len(knots) == 1
@@ -82,6 +87,29 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
     assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
     with Image.open(outcome.folder / "sequence.gif") as image:
         assert getattr(image, "n_frames", 1) == 2
+
+
+@pytest.mark.build
+def test_each_frame_hangs_by_itself_and_the_zoetrope_has_no_mount(outcome: Outcome) -> None:
+    report = outcome.report
+    mounts = [view["mount"] for view in report["views"]]
+    assert [m["kind"] for m in mounts] == ["wall", "wall"] and min(m["pegs"] for m in mounts) >= 1
+    checks = {c["name"]: c for c in report["checks"]}
+    assert checks["sag"]["status"] == checks["intrusion"]["status"] == "pass"
+    plates = [mount["foot"] == "plate" for mount in mounts]
+    for number, mount, plate in zip(("01", "02"), mounts, plates, strict=True):
+        scene = tomllib.loads((outcome.folder / f"scene-{number}.toml").read_text())
+        assert scene["mount"]["pegs"] == [mount["pegs"] + mount["struts"]]
+        # a plate behind the frame: the part is deeper than its knot
+        solid = trimesh.load_mesh(outcome.folder / f"part-{number}.stl")
+        assert solid.is_watertight and (solid.extents > 180).sum() == (2 if plate else 0)
+        assert (outcome.folder / f"setup-{number}.pdf").is_file()
+    assert set(report["print"]["drawings"]) >= {"setup-01.svg", "setup-02.pdf"}
+    ring = trimesh.load_mesh(outcome.folder / "zoetrope.stl")
+    assert ring.is_watertight and checks["zoetrope_mesh"]["status"] == "pass"
+    # the scene that repeats it asks for the mount, and leaves each frame its own pegs
+    whole = tomllib.loads((outcome.folder / "scene.toml").read_text())
+    assert whole["mount"]["kind"] == "wall" and not whole["mount"].get("pegs")
 
 
 @pytest.mark.build
@@ -147,9 +175,6 @@ def test_motion_beyond_the_bound_fails() -> None:
 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
     names = _frames(tmp_path, (0.0, 16.0))
-    stand = _scene(mount=Mount(kind="stand"))
-    with pytest.raises(InputError, match="no mounts"):
-        build_sequence(Request(stand, tuple(names), tmp_path / "out", base=tmp_path))
     several = _scene(piece=Piece(tube_radius_mm=5.0, knots=2))
     with pytest.raises(InputError, match="one knot"):
         build_sequence(Request(several, tuple(names), tmp_path / "out", base=tmp_path))

@@ -34,8 +34,6 @@ def _refused(code: int, *arguments: str | Path) -> str:
     ("options", "why"),
     [
         (["--time-budget", "30"], "it is for one picture"),
-        (["--mount", "wall"], "--mount wall"),
-        (["--mount", "stand", "--print"], "--mount stand"),
         (["--knots", "2"], "one knot"),
         (["--search", "inn"], "--search inn"),
         (["--search", "inn+flow"], "by the flow alone"),

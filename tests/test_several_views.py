@@ -43,7 +43,7 @@ from knotfab.start.deep import deep_curves
 from knotfab.start.filling import even_samples, fill, simple_curves
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.target.read import Target
-from knotfab_validators.view import view_geometry
+from knotfab_validators.shadows.view import view_geometry
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -279,8 +279,7 @@ def test_two_views_end_feasible_certified_and_drawn() -> None:
     [
         (Scene(piece=Piece(depth="flat")), "piece.depth"),
         (Scene(piece=Piece(knot="trefoil")), "piece.knot"),
-        (Scene(mount=Mount(kind="wall")), "mount.kind"),
-        (Scene(mount=Mount(kind="stand")), "mount.kind"),
+        (Scene(views=tuple(views(0.0, 90.0)), mount=Mount(kind="wall")), "--mount stand"),
         (Scene(search={"method": "inn"}), "method"),
     ],
 )
@@ -327,7 +326,7 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
 
 
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
-    """One light and one eye, verified on the written file, and the same again from its own scene."""
+    """One light and one eye, on a stand, verified on the written file; the same again from its own scene."""
     for name, polygon in (("a", DISC), ("b", SQUARE)):
         Image.fromarray(~picture(polygon)).save(tmp_path / f"{name}.png")
     front, side = views(0.0, 90.0)
@@ -335,6 +334,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
         piece=Piece(tube_radius_mm=7.0),
         views=(front, side.model_copy(update={"kind": "eye"})),
         accuracy=Accuracy(name="draft", max_outline_error_px=1.5),
+        mount=Mount(kind="stand"),
         search={
             "coarse_px": 96,
             "fine_px": 128,
@@ -344,14 +344,19 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
         },
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
-    skip = frozenset({"shadow-render"})
-    request = Request(scene, pictures, tmp_path / "out", skip=skip)
+    skip = frozenset({"shadow-render", "slicer"})
+    request = Request(scene, pictures, tmp_path / "out", printing=True, skip=skip)
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
     assert [v["kind"] for v in report["views"]] == ["shadow", "eye"]
     for view in report["views"]:
-        assert 0.93 < view["iou"] <= view["bound"] + 0.02
+        assert 0.93 < view["iou_tube"] <= view["bound"] + 0.02
+        assert 0 <= view["intrusion"] < 0.1
+        assert view["iou"] <= view["iou_frame"]
+    checks = {c["name"]: c["status"] for c in report["checks"]}
+    assert checks["standing"] == checks["sag"] == checks["intrusion"] == "pass"
+    assert report["print"]["mount"]["posts"] >= 3
     assert len(report["settings"]["start_ious"]) == 2
     for name in ("picture-v0.png", "picture-v1.png"):
         assert (tmp_path / "out" / name).is_file()
@@ -362,6 +367,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
             tuple(view.picture for view in written.views),
             tmp_path / "again",
             tmp_path / "out",
+            printing=True,
             skip=skip,
         )
     )

@@ -15,7 +15,7 @@ from PIL import Image
 
 from knotfab.errors import InputError
 from knotfab.target.read import Target, read_target
-from knotfab_validators.silhouette import read_silhouette
+from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60
 SHAPE = np.zeros((H, W), dtype=bool)

@@ -163,7 +163,7 @@ def test_coverage_at_its_own_size_is_the_mask() -> None:
 
 
 def test_comparison_mask_is_that_of_the_validators() -> None:
-    from knotfab_validators.silhouette import padded_mask, working_frame
+    from knotfab_validators.shadows.frame import padded_mask, working_frame
 
     rng = np.random.default_rng(4)
     for height, width in ((16, 23), (1024, 700), (1500, 2047), (333, 2048)):

@@ -31,9 +31,9 @@ from knotfab.geometry.tube import mesh_volume, tube_manifold
 from knotfab.knots import Knot, Knots
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
 from knotfab.scene.model import Region
-from knotfab_validators.knot_names import promised_knot
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
+from knotfab_validators.knots.names import promised_knot
 from knotfab_validators.validate import validate
 
 Array = NDArray[np.float64]

@@ -25,8 +25,8 @@ from knotfab.start.depth import lift
 from knotfab.start.filling import Template, even_samples, fill, simple_curves
 from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
 from knotfab.target.read import read_target
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 
 Array = NDArray[np.float64]
 LIGHT = 400.0

@@ -21,8 +21,8 @@ from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
 from knotfab.wire.replay import Deviation, Sensitivity
 from knotfab.wire.template_pdf import WireDrawing, write_templates
-from knotfab_validators.tube_field import tube_field
-from knotfab_validators.view import view_geometry
+from knotfab_validators.shadows.tube_field import tube_field
+from knotfab_validators.shadows.view import view_geometry
 
 STEEL = materials()["steel-wire-2mm"]
 POINT = 72 / 25.4

@@ -10,21 +10,19 @@ worker. Ends with 1 if there was any; the offending files are kept in fuzz-failu
 from __future__ import annotations
 
 import argparse
-import contextlib
 import multiprocessing
-import resource
 import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from examples.corpus.fuzzed import company, fuzzed
+from examples.corpus.examine import Outcome, examine
+from examples.corpus.fuzzed import fuzzed
 from examples.corpus.hostile import HANDMADE, Hostile
 
-__all__ = ["Outcome", "examined", "main", "run_all"]
+__all__ = ["main", "run_all"]
 
 SLOW_S = 5.0
 MOST_MB = 1000.0
@@ -32,64 +30,10 @@ WORKERS = 2
 FILES_PER_WORKER = 500
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one file: pass, fail or refused; or crashed, slow, hungry (then `said` has why)."""
-
-    kind: str
-    said: str
-    seconds: float
-    peak_mb: float
-
-
-def examined(file: Hostile, folder: Path) -> Outcome:
-    """Validate one file here and now: everything that can be measured on it."""
-    from knotfab_validators import validate
-
-    files: dict[str, Path | None] = {"part": None, "knots": None, "scene": None}
-    if file.among:
-        for other in ("part.obj", "knots.json", "scene.toml", "front.png"):
-            (folder / other).write_bytes(company()[other])
-        files = {"part": folder / "part.obj"}
-        files |= {"knots": folder / "knots.json", "scene": folder / "scene.toml"}
-    path = folder / file.name
-    path.write_bytes(file.content)
-    files[{"json": "knots", "toml": "scene"}.get(path.suffix.removeprefix("."), "part")] = path
-    _forget_peak()
-    start = time.perf_counter()
-    try:
-        verdict = validate(**files, skip={"shadow-render"}, failures=folder / "failures.png")
-        kind, said = verdict.status, ""
-    except ValueError as error:  # what the readers promise
-        kind, said = "refused", str(error)
-        own = type(error).__module__.startswith("knotfab_validators")  # not one of numpy's
-        named = file.among or said.startswith(file.name)
-        if "\n" in said or not own or not named or len(said) > 600:
-            kind, said = "crashed", f"no clear sentence: {said[:300]}"
-    except Exception as error:  # anything else is a crash
-        kind, said = "crashed", f"{type(error).__name__}: {error}"
-    seconds = time.perf_counter() - start
-    return Outcome(kind, said, seconds, _peak_mb())
-
-
-def _forget_peak() -> None:
-    """Let the peak of resident memory start anew, so that it is that of one file."""
-    with contextlib.suppress(OSError):  # only Linux has it
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _peak_mb() -> float:
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return next(int(row.split()[1]) / 1024 for row in lines if row.startswith("VmHWM"))
-    except (OSError, StopIteration):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def _work(pipe: Connection) -> None:
     with tempfile.TemporaryDirectory() as folder:
         while (file := pipe.recv()) is not None:
-            pipe.send(examined(file, Path(folder)))
+            pipe.send(examine(file, Path(folder)))
 
 
 class _Worker:

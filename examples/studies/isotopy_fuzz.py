@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Rings, rings_of_sizes
-from knotfab_validators.knot_type import knot_types
-from knotfab_validators.read_knots import Curves
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import knot_types
 from tests.hard_cases.crossing import linking_number, passes_through
 from tests.hard_cases.curves import HardKnot, hard_knots
 

@@ -24,13 +24,13 @@ from examples.studies.mutation_excuses import excuse
 
 __all__ = ["Mutant", "main", "mutants_of", "tests_of"]
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "validators" / "knotfab_validators"
 TESTS = ROOT / "tests"
-CORPUS = TESTS / "test_corpus.py"
+CORPUS = TESTS / "validators" / "test_corpus.py"
 
 OTHER = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
-MAKERS = {"Check", "at_least", "at_most", "_judged"}
+MAKERS = {"Check", "at_least", "at_most", "_judge"}
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*\Z")
 SECONDS = 300  # a mutant that takes longer is noticed too
 
@@ -39,8 +39,8 @@ SECONDS = 300  # a mutant that takes longer is noticed too
 class Mutant:
     """One change of one module: the bytes from `start` to `end` become `now`.
 
-    `subject` is what it changes, without line numbers: the text of the comparison, or the
-    constant's name.
+    `module` is its dotted name within the package; `subject` is what it changes, without line numbers:
+    the text of the comparison, or the constant's name.
     """
 
     module: str
@@ -54,8 +54,13 @@ class Mutant:
     def applied(self, source: bytes) -> bytes:
         return source[: self.start] + self.now.encode() + source[self.end :]
 
+    @property
+    def file(self) -> Path:
+        """The module's file within the package."""
+        return Path(self.module.replace(".", "/") + ".py")
+
     def __str__(self) -> str:
-        return f"{self.module}.py:{self.line}  {self.subject}  [{self.was} to {self.now}]"
+        return f"{self.file}:{self.line}  {self.subject}  [{self.was} to {self.now}]"
 
 
 def mutants_of(path: Path) -> list[Mutant]:
@@ -65,7 +70,7 @@ def mutants_of(path: Path) -> list[Mutant]:
     by at least one. A comparison decides a check if it stands in a function that makes one, or if
     it names such a constant: `<` becomes `<=`, `>` becomes `>=`, and back.
     """
-    source = path.read_bytes()
+    source, module = path.read_bytes(), _module_of(path)
     starts = [0]
     for text in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(text))
@@ -85,13 +90,13 @@ def mutants_of(path: Path) -> list[Mutant]:
             if sign is not None:
                 was, at = sign.group().decode(), begin + sign.start()
                 line = left.end_lineno or 0
-                found.append(Mutant(path.stem, line, subject, was, OTHER[was], at, at + len(was)))
+                found.append(Mutant(module, line, subject, was, OTHER[was], at, at + len(was)))
     for name, value in constants.items():
         begin = offset(value.lineno, value.col_offset)
         until = offset(value.end_lineno, value.end_col_offset)
         was = source[begin:until].decode()
         for now in _nearby(value, was):
-            found.append(Mutant(path.stem, value.lineno, name, was, now, begin, until))
+            found.append(Mutant(module, value.lineno, name, was, now, begin, until))
     return sorted(set(found), key=lambda m: (m.start, m.now))
 
 
@@ -151,13 +156,19 @@ def _nearby(value: ast.expr, was: str) -> Iterable[str]:
     return f"1.01 * ({was})", f"0.99 * ({was})"
 
 
+def _module_of(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+
+
 def tests_of(module: str) -> list[Path]:
-    """The test files of a module, its own first, then those that import it, the corpus last."""
-    own = TESTS / f"test_validators_{module}.py"
-    names = re.compile(rf"knotfab_validators(\.| import ){module}\b")
-    others = [p for p in sorted(TESTS.glob("test_*.py")) if names.search(p.read_text())]
-    order = [own, *others, CORPUS]
-    return [p for p in dict.fromkeys(order) if p.exists()]
+    """The test files of a module: its own, or those of its folder; those that import it; the corpus."""
+    folder, _, name = module.rpartition(".")
+    own = TESTS / "validators" / folder.replace(".", "/") / f"test_{name}.py"
+    inside = re.escape(f"knotfab_validators.{folder}".rstrip("."))
+    names = re.compile(rf"{inside}(\.| import .*\b){name}\b")
+    others = [p for p in sorted(TESTS.rglob("test_*.py")) if names.search(p.read_text())]
+    near = [own] if own.exists() else sorted(own.parent.glob("test_*.py")) if folder else []
+    return list(dict.fromkeys([*near, *others, CORPUS]))
 
 
 def _fails(package: Path, tests: list[Path]) -> bool:
@@ -188,10 +199,16 @@ def _fails(package: Path, tests: list[Path]) -> bool:
 def main() -> int:
     """Run the study and print what survives."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--module", action="append", default=[], help="only these modules")
+    parser.add_argument(
+        "--module", action="append", default=[], help="only these, such as tube.thickness"
+    )
     parser.add_argument("--list", action="store_true", help="name the mutants, run nothing")
     asked = parser.parse_args()
-    paths = [p for p in sorted(PACKAGE.glob("*.py")) if not asked.module or p.stem in asked.module]
+    paths = [
+        path
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if not asked.module or _module_of(path) in asked.module
+    ]
     every = [mutant for path in paths for mutant in mutants_of(path)]
     excused = {mutant: reason for mutant in every if (reason := excuse(mutant))}
     left = [mutant for mutant in every if mutant not in excused]
@@ -221,7 +238,7 @@ def _study(mutants: list[Mutant]) -> tuple[list[Mutant], list[Path]]:
             for test in tests:
                 if test not in sound:
                     sound[test] = not _fails(copy, [test])
-            file = copy / f"{mutant.module}.py"
+            file = copy / mutant.file
             source = file.read_bytes()
             file.write_bytes(mutant.applied(source))
             noticed = _fails(copy, [test for test in tests if sound[test]])

@@ -16,6 +16,7 @@ from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.errors import InputError
+from knotfab.mount.mount import require_mount
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
@@ -134,12 +135,7 @@ def _require_several(scene: Scene) -> None:
             "the pictures of several views fix each other's places: what one may turn, another sees",
             "Leave it out, or give one picture",
         )
-    if scene.mount.kind == "wall":
-        raise InputError(
-            "scene key mount.kind",
-            "pegs that run along one light's rays stand in the other light's picture",
-            'Use "stand" (--mount stand) or "none"',
-        )
+    require_mount(scene)
 
 
 def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:

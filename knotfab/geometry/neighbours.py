@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.geometry.polylines import Rings, dot
 
-__all__ = ["Neighbours", "closest_parameters", "find_neighbours"]
+__all__ = ["Neighbours", "closest_parameters", "find_neighbours", "segment_distance"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,3 +55,10 @@ def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, A
     low, high = t < 0, t > 1
     s = np.where(low, np.clip(-c / a, 0, 1), np.where(high, np.clip((b - c) / a, 0, 1), s))
     return s, np.clip(t, 0, 1)
+
+
+def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """[M] distance between the segments a-b and c-d, [M, 3] each, none of them without length."""
+    s, t = closest_parameters(a, b - a, c, d - c)
+    gap = a + s[:, None] * (b - a) - c - t[:, None] * (d - c)
+    return np.asarray(np.linalg.norm(gap, axis=1))

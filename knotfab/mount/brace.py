@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
-from knotfab.mount.choose import DOWN, Stiffness
-from knotfab.mount.frame_model import Frame, frame_of, round_beams, stiffness_of
-from knotfab.mount.shade import Shade
-from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined, sites_of
+from knotfab.mount.frame_model import Frame, round_beams, stiffness_of
+from knotfab.mount.piece_frame import Stiffness, piece_frame
+from knotfab.mount.shade import Shadows
+from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined
 
-__all__ = ["Braced", "brace", "sag_of_members"]
+__all__ = ["Braced", "brace"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -46,7 +46,7 @@ def brace(
     knots: Knots,
     sites: Sites,
     obstacles: Obstacles,
-    shade: Shade,
+    shadows: Shadows,
     candidates: Candidates,
     visible: Mask,
     given: Candidates,
@@ -64,22 +64,22 @@ def brace(
     end those are taken away that the limit does not need.
 
     Args:
-        obstacles, shade: hold the given members already; more are added.
+        obstacles, shadows: hold the given members already; more are added.
         visible: (n,) which candidates may darken pixels; those are asked for what they cost.
         given: hold every knot already; they stay, and where `settled` they are not thickened either.
     """
-    dear = DEAR_SHARE * shade.pixels
+    dear = DEAR_SHARE * shadows.pixels
     shown = np.flatnonzero(visible)
     cost = np.zeros(len(candidates))
-    cost[shown] = shade.cost(candidates.of(shown))
+    cost[shown] = shadows.cost(candidates.of(shown))
     search = _Search(candidates, obstacles, APART_RADII * knots.radius_mm)
     limit = WANTED * stiffness.max_sag_mm
     members, best = given, given
     least, idle = np.inf, 0
-    # of each member, the share of the frame that it alone darkens; what is settled is not asked
+    # of each member, the share of the frames that it alone darkens, summed; what is settled is not asked
     seen = np.zeros(len(given) if settled else 0)
     while True:
-        frame = _frame(knots, sites, members, stiffness)
+        frame = piece_frame(knots, sites, members, stiffness)
         moved = frame.moved()[: len(sites.knot)]
         sag = float(np.linalg.norm(moved[:, :3], axis=1).max())
         if sag < least:
@@ -88,7 +88,7 @@ def brace(
             break
         promise = _promise(frame, sites, candidates, moved) / (1 + cost / dear)
         for n in range(len(seen), len(members)):
-            seen = np.append(seen, shade.darkened(members.of([n])))
+            seen = np.append(seen, shadows.darkened(members.of([n])).sum())
         old = np.flatnonzero(seen > SEEN_SHARE)
         thicker = members.of(old).thickened(THICKER, MOST_SHARE * knots.radius_mm)
         clear = np.array(
@@ -96,7 +96,7 @@ def brace(
         )
         use = np.flatnonzero(clear & (thicker.radius > members.radius[old])) if len(old) else old
         old, thicker = old[use], thicker.of(use)
-        dark = seen[old] * shade.pixels
+        dark = seen[old] * shadows.pixels
         while idle < IDLE_ROUNDS:
             hidden = search.best(promise, ~visible, TRIED)
             tried = np.concatenate([hidden, search.best(promise, visible, TRIED_VISIBLE)])
@@ -124,15 +124,15 @@ def brace(
             number = int(old[pick - len(tried)])
             members = members.with_radius(number, float(one.radius[0]))
             obstacles.members = members
-            seen[number] = shade.darkened(one)
+            seen[number] = shadows.darkened(one).sum()
             search.afresh()
         if price[pick] > 0:
-            shade.add(one)
-            cost[shown] = shade.cost(candidates.of(shown))
+            shadows.add(one)
+            cost[shown] = shadows.cost(candidates.of(shown))
     thinnest = float(candidates.radius[shown].min()) if len(shown) else np.inf
     shown_by = np.array(
         [
-            0.0 if settled and n < len(given) else shade.darkened(best.of([n]))
+            0.0 if settled and n < len(given) else shadows.darkened(best.of([n])).sum()
             for n in range(len(best))
         ]
     )
@@ -188,60 +188,6 @@ class _Search:
         """The members have changed."""
         self.free[:] = False
         self.spoiled = []
-
-
-def sag_of_members(knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness) -> float:
-    """Largest displacement (mm) by a frame with joints thrice as dense and members cut in pieces."""
-    fine = sites_of(knots, 0.5)
-    pieces = 4
-    t = np.arange(pieces + 1) / pieces
-    points = members.start[:, None] + t[:, None] * (members.end - members.start)[:, None]
-    place, ends, radius, fixed = _tubes(fine, knots.radius_mm)
-    total = len(place)
-    joints, pairs = [place], [ends]
-    # the ends of members are vertices: the nearest fine site is tied to them by its place
-    for i in range(len(members)):
-        own = [_nearest(fine, sites, int(members.first[i]))]
-        last = int(members.second[i])
-        inner = points[i, 1:] if last == GROUND else points[i, 1:-1]
-        chain = [*own, *range(total, total + len(inner))]
-        if last == GROUND:
-            fixed.append(total + len(inner) - 1)
-        else:
-            chain.append(_nearest(fine, sites, last))
-        joints.append(inner)
-        total += len(inner)
-        pairs.append(np.column_stack([chain[:-1], chain[1:]]))
-    ends = np.concatenate(pairs)
-    radius = np.concatenate([radius, np.repeat(members.radius, pieces)])
-    beams = round_beams(np.concatenate(joints), ends, radius)
-    frame = frame_of(beams, np.array(fixed), stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
-    return float(np.linalg.norm(frame.moved()[: len(place), :3], axis=1).max())
-
-
-def _nearest(fine: Sites, sites: Sites, site: int) -> int:
-    gap = np.abs(fine.arc - sites.arc[site])
-    gap = np.minimum(gap, sites.perimeter[sites.knot[site]] - gap)
-    gap[fine.knot != sites.knot[site]] = np.inf
-    return int(gap.argmin())
-
-
-def _tubes(sites: Sites, radius: float) -> tuple[Array, Ints, Array, list[int]]:
-    n = len(sites.knot)
-    return sites.point, np.column_stack([np.arange(n), sites.following]), np.full(n, radius), []
-
-
-def _frame(knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness) -> Frame:
-    place, ends, radius, _ = _tubes(sites, knots.radius_mm)
-    post = members.second == GROUND
-    second = members.second.copy()
-    second[post] = len(place) + np.arange(int(post.sum()))
-    beams = round_beams(
-        np.concatenate([place, members.end[post]]),
-        np.concatenate([ends, np.column_stack([members.first, second])]),
-        np.concatenate([radius, members.radius]),
-    )
-    return frame_of(beams, second[post], stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
 
 
 def _norm(moved: Array) -> Array:
@@ -324,11 +270,11 @@ def _pruned(
     """Take away added members that the limit does not need, and thin those that show.
 
     Args:
-        dark: (n,) the share of the frame that each member alone darkens.
+        dark: (n,) the share of the frames, summed, that each member alone darkens.
     """
 
     def solved(some: Candidates) -> tuple[float, Array]:
-        frame = _frame(knots, sites, some, stiffness)
+        frame = piece_frame(knots, sites, some, stiffness)
         size = np.linalg.norm(frame.moved()[: len(sites.knot), :3], axis=1)
         return float(size.max()), sites.point[int(size.argmax())]
 

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
-from knotfab.mount.frame_model import Beams, frame_of, round_beams
+from knotfab.mount.frame_model import frame_of, round_beams
+from knotfab.mount.piece_frame import DOWN, JOINT_RADII, PIECES, Stiffness, piece_beams, taper
 from knotfab.mount.rays import Rays
-from knotfab.mount.struts import GROUND, Candidates, Sites
+from knotfab.mount.struts import nothing, sites_of
 
-__all__ = ["Pegs", "Stiffness", "choose_pegs", "mounted_frame", "sag_of"]
+__all__ = ["Pegs", "choose_pegs"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-JOINT_RADII = 2.0  # distance of the frame model's joints along a tube, in tube radii
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
 CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
 TRIED = 32  # of them when a peg is added: those nearest to where it sags most
@@ -25,17 +25,6 @@ STUCK = 4  # pegs in a row that hardly help
 # Of the displacements whose sum a further peg is to lower; the largest alone may stay the same
 # wherever one peg is put.
 POWER = 4
-PIECES = 4  # of a tapering peg, each taken as round
-DOWN = np.array([0.0, -1.0, 0.0])
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """What the piece is made of and how far it may sag: MPa, g/cm³, mm."""
-
-    young_mpa: float
-    density_g_cm3: float
-    max_sag_mm: float
 
 
 @dataclass(frozen=True)
@@ -127,116 +116,6 @@ def _apart(rays: Rays, own: Ints, taken: list[int], radius: float) -> Ints:
     return apart
 
 
-def sag_of(
-    knots: Knots,
-    rays: Rays,
-    chosen: Ints,
-    top_radius_mm: float,
-    foot_radius_mm: Array,
-    stiffness: Stiffness,
-    braces: tuple[Sites, Candidates] | None = None,
-) -> tuple[float, Array]:
-    """Largest displacement (mm) of all knots on the chosen pegs, and where (3,), by one whole frame.
-
-    What `choose_pegs` finds by adding pegs to a solved frame.
-
-    Args:
-        braces: the sites that they join, and struts and leaning pegs.
-    """
-    beams, fixed, n = mounted_frame(knots, rays, chosen, top_radius_mm, foot_radius_mm, braces)
-    frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
-    size = np.linalg.norm(frame.moved()[:n, :3], axis=1)
-    worst = int(size.argmax())
-    return float(size[worst]), beams.joints[worst]
-
-
-def mounted_frame(
-    knots: Knots,
-    rays: Rays,
-    chosen: Ints,
-    top_radius_mm: float,
-    foot_radius_mm: Array,
-    braces: tuple[Sites, Candidates] | None = None,
-) -> tuple[Beams, Ints, int]:
-    """The beams of tubes, pegs and braces, the joints that the wall holds, and how many are the tubes'.
-
-    Tubes have joints `JOINT_RADII` apart and wherever something meets them; a peg is a chain of
-    `PIECES` round beams.
-    """
-    places, links, radii, vertices, starts = [], [], [], [], []
-    count = 0
-    for k, curve in enumerate(knots.knots):
-        own = [_joints(curve.points, knots.radius_mm), rays.vertex[chosen][rays.knot[chosen] == k]]
-        if braces is not None:
-            sites, struts = braces
-            met = np.concatenate([struts.first, struts.second])
-            met = met[met != GROUND]
-            own.append(sites.vertex[met][sites.knot[met] == k])
-        vertices.append(np.unique(np.concatenate(own)))
-        joints, ring, radius = _tube(curve.points, vertices[k], knots.radius_mm)
-        places.append(joints)
-        links.append(ring + count)
-        radii.append(radius)
-        starts.append(count)
-        count += len(joints)
-    n, fixed = count, []
-
-    def joint(knot: int, vertex: int) -> int:
-        return starts[knot] + int(np.searchsorted(vertices[knot], vertex))
-
-    for ray in chosen:
-        first, last = rays.top[ray], rays.foot[ray]
-        share = (np.arange(PIECES) + 1)[:, None] / PIECES
-        new = count + np.arange(PIECES)
-        chain = np.concatenate([[joint(int(rays.knot[ray]), int(rays.vertex[ray]))], new])
-        places.append(first + share * (last - first))
-        links.append(np.column_stack([chain[:-1], chain[1:]]))
-        radii.append(_taper(top_radius_mm, float(foot_radius_mm[ray])))
-        fixed.append(int(new[-1]))
-        count += PIECES
-    if braces is not None:
-        sites, struts = braces
-        leaning = struts.second == GROUND
-        second = [joint(int(sites.knot[s]), int(sites.vertex[s])) for s in struts.second[~leaning]]
-        ends = np.empty((len(struts), 2), dtype=np.int64)
-        ends[:, 0] = [joint(int(sites.knot[s]), int(sites.vertex[s])) for s in struts.first]
-        ends[~leaning, 1] = second
-        ends[leaning, 1] = count + np.arange(int(leaning.sum()))
-        places.append(struts.end[leaning])
-        fixed += ends[leaning, 1].tolist()
-        links.append(ends)
-        radii.append(struts.radius)
-    beams = round_beams(np.concatenate(places), np.concatenate(links), np.concatenate(radii))
-    return beams, np.array(fixed, dtype=np.int64), n
-
-
-def _joints(points: Array, radius: float) -> Ints:
-    """Vertices about `JOINT_RADII` apart."""
-    arc, perimeter = _arc(points)
-    count = max(6, int(perimeter / (JOINT_RADII * radius)))
-    at = np.searchsorted(arc, np.arange(count) * perimeter / count)
-    joints: Ints = np.unique(at[at < len(points)])
-    return joints
-
-
-def _arc(points: Array) -> tuple[Array, float]:
-    """(n,) arc length at each vertex, and all around."""
-    steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    arc: Array = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(arc[:-1]), float(arc[-1])
-
-
-def _tube(points: Array, vertices: Ints, radius: float) -> tuple[Array, Ints, Array]:
-    n = len(vertices)
-    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
-    return points[vertices], ring, np.full(n, radius)
-
-
-def _taper(top: float, foot: float) -> Array:
-    """(PIECES,) radii of a cone cut into round pieces."""
-    return top + (np.arange(PIECES) + 0.5) / PIECES * (foot - top)
-
-
 @dataclass(frozen=True)
 class _Sag:
     """Largest displacement (mm), where it is (3,), at what arc length, and the norm of all of them."""
@@ -265,27 +144,26 @@ class _Model:
         foot_radius: Array,
         stiffness: Stiffness,
     ) -> None:
-        points, radius = knots.knots[k].points, knots.radius_mm
-        arc, self.perimeter = _arc(points)
-        bins = (arc[rays.vertex[own]] / self.perimeter * CANDIDATES).astype(np.int64)
+        one = Knots((knots.knots[k],), knots.radius_mm)
+        every = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
+        arc = every.arc[np.searchsorted(every.vertex, rays.vertex[own])]
+        self.perimeter = float(every.perimeter[0])
+        bins = (arc / self.perimeter * CANDIDATES).astype(np.int64)
         order = np.lexsort((rays.length_mm[own], bins))
         shortest = own[order[np.flatnonzero(np.diff(bins[order], prepend=-1))]]
-        middle = points.mean(axis=0)
+        middle = one.points.mean(axis=0)
         near = np.linalg.norm(rays.top[shortest] - middle, axis=1) + rays.length_mm[shortest]
         first = int(near.argmin())
         self.candidates = np.concatenate([shortest[first : first + 1], np.delete(shortest, first)])
-        self.arc_of = arc[rays.vertex[self.candidates]]
-        vertices = np.union1d(_joints(points, radius), rays.vertex[self.candidates])
-        self.arc, self.n = arc[vertices], len(vertices)
+        sites = sites_of(one, JOINT_RADII, {0: rays.vertex[self.candidates]})
+        tops = np.searchsorted(sites.vertex, rays.vertex[self.candidates])
+        self.arc, self.arc_of, self.n = sites.arc, sites.arc[tops], len(sites.arc)
         pegs = [self._peg(rays, r, top_radius, foot_radius, stiffness) for r in self.candidates]
         self.spring = np.array([p[0] for p in pegs])
         self.push = np.array([p[1] for p in pegs])
-        joints, ends, radii = _tube(points, vertices, radius)
-        self.places = joints
-        tops = np.searchsorted(vertices, rays.vertex[self.candidates])
+        self.places = sites.point
         frame = frame_of(
-            round_beams(joints, ends, radii),
-            np.array([], dtype=np.int64),
+            *piece_beams(knots.radius_mm, sites, nothing()),
             stiffness.young_mpa,
             stiffness.density_g_cm3,
             DOWN,
@@ -307,7 +185,7 @@ class _Model:
         share = np.arange(PIECES + 1)[:, None] / PIECES
         joints = rays.top[ray] + share * (rays.foot[ray] - rays.top[ray])
         chain = np.column_stack([np.arange(PIECES), np.arange(1, PIECES + 1)])
-        beams = round_beams(joints, chain, _taper(top, float(foot[ray])))
+        beams = round_beams(joints, chain, taper(np.array(top), foot[ray]))
         frame = frame_of(
             beams, np.array([PIECES]), stiffness.young_mpa, stiffness.density_g_cm3, DOWN
         )

@@ -20,9 +20,11 @@ from knotfab.drawing.dimensions import (
 from knotfab.drawing.pages import PAPERS, Box, make_page, write_pages
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
+from knotfab.mount.plan_view import plan_sheet
+from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import ResolvedScene, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,39 +33,47 @@ if TYPE_CHECKING:
 __all__ = ["write_setup"]
 
 Array = NDArray[np.float64]
+Misplacement = Mapping[str, Mapping[str, float]] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
 WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
 COSTS_Y = 42.0
-INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
 SHADOW = "0.82"
 
 
 def write_setup(
     folder: Path,
     mounted: Mounted,
-    scene: Scene,
-    camera: Camera,
-    misplacement: Mapping[str, Mapping[str, float]] | None,
+    scene: ResolvedScene,
+    cameras: Sequence[Camera],
+    misplacements: Sequence[Misplacement],
+    suffix: str = "",
 ) -> list[str]:
     """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
 
+    With one view that is one page. With several, the first page, which is the SVG, shows all lamps and
+    walls from above, and each view has a page of its own after it.
+
     Args:
-        mounted: the piece and its mount, in scene coordinates. scene: with its first view's frame
-            resolved. camera: of that view. misplacement: what the verification measured of it
-            (`views[0]["misplacement"]` of the report), if it did.
+        mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
+        cameras: of its views. misplacements: what the verification measured of each view
+            (`views[].misplacement` of the report), if it did. suffix: of the files' names.
     """
     from matplotlib import rc_context
 
-    view = scene.views[0]
-    page = _sheet(mounted, placement_of(mounted, camera), camera, view, misplacement)
-    write_pages(folder / "setup.pdf", "Setting up", [page])
+    places = [placement_of(mounted, camera) for camera in cameras]
+    each = zip(places, cameras, scene.views, misplacements, strict=True)
+    pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
+    if len(pages) > 1:
+        pages.insert(0, plan_sheet(mounted, places, scene.views))
+    names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
+    write_pages(folder / names[0], "Setting up", pages)
     settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
     about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
     with rc_context(settings):
-        page.savefig(folder / "setup.svg", metadata=about)
-    return ["setup.pdf", "setup.svg"]
+        pages[0].savefig(folder / names[1], metadata=about)
+    return names
 
 
 def _sheet(
@@ -71,14 +81,17 @@ def _sheet(
     place: Placement,
     camera: Camera,
     view: View,
-    misplacement: Mapping[str, Mapping[str, float]] | None,
+    misplacement: Misplacement,
+    *,
+    alone: bool,
 ) -> Figure:
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     side = _side_view(axes, mounted, place, view)
     front = _front_view(axes, mounted, place, camera)
     left, top = 14.0, paper.height - 12
-    axes.text(left, top, "Setting up", size=15, va="top")
+    title = "Setting up" if alone else f"Setting up: {view.name}"
+    axes.text(left, top, title, size=15, va="top")
     axes.text(
         left, top - 8.0,
         "Lengths in mm, from the middle of the lamp and of the piece. What counts is the figures, "
@@ -139,13 +152,13 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     for end in frame:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
     axes.plot(*to(np.stack([lamp, seen[:2] @ place.middle])).T, color=FAINT, lw=0.3, ls="-.")
-    _filled(axes, [to(p) for p in piece], PIECE)
+    fill(axes, [to(p) for p in piece], PIECE)
     axes.plot(*to(wall).T, color=INK, lw=0.8)
     axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
-    _lamp(axes, to(lamp), view.light_diameter_mm / to.ratio)
-    _hatch(axes, to(wall), to)
-    _note(axes, to(lamp) + (0, 3.2), _name(view), size=7, ha="center")
-    _note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
+    draw_lamp(axes, to(lamp), view.light_diameter_mm / to.ratio)
+    hatch(axes, to(wall), to)
+    note(axes, to(lamp) + (0, 3.2), lamp_name(view), size=7, ha="center")
+    note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
     middle = to(np.zeros(2))
     axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
     axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
@@ -227,7 +240,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
     low, top = ends.min(axis=0), ends.max(axis=0)
     to = fit_scale((float(low[0]), float(low[1]), float(top[0]), float(top[1])), FRONT)
     below = None if desk is None else float(to(np.array([0.0, desk]))[1])
-    _filled(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
+    fill(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
     for size, width in ((place.plate_mm, 0.8), (place.frame_mm, 0.5)):
         if size is not None:
             at = to(np.array([-size[0] / 2, -size[1] / 2]))
@@ -241,7 +254,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
     if desk is not None:
         line = to(np.array([[-0.6 * wide, desk], [0.6 * wide, desk]]))
         axes.plot(*line.T, color=INK, lw=0.8)
-        _note(axes, line[0] + (0, 0.8), "desk", size=6.5)
+        note(axes, line[0] + (0, 0.8), "desk", size=6.5)
         corner = to(np.array([0.5 * wide, -0.5 * high]))
         draw_dimension(axes, (corner[0], line[0][1]), corner, (6, 0), length(-high / 2 - desk))
     _front_dimensions(axes, place, to, float(to(low)[1]))
@@ -280,7 +293,7 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     axes.plot([left - 1, foot[0]], [foot[1], foot[1]], color=LIGHT, lw=0.25)
     axes.plot(*foot, "o", ms=5, mfc="none", mec=LIGHT, mew=0.8)
     axes.plot(*foot, "+", ms=8, color=LIGHT, mew=0.5)
-    _note(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
+    note(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
     if len(place.holes) == 2 and place.plate_mm is not None:
         a, b = to(place.holes)
         y = down - 5.5
@@ -306,14 +319,14 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
     for number, hole in enumerate(to(place.holes), start=1):
         axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
         if place.plate_mm is None:
-            _note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
+            note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
     if place.plate_mm is not None and mounted.wall is not None and mounted.wall.settings.mark_mm:
         x, y = (s / 2 for s in place.plate_mm)
         for at, marker in (((0, y), "v"), ((0, -y), "^"), ((-x, 0), ">"), ((x, 0), "<")):
             axes.plot(*to(np.array(at)), marker, ms=3, color=INK, mew=0)
         axes.plot(*(to(np.array([0.0, y])) - (0, 2.4)), "^", ms=4, color=INK, mew=0)
     elif place.plate_mm is None:
-        _note(
+        note(
             axes,
             to(np.array([0.0, place.frame_mm[1] / 2])) - (0, 1.0),
             "▲ up",
@@ -341,48 +354,3 @@ def _shadow(mounted: Mounted, place: Placement) -> list[Array]:
 
         flat += solid.warp_batch(cast).project()
     return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.05).to_polygons()]
-
-
-def _filled(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
-    """Polygons and their holes as one path, cut off below a height of the page."""
-    from matplotlib.patches import PathPatch, Rectangle
-    from matplotlib.path import Path as Outline
-
-    rings = [Outline(np.append(p, p[:1], axis=0), closed=True) for p in polygons]
-    if rings:
-        patch = PathPatch(Outline.make_compound_path(*rings), fc=color, lw=0)
-        axes.add_patch(patch)
-        if above is not None:
-            patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
-
-
-def _lamp(axes: Axes, at: Array, across: float) -> None:
-    from matplotlib.patches import Circle
-
-    axes.add_patch(
-        Circle((float(at[0]), float(at[1])), max(0.5 * across, 0.5), fc=LIGHT, lw=0.3, ec=INK)
-    )
-    axes.plot(*np.stack([at - (2.5, 0), at + (2.5, 0)]).T, color=INK, lw=0.25)
-    axes.plot(*np.stack([at - (0, 2.5), at + (0, 2.5)]).T, color=INK, lw=0.25)
-
-
-def _hatch(axes: Axes, wall: Array, to: Scaled) -> None:
-    """Short strokes behind the wall's line."""
-    along = wall[1] - wall[0]
-    reach = float(np.linalg.norm(along))
-    unit = along / reach
-    behind = np.array([-unit[1], unit[0]]) - unit
-    for s in np.arange(1.5, reach, 2.5):
-        axes.plot(
-            *np.stack([wall[0] + s * unit, wall[0] + s * unit + behind]).T, color=FAINT, lw=0.3
-        )
-
-
-def _note(axes: Axes, at: Array, text: str, **style: Any) -> None:
-    axes.text(float(at[0]), float(at[1]), text, **style)
-
-
-def _name(view: View) -> str:
-    if view.kind != "shadow":
-        return "eye"
-    return f"lamp, {length(view.light_diameter_mm)} mm" if view.light_diameter_mm > 0 else "lamp"

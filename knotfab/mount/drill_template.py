@@ -40,12 +40,17 @@ _EDGE_MM = 4.0  # around the frame
 _BEFORE = "drill"  # the ruler is measured
 
 
-def write_drill_template(folder: Path, mounted: Mounted, camera: Camera) -> list[str]:
+def write_drill_template(
+    folder: Path, mounted: Mounted, camera: Camera, suffix: str = ""
+) -> list[str]:
     """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
 
     They print at full size: each hole a circle of the dowel's diameter and `PLAY_MM`, with cross
     hairs and its number, in the frame's outline, seen from the lamp's side. The same piece gives the
     same bytes.
+
+    Args:
+        suffix: of the files' names.
 
     Returns:
         The names of the files; none for any other mount.
@@ -60,7 +65,7 @@ def write_drill_template(folder: Path, mounted: Mounted, camera: Camera) -> list
     x, y = (float(v) for v in np.maximum(half, reach))
     names = []
     for key, paper in PAPERS.items():
-        names.append(f"drill-template-{key}.pdf")
+        names.append(f"drill-template{suffix}-{key}.pdf")
         pages = _pages(place, across, facts, (-x, -y, x, y), paper)
         write_pages(folder / names[-1], "Drill template at full size", pages)
     return names

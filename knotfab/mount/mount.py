@@ -1,23 +1,24 @@
-"""From tubes to the piece that is printed: the mount that the scene asks for, as bodies and as an account."""
+"""From tubes to the piece that is printed: with the mount that the scene asks for."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.errors import SceneError
+from knotfab.errors import InputError
 from knotfab.knots import Knots
-from knotfab.mount.choose import Stiffness
-from knotfab.mount.stand import StandMount, StandSettings, plan_stand, stand_bodies
+from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.stand import StandMount, StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
-from knotfab.part.pose import choose_pose
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, Scene
 
-__all__ = ["Mounted", "mount_piece"]
+__all__ = ["Mounted", "mount_piece", "require_mount"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,7 +32,7 @@ class Mounted:
     """What is to be printed, in scene coordinates.
 
     `scene` has the mount resolved (its foot, the pegs of each knot); `upright` is the turn (3, 3)
-    from scene to bed in which the mount wants to be printed, None where any will do.
+    from scene to bed in which the mount is best printed, None where any will do.
     """
 
     bodies: list[Mesh]
@@ -40,6 +41,11 @@ class Mounted:
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
+
+    @property
+    def must_be_upright(self) -> bool:
+        """A wall mount must; a stand that is too tall for the printer may lie down."""
+        return self.wall is not None
 
     @property
     def fixed_mm(self) -> tuple[float, float, float] | None:
@@ -91,7 +97,7 @@ class Mounted:
             "base_back_mm": back,
             "margin_mm": stand.margin_mm,
             "tip_deg": stand.tip_deg,
-            "predicted_intrusion": stand.predicted_intrusion,
+            "predicted_intrusion": float(stand.predicted_intrusion.max()),
             "sag_mm": stand.sag_again_mm,
             "max_sag_mm": self.scene.mount.max_sag_mm,
         }
@@ -126,22 +132,40 @@ class Mounted:
         }
 
 
+def require_mount(scene: Scene) -> None:
+    """Refuse a mount that cannot be, before any work is done.
+
+    Raises:
+        InputError: a wall mount of a piece with several views.
+    """
+    if scene.mount.kind == "wall" and len(scene.views) > 1:
+        raise InputError(
+            "a wall mount (--mount wall)",
+            f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
+            "picture of the other",
+            "Use --mount stand, whose base lies below all pictures",
+        )
+
+
 def mount_piece(
     scene: ResolvedScene,
     knots: Knots,
     tubes: list[Mesh],
-    camera: Camera,
-    target: Mask | None = None,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask] = (),
 ) -> Mounted:
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
     Args:
-        target: (H, W) the picture's silhouette, which a stand needs and in which struts hide.
+        cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand needs and in
+            which struts hide.
 
     Raises:
+        InputError: a wall mount, and several views.
         SceneError: there is no such mount for this piece.
-        ValueError: a stand without a target.
+        ValueError: a stand without the silhouettes.
     """
+    require_mount(scene)
     asked = scene.mount
     if asked.kind != "wall" and asked.foot == "auto":  # a written scene leaves nothing open
         asked = asked.model_copy(update={"foot": "plate"})
@@ -149,9 +173,10 @@ def mount_piece(
     if asked.kind == "none":
         return Mounted(tubes, _names(len(tubes)), scene, None, None)
     if asked.kind == "stand":
-        if target is None:
-            raise ValueError("a stand is placed by the picture's silhouette")
-        return _on_a_stand(scene, knots, tubes, camera, target)
+        if len(targets) != len(cameras):
+            raise ValueError("a stand is placed by the silhouettes of all views")
+        return _on_a_stand(scene, knots, tubes, cameras, targets)
+    camera = cameras[0]
     foot = _foot(scene, knots, camera)
     mount = plan_wall(
         knots,
@@ -165,7 +190,7 @@ def mount_piece(
             asked.hole_diameter_mm,
             asked.dowel_depth_mm,
         ),
-        target,
+        targets[0] if targets else None,
     )
     count = [
         sum(peg.knot == k for peg in mount.pegs) + int((mount.struts_of == k).sum())
@@ -183,13 +208,17 @@ def mount_piece(
 
 
 def _on_a_stand(
-    scene: ResolvedScene, knots: Knots, tubes: list[Mesh], camera: Camera, target: Mask
+    scene: ResolvedScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
 ) -> Mounted:
     asked, material = scene.mount, scene.material
     stand = plan_stand(
         knots,
-        camera,
-        target,
+        cameras,
+        targets,
         scene.piece.clearance_mm,
         Stiffness(material.young_modulus_mpa, material.density_g_cm3, asked.max_sag_mm),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
@@ -197,10 +226,6 @@ def _on_a_stand(
     bodies = stand_bodies(tubes, stand)
     count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
     resolved = scene.model_copy(update={"mount": asked.model_copy(update={"pegs": tuple(count)})})
-    try:
-        choose_pose(knots, bodies, scene.printer.build_volume_mm, None, BASE_DOWN)
-    except SceneError:  # too tall, or too wide: it may lie down
-        return Mounted(bodies, ["piece on its stand"], resolved, None, None, stand)
     return Mounted(bodies, ["piece on its stand"], resolved, BASE_DOWN, None, stand)
 
 

@@ -11,9 +11,13 @@ from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
 from knotfab.scene.camera import Camera
 
-__all__ = ["Mark", "Placement", "placement_of"]
+__all__ = ["Footing", "Mark", "Placement", "placement_of"]
 
 Array = NDArray[np.float64]
+
+EDGES = ("front", "right", "back", "left")  # of a base, as the first light goes round it
+QUARTER_DEG = 90.0
+SQUARE_DEG = 0.5  # a base turned by so little more than quarters is square to its wall
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,24 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class Footing:
+    """A stand's base as one view meets it: its bounds in the view's level axes, mm.
+
+    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise from
+    above; `wall_side` and `lamp_side` name what of the base is next to the wall and to the lamp.
+    """
+
+    left: float
+    right: float
+    back: float
+    front: float
+    bottom: float
+    turned_deg: float
+    wall_side: str
+    lamp_side: str
+
+
+@dataclass(frozen=True)
 class Placement:
     """What puts the lamp where the scene says (mm, scene coordinates).
 
@@ -34,7 +56,7 @@ class Placement:
     level towards the lamp. `middle` (3,) is the frame's, on the wall; `frame_mm` its width and
     height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
     `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
-    are those in plate or wall, right and up from the middle; `base` is a stand's.
+    are those in plate or wall, right and up from the middle; `base` is a stand's, as this view meets it.
     """
 
     lamp: Array
@@ -48,7 +70,7 @@ class Placement:
     up_mm: float
     marks: tuple[Mark, ...]
     holes: Array
-    base: Base | None
+    base: Footing | None
 
     def on_wall(self, points: Array) -> Array:
         """(..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
@@ -77,7 +99,7 @@ def placement_of(mounted: Mounted, camera: Camera) -> Placement:
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
     base = None if mounted.stand is None else mounted.stand.base
-    places = _places(wall, level, middle, (width, height), plate, base)
+    places = _places(wall, middle, (width, height), plate, base)
     to_lamp = wall @ (camera.eye - middle)
     return Placement(
         camera.eye,
@@ -93,13 +115,26 @@ def placement_of(mounted: Mounted, camera: Camera) -> Placement:
             Mark(name, at, float(np.linalg.norm(camera.eye - at))) for name, at in places.items()
         ),
         holes,
-        base,
+        None if base is None else _footing(base, level),
     )
+
+
+def _footing(base: Base, level: Array) -> Footing:
+    """The bounds of a base in the level axes (3, 3) of a view."""
+    low, high = (f(base.corners @ level.T, axis=0) for f in (np.min, np.max))
+    way = base.slope.axes @ level[2]
+    turned = float(np.degrees(np.arctan2(way[0], way[2])))
+    quarter = round(turned / QUARTER_DEG)
+    if abs(turned - QUARTER_DEG * quarter) <= SQUARE_DEG:
+        sides = [f"{EDGES[(quarter + n) % 4]} edge" for n in (2, 0)]
+    else:
+        sides = ["nearest corner", "nearest corner"]
+    (left, _, back), (right, _, front) = low.tolist(), high.tolist()
+    return Footing(left, right, back, front, base.bottom, turned, sides[0], sides[1])
 
 
 def _places(
     wall: Array,
-    level: Array,
     middle: Array,
     frame: tuple[float, float],
     plate: tuple[float, float] | None,
@@ -115,7 +150,7 @@ def _places(
             "right": (base.right, z),
         }
         return {
-            f"{name} edge of the base": np.array([u, base.bottom, v]) @ level
+            f"{name} edge of the base": np.array([u, base.bottom, v]) @ base.slope.axes
             for name, (u, v) in sides.items()
         }
     if plate is not None:

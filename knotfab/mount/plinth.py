@@ -1,7 +1,8 @@
-"""The base of a stand: below the frame as the light sees it, and as large as the piece needs."""
+"""The base of a stand: below every view's frame as its light sees it, and as large as the piece needs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,23 +11,34 @@ from numpy.typing import NDArray
 from knotfab.errors import SceneError
 from knotfab.scene.camera import Camera
 
-__all__ = ["CHAMFER_MM", "CORNER_MM", "Base", "Slope", "Weights", "base_for", "slope_below"]
+__all__ = [
+    "CHAMFER_MM",
+    "CORNER_MM",
+    "Base",
+    "Rectangle",
+    "Slope",
+    "Weights",
+    "base_for",
+    "slope_below",
+]
 
 Array = NDArray[np.float64]
+Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 
 CORNER_MM = 6.0
 CHAMFER_MM = 0.6  # of the underside's edge: what stands on the desk is so much smaller
 LIGHT_FILL = 0.25  # of a printed base's volume: it must stand whether it is filled or not
 EDGE_MM = 2.0  # from a post's root to the edge of the base
 WALL_GAP_MM = 2.0  # between base and wall
+UNIT: Rectangle = (-1.0, 1.0, -1.0, 1.0)
 ROUNDS = 40  # of the search for a size, each of which nearly halves what is left
 
 
 @dataclass(frozen=True)
 class Slope:
-    """The plane of the base's top, along which the light just looks below the frame.
+    """The plane of the base's top, which no light sees inside its frame.
 
-    `axes` (3, 3) has rows: the view's right, up, and out (level, towards the light). In these
+    `axes` (3, 3) has rows: the first view's right, up, and out (level, towards the light). In these
     coordinates the top is `up = height + rise * out`.
     """
 
@@ -44,14 +56,49 @@ class Slope:
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 
 
-def slope_below(camera: Camera) -> Slope:
-    """The plane through the light and the lower edge of the frame."""
+def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope:
+    """The highest plane, level across the first view, that lies below all frames over a rectangle.
+
+    With one view that is the plane through the light and the lower edge of the frame, wherever the
+    rectangle is.
+
+    Args:
+        rectangle: left, right, back and front, in the first view's axes, mm.
+
+    Raises:
+        SceneError: a light looks down so steeply that whatever stands below the piece is in its picture.
+    """
+    own = [_slope_of(camera) for camera in cameras]
+    axes = own[0].axes
+    left, right, back, front = rectangle
+    # a plane is least at an end of an edge
+    low, high = (
+        min(
+            -float(slope.above(np.array([[x, 0.0, z]]) @ axes)[0])
+            for slope in own
+            for x in (left, right)
+        )
+        for z in (back, front)
+    )
+    rise = (high - low) / (front - back)
+    return Slope(axes, low - rise * back, rise)
+
+
+def _slope_of(camera: Camera) -> Slope:
+    """The plane through one light and the lower edge of its frame."""
     right = camera.du / np.linalg.norm(camera.du)
     up = np.array([0.0, 1.0, 0.0])
     axes = np.stack([right, up, np.cross(right, up)])
     edge = axes @ (camera.corner + (camera.height - 0.5) * camera.dv)
     light = axes @ camera.eye
-    rise = float((light[1] - edge[1]) / (light[2] - edge[2]))
+    before = float(light[2] - edge[2])
+    if before <= 0:
+        raise SceneError(
+            "the stand",
+            "a view looks down so steeply that a base below the piece would stand in its picture",
+            "Use --mount none, or a smaller elevation_deg",
+        )
+    rise = float(light[1] - edge[1]) / before
     return Slope(axes, float(edge[1] - rise * edge[2]), rise)
 
 
@@ -91,13 +138,24 @@ class Base:
         )
         return float(self.right - self.left), float(self.front - self.back), front, back
 
+    @property
+    def corners(self) -> Array:
+        """(8, 3) in the scene."""
+        own = [
+            [x, y, z]
+            for x in (self.left, self.right)
+            for z in (self.back, self.front)
+            for y in (self.bottom, self.slope.height_mm + self.slope.rise * z)
+        ]
+        return np.array(own) @ self.slope.axes
+
 
 def base_for(
     slope: Slope,
     feet: Array,
     root_mm: float,
     weights: Weights,
-    camera: Camera,
+    cameras: Sequence[Camera],
     thickness_mm: float,
     tip_deg: float,
 ) -> Base:
@@ -108,7 +166,7 @@ def base_for(
         weights: everything that stands on the base. thickness_mm: of the base at its back.
 
     Raises:
-        SceneError: the wall is in the way of a base that deep.
+        SceneError: a wall is in the way of a base that large, or it would stand in a picture.
     """
     own = feet @ slope.axes.T
     rim = root_mm + EDGE_MM
@@ -132,20 +190,20 @@ def base_for(
         left, right = left - lacking[0], right + lacking[1]
         back, front = back - lacking[2], front + lacking[3]
     found = base[0]
-    behind = np.array(
-        [
-            [x, y, found.back]
-            for x in (left, right)
-            for y in (found.bottom, found.bottom + thickness_mm)
-        ]
-    )
-    room = behind @ slope.axes @ camera.receiver[:3] + camera.receiver[3]
-    if float(room.min()) < WALL_GAP_MM or found.tip_deg < tip_deg - 0.01:
+    corners = found.corners
+    room = min(float((corners @ c.receiver[:3] + c.receiver[3]).min()) for c in cameras)
+    size = f"a base that holds the piece is {right - left:.0f} x {front - back:.0f} mm large"
+    if room < WALL_GAP_MM or found.tip_deg < tip_deg - 0.01:
         raise SceneError(
             "the stand",
-            f"a base that holds the piece reaches {found.front - found.back:.0f} mm deep, to within "
-            f"{float(room.min()):.1f} mm of the wall",
-            "Use a larger wall distance, less depth, or --mount wall",
+            f"{size}, and comes to within {room:.1f} mm of the wall",
+            "Use a larger wall distance, less depth, or another --mount",
+        )
+    if max(float(_slope_of(c).above(corners).max()) for c in cameras) > 1e-6:
+        raise SceneError(
+            "the stand",
+            f"{size}, and would stand in a picture",
+            "Use larger frames, less depth, or another --mount",
         )
     return found
 

@@ -1,6 +1,11 @@
-"""Where a mount may run unseen: the frame's pixels that picture and knots darken anyway."""
+"""Where a mount may run unseen: the pixels of every view that picture and knots darken anyway.
+
+Matter that lies behind dark pixels in every view, or below every frame, changes no shadow.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +15,7 @@ from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import Camera
 
-__all__ = ["HIDDEN_SHARE", "Shade", "hidden_struts"]
+__all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,8 +29,54 @@ AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
 
-class Shade:
-    """The dark pixels of the frame, at `LONGER_PX`, and what more of it a mount darkens.
+class Shadows:
+    """The shadows of one piece in all its views: what a member darkens is asked of each of them."""
+
+    def __init__(self, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]) -> None:
+        self.views = tuple(
+            ViewShadow(knots, camera, target)
+            for camera, target in zip(cameras, targets, strict=True)
+        )
+
+    @property
+    def pixels(self) -> float:
+        """Of one frame, on the mean of all views."""
+        return sum(view.pixels for view in self.views) / len(self.views)
+
+    def add(self, some: Candidates) -> None:
+        """Darken what members cover."""
+        for view in self.views:
+            view.add(some)
+
+    def darkened(self, some: Candidates) -> Array:
+        """(views,) share of each frame that members alone darken outside picture and knots."""
+        return np.array([view.darkened(some) for view in self.views])
+
+    def hidden(self, some: Candidates) -> Mask:
+        """(n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
+        return self._in_all(some, ViewShadow.hidden)
+
+    def behind_knots(self, some: Candidates) -> Mask:
+        """(n,) whether a member's whole shadow lies, in every view, in that of the knots."""
+        return self._in_all(some, ViewShadow.behind_knots)
+
+    def _in_all(self, some: Candidates, unseen: Callable[[ViewShadow, Candidates], Mask]) -> Mask:
+        """(n,) of which every view says so; the next view is asked only about those that are left."""
+        found = np.ones(len(some), dtype=bool)
+        for view in self.views:
+            left = np.flatnonzero(found)
+            found[left] = unseen(view, some.of(left))
+        return found
+
+    def cost(
+        self, some: Candidates, samples: int = 40, across: tuple[float, ...] = ACROSS
+    ) -> Array:
+        """(n,) pixels, about, that members would darken in all views beyond those dark by now."""
+        return np.asarray(sum(view.cost(some, samples, across) for view in self.views))
+
+
+class ViewShadow:
+    """The dark pixels of one view's frame, at `LONGER_PX`, and what more of it a mount darkens.
 
     Below the frame nothing is picture and all counts as dark; beside and above it all is light.
 
@@ -163,10 +214,10 @@ class Shade:
         return covered
 
 
-def hidden_struts(sites: Sites, shade: Shade, tube_mm: float) -> Candidates:
-    """Struts between strands that are near each other, in the shadow from end to end."""
+def hidden_struts(sites: Sites, shadows: Shadows, tube_mm: float) -> Candidates:
+    """Struts between strands that are near each other, in every view's shadow from end to end."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube_mm, output_type="ndarray")
     every = struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
-    return every.of(shade.hidden(every))
+    return every.of(shadows.hidden(every))

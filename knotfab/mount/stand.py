@@ -1,30 +1,34 @@
-"""A stand for a desk: a base below the picture, posts up into its shadow, struts that no shadow shows."""
+"""A stand for a desk: a base below all pictures, posts up into their shadow, struts that no shadow shows.
+
+Matter behind what is dark in every view, or below every view's frame, changes no picture. One view is
+the case of one.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.mount.brace import brace, sag_of_members
-from knotfab.mount.choose import Stiffness
+from knotfab.mount.brace import brace
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.plinth import (
     CHAMFER_MM,
     CORNER_MM,
     EDGE_MM,
     WALL_GAP_MM,
     Base,
+    Rectangle,
     Slope,
     Weights,
     base_for,
     slope_below,
 )
-from knotfab.mount.shade import Shade, hidden_struts
-from knotfab.mount.solids import as_manifold, frame_along, strut_solid
+from knotfab.mount.shade import Shadows, hidden_struts
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -38,27 +42,22 @@ from knotfab.mount.struts import (
 )
 from knotfab.scene.camera import Camera
 
-if TYPE_CHECKING:
-    from manifold3d import Manifold
-
-__all__ = ["StandMount", "StandSettings", "plan_stand", "stand_bodies"]
+__all__ = ["StandMount", "StandSettings", "plan_stand"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Mesh = tuple[Array, NDArray[np.int32]]
 
 VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
-ROOT_HEIGHT_MM = 3.0
 DROP_MM = 4.0  # of the base's top below what the light sees of the frame: the roots stay out of it
-OVERLAP_MM = 0.5
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # of a post, across and along the view: per mm of its height
 LEAST_POSTS = 3  # so that a push does not turn the piece about one of them
 APART_RADII = 5.0  # between their feet
 POSTS = 1600  # candidates that show least: half of all, half of each stretch
 STRETCHES = 50  # of equal length, about, of the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
+FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
@@ -83,8 +82,8 @@ class StandMount:
     `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds` (n,)
     says which knot each was added for. `margin_mm` is how far inside its foot the centre of mass
     lies, `tip_deg` how far the part may be tipped; `sag_mm` (at `sag_at`) is by the model that chose
-    the members, `sag_again_mm` by a finer one. `predicted_intrusion` is the share of the frame that
-    the stand darkens outside picture and knots.
+    the members, `sag_again_mm` by a finer one. `predicted_intrusion` (views,) is the share of each
+    frame that the stand darkens outside picture and knots.
     """
 
     members: Candidates
@@ -95,7 +94,7 @@ class StandMount:
     sag_mm: float
     sag_at: Array
     sag_again_mm: float
-    predicted_intrusion: float
+    predicted_intrusion: Array
 
     @property
     def posts(self) -> Candidates:
@@ -108,8 +107,8 @@ class StandMount:
 
 def plan_stand(
     knots: Knots,
-    camera: Camera,
-    target_mask: Mask,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
     clearance_mm: float,
     stiffness: Stiffness,
     settings: StandSettings,
@@ -121,37 +120,37 @@ def plan_stand(
     until nothing sags (`brace`); then the base is made as large as the piece needs to stay upright.
 
     Args:
-        target_mask: (H, W) the picture's silhouette, over the whole frame.
+        cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
 
     Raises:
-        SceneError: a knot cannot be reached, or the wall is too near for the base.
+        SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above it.
     """
     tube = knots.radius_mm
     thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
     sites = sites_of(knots)
-    shade = Shade(knots, camera, target_mask)
+    shadows = Shadows(knots, cameras, targets)
     obstacles = Obstacles(knots, sites, clearance_mm)
-    slope = slope_below(camera).lowered(DROP_MM)
+    slope = slope_below(cameras, _footprint(knots, cameras, settings)).lowered(DROP_MM)
     lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
     slope = slope.lowered(max(0.0, clearance_mm + 1.0 - lowest))
-    hidden = hidden_struts(sites, shade, tube)
+    hidden = hidden_struts(sites, shadows, tube)
 
     def shown(*radii: float) -> list[Candidates]:
         parts = []
         for radius in radii:
-            parts.append(_posts(sites, slope, camera, shade, radius))
-            parts.append(_bridges(sites, shade, tube, radius))
+            parts.append(_posts(sites, slope, cameras, shadows, radius))
+            parts.append(_bridges(sites, shadows, tube, radius))
         return parts
 
     pool = joined([hidden, *shown(thin)])
-    chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shade)
+    chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shadows)
     # what runs in the shadow of those shows no more now
     pool = joined([hidden, *shown(thin, thick)])
-    more = _more_posts(chosen, pool, obstacles, shade, APART_RADII * tube)
+    more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])
     chosen = joined([chosen, more])
     visible = np.arange(len(pool)) >= len(hidden)
-    braced = brace(knots, sites, obstacles, shade, pool, visible, chosen, stiffness)
+    braced = brace(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
     members = braced.members
     post = members.second == GROUND
     base = base_for(
@@ -159,7 +158,7 @@ def plan_stand(
         members.end[post],
         ROOT_SHARE * float(members.radius[post].max()),
         _weights(knots, members),
-        camera,
+        cameras,
         settings.base_thickness_mm,
         settings.tip_deg,
     )
@@ -171,12 +170,30 @@ def plan_stand(
         base.tip_deg,
         braced.sag_mm,
         braced.sag_at,
-        sag_of_members(knots, sites, members, stiffness),
-        shade.darkened(members),
+        sag_of(knots, sites, members, stiffness, step_radii=FINE_RADII)[0],
+        shadows.darkened(members),
     )
 
 
-def _posts(sites: Sites, slope: Slope, camera: Camera, shade: Shade, radius: float) -> Candidates:
+def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings) -> Rectangle:
+    """What the base of a stand may cover: what lies below the piece, and what it needs not to tip."""
+    axes = slope_below(cameras).axes
+    own = knots.points @ axes.T
+    low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
+    below = slope_below(cameras, (low[0], high[0], low[2], high[2]))
+    least = float((below.height_mm + below.rise * own[:, 2]).min()) - DROP_MM
+    tubes = _weights(knots, nothing())
+    middle = tubes.volume @ tubes.center @ axes.T / tubes.volume.sum()
+    # posts and base, which are lower, only lower the middle of all mass
+    tall = float(middle[1]) - least + settings.base_thickness_mm
+    need = tall * float(np.tan(np.deg2rad(settings.tip_deg))) + CORNER_MM
+    low, high = np.minimum(low, middle - need), np.maximum(high, middle + need)
+    return float(low[0]), float(high[0]), float(low[2]), float(high[2])
+
+
+def _posts(
+    sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: Shadows, radius: float
+) -> Candidates:
     """Posts from every site to the base, upright or leaning a little; those that show least."""
     right, up, out = slope.axes
     deep = sites.point @ out
@@ -188,8 +205,10 @@ def _posts(sites: Sites, slope: Slope, camera: Camera, shade: Shade, radius: flo
             fall = float(axis @ (up - slope.rise * out))
             foot = sites.point + (slope.above(sites.point) / -fall)[:, None] * axis
             fits = np.abs(sites.tangent @ (axis / np.linalg.norm(axis))) <= MOST_COSINE
-            wall = foot @ camera.receiver[:3] + camera.receiver[3]
-            fits &= wall >= ROOT_SHARE * radius + EDGE_MM + CHAMFER_MM + WALL_GAP_MM
+            for camera in cameras:
+                wall = foot @ camera.receiver[:3] + camera.receiver[3]
+                fits &= wall >= ROOT_SHARE * radius + EDGE_MM + CHAMFER_MM + WALL_GAP_MM
+                fits &= slope_below([camera]).above(foot) <= -DROP_MM / 2
             # feet outside the piece would make the base deeper
             fits &= (foot @ out >= deep.min()) & (foot @ out <= deep.max())
             n = np.flatnonzero(fits)
@@ -198,12 +217,12 @@ def _posts(sites: Sites, slope: Slope, camera: Camera, shade: Shade, radius: flo
                     n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
                 )
             )
-    return _least(joined(parts), shade, POSTS, len(sites.knot))
+    return _least(joined(parts), shadows, POSTS, len(sites.knot))
 
 
-def _least(every: Candidates, shade: Shade, count: int, sites: int) -> Candidates:
+def _least(every: Candidates, shadows: Shadows, count: int, sites: int) -> Candidates:
     """Those that show least of all, and of each stretch of the tubes: the former may be of no help."""
-    cost = shade.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
+    cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
     stretch = every.first[order] * STRETCHES // sites
     by_stretch = np.argsort(stretch, kind="stable")
@@ -214,7 +233,7 @@ def _least(every: Candidates, shade: Shade, count: int, sites: int) -> Candidate
     return every.of(order[kept])
 
 
-def _bridges(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidates:
+def _bridges(sites: Sites, shadows: Shadows, tube: float, radius: float) -> Candidates:
     """Struts between two knots, however visible; those that show least."""
     parts = [nothing()]
     for a in range(len(sites.perimeter)):
@@ -222,7 +241,7 @@ def _bridges(sites: Sites, shade: Shade, tube: float, radius: float) -> Candidat
             one, other = np.flatnonzero(sites.knot == a), np.flatnonzero(sites.knot == b)
             pairs = np.column_stack([np.repeat(one, len(other)), np.tile(other, len(one))])
             parts.append(
-                _least(struts(sites, pairs, tube, radius), shade, BRIDGES, len(sites.knot))
+                _least(struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot))
             )
     return joined(parts)
 
@@ -232,7 +251,7 @@ def _spanning(
     sites: Sites,
     candidates: Candidates,
     obstacles: Obstacles,
-    shade: Shade,
+    shadows: Shadows,
 ) -> tuple[Candidates, Ints]:
     """The members that join every knot to the ground, and which knot each was taken for.
 
@@ -252,7 +271,7 @@ def _spanning(
     while not held.all():
         links = np.flatnonzero(held[ends[0]] != held[ends[1]])
         some = candidates.of(links)
-        cost = shade.cost(some) + LENGTH_WEIGHT * some.length_mm
+        cost = shadows.cost(some) + LENGTH_WEIGHT * some.length_mm
         order = links[np.argsort(cost, kind="stable")]
         for begin in range(0, len(order), 64):
             part = order[begin : begin + 64]
@@ -269,7 +288,7 @@ def _spanning(
             )
         one = candidates.of([number])
         obstacles.add(one)
-        shade.add(one)
+        shadows.add(one)
         chosen.append(number)
         holds.append(int(next(k for k in ends[:, number] if not held[k])))
         held[holds[-1]] = True
@@ -277,7 +296,7 @@ def _spanning(
 
 
 def _more_posts(
-    chosen: Candidates, pool: Candidates, obstacles: Obstacles, shade: Shade, apart_mm: float
+    chosen: Candidates, pool: Candidates, obstacles: Obstacles, shadows: Shadows, apart_mm: float
 ) -> Candidates:
     """Posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
     more = nothing()
@@ -288,18 +307,19 @@ def _more_posts(
             return more
         far = np.linalg.norm(pool.end[:, None] - feet[None], axis=2).min(axis=1) >= apart_mm
         some = pool.of(far & (pool.second == GROUND))
-        cost = shade.cost(some) + LENGTH_WEIGHT * some.length_mm
+        cost = shadows.cost(some) + LENGTH_WEIGHT * some.length_mm
         some = some.of(np.argsort(cost, kind="stable"))
         clear = obstacles.clear(some)
         if not clear.any():
             return more
         one = some.of([int(clear.argmax())])
         obstacles.add(one)
-        shade.add(one)
+        shadows.add(one)
         more = joined([more, one])
 
 
 def _weights(knots: Knots, members: Candidates) -> Weights:
+    """All tubes, posts and struts by volume and centre of mass."""
     volume, center = [], []
     for knot in knots.knots:
         after = np.roll(knot.points, -1, axis=0)
@@ -309,73 +329,3 @@ def _weights(knots: Knots, members: Candidates) -> Weights:
     volume += list(np.pi * members.radius**2 * members.length_mm)
     center += list((members.start + members.end) / 2)
     return Weights(np.array(volume), np.array(center))
-
-
-def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
-    """Tubes, posts, struts and base as one watertight body, scene coordinates.
-
-    Raises:
-        SceneError: the union is not what the members predict: something else touches.
-    """
-    from manifold3d import Manifold, OpType
-
-    solids = [as_manifold(tube) for tube in tubes]
-    solids += _member_solids(mount)
-    solids.append(_base_solid(mount.base))
-    solid = Manifold.batch_boolean(solids, OpType.Add)
-    parts, genus = len(solid.decompose()), len(mount.members)
-    if parts != 1 or solid.genus() != genus:
-        raise SceneError(
-            "the stand",
-            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
-            "Use --mount none, or report this scene",
-        )
-    merged = solid.to_mesh64()
-    return [
-        (
-            np.array(merged.vert_properties[:, :3], dtype=np.float64),
-            np.array(merged.tri_verts, dtype=np.int32),
-        )
-    ]
-
-
-def _member_solids(mount: StandMount) -> list[Manifold]:
-    from knotfab_fixtures.peg import peg
-
-    slope, members = mount.base.slope, mount.members
-    normal = slope.axes[1] - slope.rise * slope.axes[2]
-    normal /= np.linalg.norm(normal)
-    found = []
-    for i in range(len(members)):
-        top, foot = members.start[i], members.end[i]
-        length, radius = float(np.linalg.norm(top - foot)), float(members.radius[i])
-        if members.second[i] != GROUND:
-            found.append(strut_solid(top, foot, radius))
-            continue
-        axis = (top - foot) / length
-        cosine = float(axis @ normal)
-        root = ROOT_SHARE * radius
-        sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
-        mesh = peg(
-            length,
-            radius,
-            radius,
-            root_radius_mm=root,
-            root_height_mm=ROOT_HEIGHT_MM,
-            sink_mm=sink + OVERLAP_MM,
-        )
-        solid = as_manifold(mesh).transform(np.column_stack([frame_along(axis), foot]))
-        # what the slant needs must not come out of the underside
-        found.append(solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0))
-    return found
-
-
-def _base_solid(base: Base) -> Manifold:
-    from knotfab_fixtures.stand import plinth
-
-    width, depth, front, back = base.size_mm
-    mesh = plinth(width, depth, front, back, corner_radius_mm=CORNER_MM, chamfer_mm=CHAMFER_MM)
-    right, up, out = base.slope.axes
-    middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
-    turn = np.column_stack([right, -out, up])
-    return as_manifold(mesh).transform(np.column_stack([turn, middle + base.bottom * up]))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.geometry.neighbours import segment_distance
 from knotfab.knots import Knots
 
 __all__ = [
@@ -21,7 +22,6 @@ __all__ = [
     "nothing",
     "off_segments",
     "opens_slowly",
-    "segment_gap",
     "sites_of",
     "struts",
 ]
@@ -233,7 +233,7 @@ class Obstacles:
         if len(there):
             n, m = len(some), len(there)
             i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
-            gaps = segment_gap(some.start[i], some.end[i], there.start[j], there.end[j])
+            gaps = segment_distance(some.start[i], some.end[i], there.start[j], there.end[j])
             ok = gaps >= some.radius[i] + there.radius[j] + self.clearance
             feet = np.linalg.norm(some.end[i] - there.end[j], axis=1)
             both = post[i] & (there.second[j] == GROUND)
@@ -282,27 +282,3 @@ def opens_slowly(
     """
     parted = here >= contact - 0.5 * clearance_mm
     return np.asarray(parted & (there - here < LEAST_OPENING * step))
-
-
-def segment_gap(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """(n,) distance between the segments a-b and c-d, (n, 3) each, none of them without length.
-
-    The squared distance is convex in both parameters: its least value lies at the stationary point
-    of the two lines, or where one parameter is held at an end and the other is the best for it.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(1), (v * v).sum(1), (u * v).sum(1)
-    uw, vw = (u * w).sum(1), (v * w).sum(1)
-    under = uu * vv - uv * uv
-    s = np.where(under > 1e-12 * uu * vv, (uv * vw - vv * uw) / np.maximum(under, 1e-300), 0.0)
-    best = np.full(len(a), np.inf)
-    for start in (np.clip(s, 0, 1), np.zeros(len(a)), np.ones(len(a))):
-        t = np.clip((uv * start + vw) / vv, 0, 1)
-        back = np.clip((uv * t - uw) / uu, 0, 1)
-        gap = w + back[:, None] * u - t[:, None] * v
-        best = np.minimum(best, np.linalg.norm(gap, axis=1))
-    for t in (np.zeros(len(a)), np.ones(len(a))):
-        back = np.clip((uv * t - uw) / uu, 0, 1)
-        gap = w + back[:, None] * u - t[:, None] * v
-        best = np.minimum(best, np.linalg.norm(gap, axis=1))
-    return best

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.mount.choose import Stiffness, choose_pegs, sag_of
+from knotfab.mount.choose import choose_pegs
+from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import as_manifold, frame_along, strut_solid
-from knotfab.mount.struts import GROUND, Candidates, nothing
-from knotfab.mount.wall_brace import hidden_braces
+from knotfab.mount.struts import GROUND, Candidates, joined, nothing
+from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
@@ -154,17 +155,18 @@ def _with_share(
         )
         for i in chosen.rays
     )
-    again, at = sag_of(knots, rays, chosen.rays, top, foot, stiffness)
+    sites = sites_with(knots, rays, chosen.rays)
+    bare, feet = pegs_on(sites, rays, chosen.rays, top), foot[chosen.rays]
+    again, at = sag_of(knots, sites, bare, stiffness, feet)
     mount = WallMount(pegs, chosen.sag_mm, at, again, settings)
     if again <= stiffness.max_sag_mm or settings.foot != "plate":
         return mount
     if target is None:
         target = np.zeros((camera.height, camera.width), dtype=bool)
-    radii = top, foot, root * knots.radius_mm * spread
-    sites, braces = hidden_braces(
-        knots, camera, target, clearance_mm, stiffness, rays, chosen.rays, radii
-    )
-    again, at = sag_of(knots, rays, chosen.rays, top, foot, stiffness, (sites, braces))
+    roots = root * knots.radius_mm * spread[chosen.rays]
+    braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
+    every, ends = joined([bare, braces]), np.concatenate([feet, braces.radius])
+    again, at = sag_of(knots, sites, every, stiffness, ends)
     leans = braces.second == GROUND
     leaning = tuple(
         Peg(int(sites.knot[first]), start, end, float(r), float(r), float(r))

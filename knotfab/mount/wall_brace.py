@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
-from knotfab.mount.choose import Stiffness
+from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.rays import Rays
-from knotfab.mount.shade import HIDDEN_SHARE, Shade, hidden_struts
+from knotfab.mount.shade import HIDDEN_SHARE, Shadows, hidden_struts
 from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined, sites_of
 from knotfab.scene.camera import Camera
 
-__all__ = ["hidden_braces"]
+__all__ = ["hidden_braces", "pegs_on", "sites_with"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,11 +33,12 @@ def hidden_braces(
     target: Mask,
     clearance_mm: float,
     stiffness: Stiffness,
-    rays: Rays,
-    chosen: Ints,
-    radii_mm: tuple[float, Array, Array],
-) -> tuple[Sites, Candidates]:
-    """The members that keep a piece on its pegs from sagging, and the sites that they join.
+    sites: Sites,
+    pegs: Candidates,
+    foot_radius_mm: Array,
+    root_radius_mm: Array,
+) -> Candidates:
+    """The members that keep a piece on its pegs from sagging.
 
     A light ray to the wall is often barred by a strand behind; a strut to that strand is not. And a
     peg along a ray only bends, where one that leans is pulled or pressed, which it resists many
@@ -43,42 +46,46 @@ def hidden_braces(
     ray does, and draws nothing that the knots do not.
 
     Args:
-        target: (H, W) the picture's silhouette. rays, chosen: the pegs.
-        radii_mm: of a peg at the tube, and (n,) at the wall and at the root of each ray.
+        target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
+        foot_radius_mm, root_radius_mm: (n,) of the pegs at the wall, and with their fillets.
 
     Returns:
-        sites, and members of one radius: struts, and leaning pegs (their second site is `GROUND`).
+        members of one radius: struts, and leaning pegs (their second site is `GROUND`).
     """
-    at = {k: rays.vertex[chosen][rays.knot[chosen] == k] for k in range(len(knots.knots))}
-    sites = sites_of(knots, also=at)
-    own = [
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    obstacles.add(replace(pegs, radius=root_radius_mm))
+    shadows = Shadows(knots, (camera,), (target,))
+    pool = joined(
+        [
+            hidden_struts(sites, shadows, knots.radius_mm),
+            _leaning(sites, shadows, camera, knots.radius_mm),
+        ]
+    )
+    pool = pool.of(shadows.behind_knots(pool))
+    # no stiffer than the cone: what is found must hold in the finer model too
+    given = replace(pegs, radius=np.sqrt(pegs.radius * foot_radius_mm))
+    none = np.zeros(len(pool), dtype=bool)
+    braced = brace(knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True)
+    return braced.members.of(np.arange(len(given), len(braced.members)))
+
+
+def sites_with(knots: Knots, rays: Rays, chosen: Ints) -> Sites:
+    """Sites along all tubes, and those where the chosen rays begin."""
+    of = rays.knot[chosen]
+    return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
+
+
+def pegs_on(sites: Sites, rays: Rays, chosen: Ints, top_radius_mm: float) -> Candidates:
+    """The pegs along the chosen rays as members, as thick all along as at the tube."""
+    first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
     ]
-    top, foot, root = radii_mm
-
-    def pegs(radius: Array) -> Candidates:
-        ground = np.full(len(chosen), GROUND)
-        return Candidates(np.array(own), ground, rays.top[chosen], rays.foot[chosen], radius)
-
-    obstacles = Obstacles(knots, sites, clearance_mm)
-    obstacles.add(pegs(root[chosen]))
-    shade = Shade(knots, camera, target)
-    pool = joined(
-        [
-            hidden_struts(sites, shade, knots.radius_mm),
-            _leaning(sites, shade, camera, knots.radius_mm),
-        ]
-    )
-    pool = pool.of(shade.behind_knots(pool))
-    # no stiffer than the cone: what is found must hold in the finer model too
-    given = pegs(np.sqrt(top * foot[chosen]))
-    none = np.zeros(len(pool), dtype=bool)
-    braced = brace(knots, sites, obstacles, shade, pool, none, given, stiffness, settled=True)
-    return sites, braced.members.of(np.arange(len(given), len(braced.members)))
+    ground, radius = np.full(len(chosen), GROUND), np.full(len(chosen), top_radius_mm)
+    return Candidates(np.array(first), ground, rays.top[chosen], rays.foot[chosen], radius)
 
 
-def _leaning(sites: Sites, shade: Shade, camera: Camera, tube_mm: float) -> Candidates:
+def _leaning(sites: Sites, shadows: Shadows, camera: Camera, tube_mm: float) -> Candidates:
     """Pegs from sites to the wall that end in the shadow of other sites, and stay in the dark on the way."""
     normal, offset = camera.receiver[:3], camera.receiver[3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
@@ -95,4 +102,4 @@ def _leaning(sites: Sites, shade: Shade, camera: Camera, tube_mm: float) -> Cand
     n = np.flatnonzero(fits)
     radius = np.full(len(n), HIDDEN_SHARE * tube_mm)
     every = Candidates(first[n], np.full(len(n), GROUND), start[n], end[n], radius)
-    return every.of(shade.hidden(every))
+    return every.of(shadows.hidden(every))

@@ -41,7 +41,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     lamp = "lamp" if view.kind == "shadow" else "eye"
     off = f"{length(place.off_wall_mm)} mm off"
     if place.base is not None:
-        steps = _desk_steps(place, lamp)
+        steps = _desk_steps(place, view, lamp)
     elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
         across = float(place.holes[1, 0] - place.holes[0, 0])
         s = mounted.wall.settings
@@ -114,7 +114,7 @@ def _signed(value: float, way: str) -> str:
     return f"{length(abs(value))} mm {way if usual else other[way]}"
 
 
-def _desk_steps(place: Placement, lamp: str) -> list[str]:
+def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
     base = place.base
     assert base is not None
     gap = level_wall(place, base.bottom)
@@ -124,11 +124,26 @@ def _desk_steps(place: Placement, lamp: str) -> list[str]:
         aside = f", {length(abs(across))} mm to the {'right' if across > 0 else 'left'}"
     high = float(place.level[1] @ place.lamp) - base.bottom
     before = float(place.level[2] @ place.lamp) - base.front
+    off = length(base.back - gap)
+    if "corner" in base.wall_side:
+        way = "anticlockwise" if base.turned_deg > 0 else "clockwise"
+        wall = (
+            f"Stand the wall of {view.name} {off} mm behind the {base.wall_side} of the base, turned by "
+            f"{abs(base.turned_deg):.1f}° {way} from the first, as the drawing from above shows."
+        )
+        opposite, middle = (
+            f"the base's {base.lamp_side}, square to that wall",
+            "before the base's middle",
+        )
+    else:
+        wall = f"Stand the wall of {view.name} {off} mm from the {base.wall_side} of the base, along it."
+        opposite, middle = f"the base's {base.lamp_side}", "before that edge's middle"
+    if base.turned_deg == 0:
+        wall = f"Stand the piece with the back of its base {off} mm before the wall, along it."
     return [
-        f"Stand the piece with the back of its base {length(base.back - gap)} mm before the wall, "
-        "along it.",
+        wall,
         f"Put the middle of the {lamp} {length(high)} mm above the desk and {length(before)} mm in "
-        f"front of the base's front edge, straight before that edge's middle{aside}.",
+        f"front of {opposite}, straight {middle}{aside}.",
     ]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from knotfab.target.read import Target
 __all__ = ["Part", "part_of", "rules_of"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
@@ -44,8 +46,13 @@ class Part:
     plates: Plates | None = None
 
 
-def part_of(made: Design, printing: bool, target: Target, progress: Progress | None = None) -> Part:
+def part_of(
+    made: Design, printing: bool, targets: Sequence[Target], progress: Progress | None = None
+) -> Part:
     """One watertight tube per knot, its mount if it is to be printed, in print pose.
+
+    Args:
+        targets: the pictures of all views.
 
     Raises:
         SceneError: the piece does not fit the printer, or its mount does not fit the piece.
@@ -56,15 +63,15 @@ def part_of(made: Design, printing: bool, target: Target, progress: Progress | N
         tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
         for (vertices, faces), knot in zip(tubes, made.knots.knots, strict=True):
             tube_manifold(vertices, faces, np.pi * radius**2 * knot.length_mm)
-    view = made.scene.views[0]
     scene = made.scene
     if not printing:
         scene = scene.model_copy(update={"mount": scene.mount.model_copy(update={"kind": "none"})})
-    camera = camera_of(view, target.width, target.height)
+    cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
+    masks = [target.mask for target in targets]
     with progress.stage("mount"):
-        mounted = mount_piece(scene, made.knots, tubes, camera, target.mask)
+        mounted = mount_piece(scene, made.knots, tubes, cameras, masks)
     with progress.stage("part"):
-        pose, plates = _posed(made, mounted, printing, camera, target)
+        mounted, pose, plates = _posed(made, mounted, printing, cameras, masks)
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [as_written(body) for body in bodies]
@@ -72,9 +79,16 @@ def part_of(made: Design, printing: bool, target: Target, progress: Progress | N
 
 
 def _posed(
-    made: Design, mounted: Mounted, printing: bool, camera: Camera, target: Target
-) -> tuple[PrintPose, Plates | None]:
-    """The print pose of the whole, and the plates if only they can be printed."""
+    made: Design,
+    mounted: Mounted,
+    printing: bool,
+    cameras: Sequence[Camera],
+    masks: Sequence[Mask],
+) -> tuple[Mounted, PrintPose, Plates | None]:
+    """The print pose of the whole, and the plates if only they can be printed.
+
+    A mount that may lie down is returned without its `upright` where the printer does not hold it so.
+    """
     view, printer = made.scene.views[0], made.scene.printer
     assert view.frame_width_mm is not None and view.frame_height_mm is not None
     frame = view.frame_width_mm, view.frame_height_mm
@@ -85,15 +99,18 @@ def _posed(
         whole = choose_pose(
             made.knots, mounted.bodies, room, frame, mounted.upright, rules, mounted.fixed_mm
         )
-        return whole, None
+        return mounted, whole, None
     except SceneError as error:
+        if mounted.upright is not None and not mounted.must_be_upright:
+            lying = replace(mounted, upright=None)
+            return _posed(made, lying, printing, cameras, masks)
         if not can_be_split(mounted):
             raise
         too_large = error
     pose = choose_pose(made.knots, mounted.bodies, _ANY_SIZE, frame, mounted.upright)
     try:
         plates = plates_of(
-            printables(mounted, made.knots, camera, target.mask),
+            printables(mounted, made.knots, cameras, masks),
             pose,
             printer.build_volume_mm,
             printer.nozzle_mm,
@@ -104,7 +121,7 @@ def _posed(
     except SceneError as error:
         why = f"{too_large.why}; nor in several pieces: {error.why}"
         raise SceneError(too_large.what, why, f"{error.remedy}. {too_large.remedy}") from error
-    return pose, plates
+    return mounted, pose, plates
 
 
 def rules_of(scene: Scene) -> Rules:

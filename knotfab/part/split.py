@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -28,18 +30,24 @@ def can_be_split(mounted: Mounted) -> bool:
 
 
 def printables(
-    mounted: Mounted, knots: Knots, camera: Camera, mask: NDArray[np.bool_]
+    mounted: Mounted,
+    knots: Knots,
+    cameras: Sequence[Camera],
+    masks: Sequence[NDArray[np.bool_]],
 ) -> list[Printable]:
     """The bodies of a piece that can be split, with their centre lines (scene coordinates).
 
     Args:
-        mask: (H, W) the silhouette, in the camera's pixels.
+        masks: (H, W) the silhouette of each view, in its camera's pixels.
     """
     found = []
     for number, (body, name) in enumerate(zip(mounted.bodies, mounted.names, strict=True)):
         points = knots.knots[number].points
         barred, beside, beside_of = _pegs(mounted, number, points, knots.radius_mm)
-        shown = hidden(points, knots.radius_mm, camera, mask)
+        shown = np.min(
+            [hidden(points, knots.radius_mm, c, m) for c, m in zip(cameras, masks, strict=True)],
+            axis=0,
+        )
         line = Line(points, knots.radius_mm, shown, barred, beside, beside_of)
         found.append(Printable(name, body, line))
     return found

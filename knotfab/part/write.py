@@ -76,7 +76,7 @@ def write_part(
 
 def write_unbuilt(
     folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
-) -> Scene:
+) -> ResolvedScene:
     """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene."""
     scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
     made.knots.write(folder.file(f"knots{suffix}.json"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from knotfab.files.folder import OutputFolder
@@ -20,15 +20,18 @@ def write_drawings(
     folder: OutputFolder,
     part: Part,
     scene: ResolvedScene,
-    target: Target,
+    targets: Sequence[Target],
     verdict: Mapping[str, Any],
+    suffix: str = "",
 ) -> list[str]:
     """Write setup.pdf, setup.svg and, for dowels, the drill templates; returns their names.
 
     Args:
-        verdict: the validators', whose first view says what a misplaced lamp costs.
+        targets: the pictures of all views. verdict: the validators', whose views say what a misplaced
+            lamp costs. suffix: of the files' names.
     """
-    camera = camera_of(scene.views[0], target.width, target.height)
-    views = verdict.get("views") or [{}]
-    names = write_setup(folder.work, part.mounted, scene, camera, views[0].get("misplacement"))
-    return [*names, *write_drill_template(folder.work, part.mounted, camera)]
+    cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
+    views = verdict.get("views") or [{} for _ in cameras]
+    costs = [view.get("misplacement") for view in views]
+    names = write_setup(folder.work, part.mounted, scene, cameras, costs, suffix)
+    return [*names, *write_drill_template(folder.work, part.mounted, cameras[0], suffix)]

@@ -94,7 +94,7 @@ def report_of(
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
     from knotfab.geometry.measures import bend_radii, measure_curvature
     from knotfab.geometry.polylines import rings_of_sizes
-    from knotfab_validators.thickness import thickness
+    from knotfab_validators.tube.thickness import thickness
 
     scene, result = made.scene, made.result
     knots = []
@@ -196,9 +196,8 @@ def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
-        how = "; --mount wall adds one." if printing else "; --print --mount wall adds one."
-        if views > 1:
-            how = ", and a mount would hide from one view alone."
+        kind = "wall" if views == 1 else "stand"
+        how = f"; --{'' if printing else 'print --'}mount {kind} adds one."
         return [without + how, loose] if knots > 1 else [without + how]
     if mount.get("foot") == "dowel":
         each = " Each knot has its own." if knots > 1 else ""

@@ -49,7 +49,7 @@ def draw_part(
     Returns:
         Whether the picture was written.
     """
-    from knotfab_validators.render import why_no_rendering
+    from knotfab_validators.shadows.render import why_no_rendering
 
     if why_no_rendering() is not None:
         return False

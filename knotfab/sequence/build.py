@@ -9,8 +9,11 @@ from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
+from knotfab.mount.prefetch import prefetch_modeller
 from knotfab.progress import Progress
+from knotfab.report.drawings import write_drawings
 from knotfab.report.of_build import (
+    add_fabrication,
     add_slicing,
     check_3mf,
     check_certificate,
@@ -40,7 +43,7 @@ from knotfab.sequence.written import knot_in_scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
-from knotfab.target.read import read_target
+from knotfab.target.read import Target, read_target
 from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted
 from knotfab.verify.verifier import Files, Verifier
 
@@ -55,9 +58,10 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
 
     Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
     shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
-    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well. Frames are verified and sliced while
-    later ones are searched. As with one picture, what fails a required check is written whole to
-    DIR/rejected.
+    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well. With a mount each frame stands or hangs
+    by itself, and has its own setup-NN.pdf and setup-NN.svg; the zoetrope has none. Frames are verified and
+    sliced while later ones are searched. As with one picture, what fails a required check is written whole
+    to DIR/rejected.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -66,6 +70,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     require_device(request.device)
     require_sequence(request.scene)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
+    if request.printing and request.scene.mount.kind != "none":
+        prefetch_modeller()
     with OutputFolder(request.out) as folder:
         with progress.stage("pictures"):
             invert = request.scene.views[0].invert
@@ -100,15 +106,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             if not request.printing:
                 explain_unprinted(verdict["checks"], request.skip)
         reports = [
-            report_of(
-                request,
-                m.frame.made,
-                m.knots,
-                [] if m.part is None else m.part.bodies,
-                verdict,
-                progress,
-            )
-            for m, verdict in zip(made, verdicts, strict=True)
+            _frame_report(request, m, target, verdict, folder, progress)
+            for m, target, verdict in zip(made, targets, verdicts, strict=True)
         ]
         with progress.stage("motion"):
             motions = _motions(folder, made)
@@ -158,6 +157,26 @@ def _own_checks(folder: OutputFolder, made: Written) -> list[dict[str, Any]]:
         sag = made.part.mounted.check_sag()
         checks += [] if sag is None else [sag]
     return checks
+
+
+def _frame_report(
+    request: Request,
+    made: Written,
+    target: Target,
+    verdict: dict[str, Any],
+    folder: OutputFolder,
+    progress: Progress,
+) -> dict[str, Any]:
+    """The report of one frame, as that of a piece of its own; a mounted one with its drawings."""
+    part = made.part
+    bodies = [] if part is None else part.bodies
+    report = report_of(request, made.frame.made, made.knots, bodies, verdict, progress)
+    if part is not None and made.scene.mount.kind != "none":
+        add_fabrication(report, part.mounted, None, None, request.printing)
+        with progress.stage("drawings"):
+            drawn = write_drawings(folder, part, made.scene, [target], verdict, f"-{made.number}")
+        report["print"]["drawings"] = drawn
+    return report
 
 
 def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:

@@ -128,6 +128,7 @@ def sequence_report(
                     "began_as": None if number == 1 else frame.origin + 1,
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
+                    "mount": report["print"].get("mount", {"kind": "none"}),
                     "failed": [c["name"] for c in unmet(report["checks"])],
                 }
             )
@@ -135,6 +136,8 @@ def sequence_report(
     volume = sum(r["print"]["volume_mm3"] for r in reports)
     mass = sum(r["print"]["mass_g"] for r in reports)
     print_ = {**first["print"], "volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
+    if drawings := [name for r in reports for name in r["print"].get("drawings", ())]:
+        print_["drawings"] = drawings
     if spun is not None:
         print_["zoetrope"] = {
             "scale": spun.scale,

@@ -22,12 +22,6 @@ def require_sequence(scene: Scene) -> None:
             f"it has {len(scene.views)} views, and a sequence is seen from one side",
             "Leave one [[views]] in it, or leave out --sequence",
         )
-    if scene.mount.kind != "none":
-        raise InputError(
-            f"a {scene.mount.kind} mount (--mount {scene.mount.kind})",
-            "the frames of a sequence have no mounts",
-            "Leave it out: the zoetrope holds them",
-        )
     if scene.piece.knots not in ("auto", 1):
         raise InputError(
             f"{scene.piece.knots} knots (--knots {scene.piece.knots})",

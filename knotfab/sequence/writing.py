@@ -19,7 +19,7 @@ from knotfab.part.write import posed_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Scene
+from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.sequence.chain import Frame
 from knotfab.sequence.zoetrope import Zoetrope, zoetrope
 from knotfab.slicer.result import NotSliced, Sliced
@@ -42,7 +42,7 @@ class Written:
     """
 
     frame: Frame
-    scene: Scene  # with its pose
+    scene: ResolvedScene  # with its pose
     knots: Knots  # placed as in the file
     part: Part | None
     verdict: Callable[[], dict[str, Any]]
@@ -71,7 +71,7 @@ def write_frame(
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
     try:
-        part = part_of(made, request.printing, target, progress)
+        part = part_of(made, request.printing, [target], progress)
         if part.plates is not None:
             raise SceneError(
                 target.name,
@@ -102,16 +102,19 @@ def write_frame(
 def write_scene(folder: OutputFolder, asked: Scene, first: Scene) -> Path:
     """scene.toml: the first frame's, every search setting resolved, with the pictures of all frames.
 
+    Its mount is what was asked for: each frame has its own.
+
     `knotfab build --sequence --scene DIR/scene.toml` makes the same sequence again.
 
     Args:
         asked: the scene as a person wrote it: what is required of the IoU follows from each picture,
             unless it was given.
     """
+    keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
     named = {"name": asked.views[0].name, "picture": PICTURES}
-    views = (first.views[0].model_copy(update=named),)
-    accuracy = first.accuracy.model_copy(update={"iou_floor": asked.accuracy.iou_floor})
-    whole = first.model_copy(update={"views": views, "accuracy": accuracy, "pose": None})
+    keys["views"] = [{**keys["views"][0], **named}]
+    keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
+    whole = Scene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
 
 

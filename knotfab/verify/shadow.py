@@ -19,12 +19,13 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         InputError: a file cannot be read, there is no such view, or `out` cannot be written.
         MachineError: this machine cannot render.
     """
-    from knotfab_validators.pictures import write_shadow
-    from knotfab_validators.read_mesh import read_mesh
-    from knotfab_validators.read_scene import read_scene
-    from knotfab_validators.render import CannotRender, SilhouetteRenderer
-    from knotfab_validators.shadows import geometry_of
-    from knotfab_validators.silhouette import read_silhouette, working_frame
+    from knotfab_validators.files.mesh import read_mesh
+    from knotfab_validators.files.picture import read_silhouette
+    from knotfab_validators.files.scene import read_scene
+    from knotfab_validators.shadows.frame import working_frame
+    from knotfab_validators.shadows.pictures import write_shadow
+    from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
+    from knotfab_validators.shadows.view import view_geometry
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
@@ -41,7 +42,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        geometry = geometry_of(named[0], width, height).resampled(frame)
+        geometry = view_geometry(named[0], width, height).resampled(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         out.parent.mkdir(parents=True, exist_ok=True)

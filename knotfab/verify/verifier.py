@@ -176,8 +176,8 @@ def _draw_failures(files: Files, checks: list[dict[str, Any]]) -> str | None:
         return None
     from knotfab_validators.check import Check
     from knotfab_validators.failure_picture import draw_failures
-    from knotfab_validators.read_knots import read_knots
-    from knotfab_validators.read_mesh import read_mesh
+    from knotfab_validators.files.knots import read_knots
+    from knotfab_validators.files.mesh import read_mesh
 
     found = [Check(**{**c, "at": tuple(map(tuple, c["at"]))}) for c in checks]
     try:

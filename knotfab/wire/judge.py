@@ -23,7 +23,7 @@ from knotfab.wire.replay import (
 )
 
 if TYPE_CHECKING:
-    from knotfab_validators.view import ViewGeometry
+    from knotfab_validators.shadows.view import ViewGeometry
 
 __all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_wire"]
 
@@ -86,7 +86,7 @@ class ViewShadow:
 
     def iou(self, curves: list[Array]) -> float:
         """Of the wires' shadow and the picture, at the validators' resolution."""
-        from knotfab_validators.compare import overlap
+        from knotfab_validators.shadows.compare import overlap
 
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
 
@@ -108,15 +108,16 @@ def cast_shadows(
     """
     from scipy.ndimage import distance_transform_edt
 
-    from knotfab_validators.silhouette import padded_mask, read_silhouette, working_frame
-    from knotfab_validators.view import view_geometry
+    from knotfab_validators.files.picture import read_silhouette
+    from knotfab_validators.shadows.frame import padded_mask, working_frame
+    from knotfab_validators.shadows.view import view_geometry
 
     found = []
     for view, picture in zip(views, pictures, strict=True):
         mask = read_silhouette(picture, invert=view.invert)
         height, width = mask.shape
         frame = working_frame(width, height)
-        geometry = view_geometry(view, width, height).resampled(frame)  # type: ignore[arg-type]
+        geometry = view_geometry(view, width, height).resampled(frame)
         shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
         inside = distance_transform_edt(shadow) * geometry.pixel_mm
         target = padded_mask(mask, frame)
@@ -125,7 +126,7 @@ def cast_shadows(
 
 
 def _cast_shadow(curves: list[Array], radius: float, geometry: ViewGeometry) -> Mask:
-    from knotfab_validators.tube_field import tube_field
+    from knotfab_validators.shadows.tube_field import tube_field
 
     return tube_field(curves, radius, geometry).mask
 

@@ -15,9 +15,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .check import Check
-    from .validate import validate
-    from .verdict import Verdict
+    from knotfab_validators.check import Check
+    from knotfab_validators.validate import validate
+    from knotfab_validators.verdict import Verdict
 
 __all__ = ["Check", "Verdict", "validate"]
 

@@ -24,8 +24,8 @@ def _warm_up() -> None:
     """Draw one triangle, so that VTK and its OpenGL are loaded."""
     import numpy as np
 
-    from .render import SilhouetteRenderer, why_no_rendering
-    from .view import ViewGeometry
+    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+    from knotfab_validators.shadows.view import ViewGeometry
 
     if why_no_rendering() is not None:
         return
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
-    from .validate import validate
+    from knotfab_validators.validate import validate
 
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:

@@ -5,13 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
 
-__all__ = ["Check", "Place", "Status", "at_least", "at_most", "places", "skipped"]
+from knotfab_validators.arrays import Array, Ints
+
+__all__ = [
+    "Check",
+    "Place",
+    "Status",
+    "at_least",
+    "at_most",
+    "places",
+    "skipped",
+    "spot",
+    "worst_apart",
+]
 
 Place = tuple[float, float, float]
 """A point in the coordinates of the measured file, mm."""
@@ -19,6 +29,7 @@ Place = tuple[float, float, float]
 Status = Literal["pass", "fail", "skipped"]
 
 MOST_PLACES = 20  # of one check; a picture with more of them shows nothing
+MOST_COMPARED = 2000
 
 
 @dataclass(frozen=True)
@@ -54,14 +65,14 @@ def at_least(
     *,
     required: bool = True,
     tolerance: float = 0.0,
-    at: Iterable[Sequence[float] | NDArray[np.float64]] = (),
+    at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
     """Passes when `measured` >= `limit` - `tolerance`, or there is no limit; NaN always fails.
 
     `tolerance` is for the rounding of what was written, in `unit`; it is no part of the limit.
     """
     holds = measured == measured and (limit is None or measured >= limit - tolerance)
-    return _judged(name, holds, required, measured, limit, unit, detail, at)
+    return _judge(name, holds, required, measured, limit, unit, detail, at)
 
 
 def at_most(
@@ -73,11 +84,11 @@ def at_most(
     *,
     required: bool = True,
     tolerance: float = 0.0,
-    at: Iterable[Sequence[float] | NDArray[np.float64]] = (),
+    at: Iterable[Sequence[float] | Array] = (),
 ) -> Check:
     """Passes when `measured` <= `limit` + `tolerance`, or there is no limit; NaN always fails."""
     holds = measured == measured and (limit is None or measured <= limit + tolerance)
-    return _judged(name, holds, required, measured, limit, unit, detail, at)
+    return _judge(name, holds, required, measured, limit, unit, detail, at)
 
 
 def skipped(name: str, why: str, *, required: bool = False) -> Check:
@@ -85,7 +96,7 @@ def skipped(name: str, why: str, *, required: bool = False) -> Check:
     return Check(name, "skipped", required, None, None, "", why)
 
 
-def _judged(
+def _judge(
     name: str,
     holds: bool,
     required: bool,
@@ -93,7 +104,7 @@ def _judged(
     limit: float | None,
     unit: str,
     detail: str,
-    at: Iterable[Sequence[float] | NDArray[np.float64]],
+    at: Iterable[Sequence[float] | Array],
 ) -> Check:
     """`measured` and `limit` become Python floats, so that JSON can be written from them."""
     bound = None if limit is None else float(limit)
@@ -102,6 +113,26 @@ def _judged(
     return Check(name, status, required, value, bound, unit, detail, places(at))
 
 
-def places(points: Iterable[Sequence[float] | NDArray[np.float64]]) -> tuple[Place, ...]:
+def places(points: Iterable[Sequence[float] | Array]) -> tuple[Place, ...]:
     """The first `MOST_PLACES` of some points (3,), mm, as plain numbers."""
     return tuple((float(x), float(y), float(z)) for x, y, z in islice(points, MOST_PLACES))
+
+
+def spot(point: Sequence[float] | Array) -> str:
+    """A place (3,), mm, as it stands in a sentence."""
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
+
+
+def worst_apart(values: Array, points: Array, apart: float, above: float) -> Ints:
+    """The number of the largest value (or of a NaN), then of others `above`, worst first.
+
+    Of `points` (n, 3) nearer than `apart` to each other only the worst is named.
+    """
+    order = np.argsort(-np.where(np.isnan(values), np.inf, values), kind="stable")
+    kept = [int(order[0])]
+    for i in order[1:MOST_COMPARED]:
+        if len(kept) == MOST_PLACES or not values[i] > above:
+            break
+        if np.linalg.norm(points[kept] - points[i], axis=1).min() > apart:
+            kept.append(int(i))
+    return np.array(kept, dtype=np.int64)

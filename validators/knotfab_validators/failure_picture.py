@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
-from .check import Check
-from .read_knots import Curves
-from .read_mesh import Mesh
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = ["draw_failures"]
 
-Array = NDArray[np.float64]
 
 PANEL_PX = 420
 GAP_PX = 14
@@ -119,7 +119,7 @@ def _cloud(mesh: Mesh | None, curves: Curves | None) -> _Cloud | None:
 
 
 def _of_faces(corners: Array) -> _Cloud:
-    """Points of triangles (m, 3, 3): their middles, and more on large ones; at random, but the same."""
+    """Points of triangles (m, 3, 3), more on large ones, drawn at random with a fixed seed."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(normal, axis=1)
     unit = normal / np.where(twice > 0, twice, 1.0)[:, None]

@@ -6,24 +6,24 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .check import Check, at_least, skipped
-from .clearance import check_clearance
-from .clock import timed
-from .knot_type import knot_checks
-from .mesh_check import check_mesh
-from .mount_matter import strand_faces
-from .names import KNOTS, MESH, PRINTING
-from .plates import check_plates, printability_of_plates
-from .printability import printability_checks
-from .read_knots import Curves
-from .read_mesh import Mesh
-from .read_plates import Laid
-from .read_scene import Mount, Scene
-from .region import check_build_volume, check_region
-from .thickness import check_bend, check_length, check_thickness, thickness
-from .tube_fit import check_tube
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check, at_least, skipped
+from knotfab_validators.clock import timed
+from knotfab_validators.files.plates import Plate
+from knotfab_validators.files.scene import Mount, Scene
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.knots.knot_types import knot_checks
+from knotfab_validators.mesh.surface_checks import check_mesh
+from knotfab_validators.names import KNOTS, MESH, PRINTING
+from knotfab_validators.printing.plates import check_plates, check_plates_printable
+from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.tube.clearance import check_clearance
+from knotfab_validators.tube.mount_matter import strand_faces
+from knotfab_validators.tube.region import check_build_volume, check_region
+from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
+from knotfab_validators.tube.tube_fit import check_tube
 
 __all__ = ["part_checks"]
 
@@ -36,7 +36,7 @@ def part_checks(
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
-    plates: Sequence[Laid] = (),
+    plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
@@ -47,24 +47,24 @@ def part_checks(
     are what must fit the printer and can be printed, and must make up the part. Printability costs
     most: where all of it is to be left out (`skip`), it is not measured.
     """
-    checks = _of_mesh(mesh, curves, scene, seconds) + _of_knots(mesh, curves, scene, seconds)
+    checks = _check_mesh(mesh, curves, scene, seconds) + _check_knots(mesh, curves, scene, seconds)
     if scene is None:
         checks += [skipped(name, "not given the scene") for name in ("region", "build_volume")]
     else:
         with timed(seconds, "region"):
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
-                checks.append(_build_volume(mesh, scene))
+                checks.append(_check_build_volume(mesh, scene))
     if set(PRINTING) <= set(skip):
         return checks + [skipped(name, "left out on request") for name in PRINTING]
     if mesh is not None and scene is not None and plates:
         with timed(seconds, "plates"):
             checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
-        return checks + printability_of_plates(plates, scene.printer, checks, seconds)
-    return checks + _of_printer(mesh, scene, checks, seconds)
+        return checks + check_plates_printable(plates, scene.printer, checks, seconds)
+    return checks + _check_printability(mesh, scene, checks, seconds)
 
 
-def _of_mesh(
+def _check_mesh(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     """The surface, whether it is the tube of the curves, and the gaps between its strands."""
@@ -74,7 +74,7 @@ def _of_mesh(
     mounted = mount.kind != "none"
     with timed(seconds, "mesh"):
         if mounted:
-            bodies, genus = _predicted(mount, curves)
+            bodies, genus = _predict_topology(mount, curves)
             checks = check_mesh(mesh, bodies=bodies, genus=genus)
         else:
             checks = check_mesh(mesh, curves)
@@ -82,12 +82,12 @@ def _of_mesh(
         checks.append(check_tube(mesh, curves, mounted=mounted))
     with timed(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
-        strands = _strands(mesh, curves) if mounted else mesh
+        strands = _keep_strands(mesh, curves) if mounted else mesh
         checks.append(check_clearance(strands, curves, required))
     return checks
 
 
-def _strands(mesh: Mesh, curves: Curves | None) -> Mesh:
+def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:
     """The mesh without the mount's faces, which lead from strand to strand."""
     if curves is None or curves.radius_mm is None or not all(curves.closed):
         return mesh
@@ -97,7 +97,9 @@ def _strands(mesh: Mesh, curves: Curves | None) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces[own]) if own.any() else mesh
 
 
-def _predicted(mount: Mount, curves: Curves | None) -> tuple[int | None, Sequence[int] | None]:
+def _predict_topology(
+    mount: Mount, curves: Curves | None
+) -> tuple[int | None, Sequence[int] | None]:
     """How many bodies a mounted part must have, and their genera; None where that is not known.
 
     A peg that ends on a plate closes a loop for each one after a knot's first, and each knot brings
@@ -111,20 +113,20 @@ def _predicted(mount: Mount, curves: Curves | None) -> tuple[int | None, Sequenc
     return 1, [sum(mount.pegs) + holes]
 
 
-def _of_knots(
+def _check_knots(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     if curves is None:
         return [skipped(name, "not given the knots") for name in KNOTS]
     with timed(seconds, "thickness"):
-        checks = _of_curves(curves, scene)
+        checks = _check_curves(curves, scene)
     with timed(seconds, "knot type"):
         kinds = knot_checks(curves)
     # a part is built of unlinked unknots; curves alone are asked for their thickness
     return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
 
 
-def _build_volume(mesh: Mesh | None, scene: Scene) -> Check:
+def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:
     if mesh is None:
         return skipped("build_volume", "not given the part")
     room = scene.printer.build_volume_mm
@@ -134,7 +136,7 @@ def _build_volume(mesh: Mesh | None, scene: Scene) -> Check:
     return check_build_volume(mesh, room)
 
 
-def _of_printer(
+def _check_printability(
     mesh: Mesh | None, scene: Scene | None, before: Sequence[Check], seconds: dict[str, float]
 ) -> list[Check]:
     """Printability, where the surface is sound enough for the words to mean something."""
@@ -144,13 +146,13 @@ def _of_printer(
     lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
     printer = scene.printer if scene is not None else None
     stands = scene is not None and scene.mount.kind == "stand"
-    desk = _desk(scene) if stands else None
+    desk = _turn_upright(scene) if stands else None
     return printability_checks(
         mesh, printer, seconds=seconds, stands=stands, desk=desk, lacking=lacking
     )
 
 
-def _desk(scene: Scene | None) -> NDArray[np.float64] | None:
+def _turn_upright(scene: Scene | None) -> Array | None:
     """The turn (3, 3) that puts a stand upright (the scene's y up); None where it is printed so."""
     if scene is None or scene.pose is None:
         return None
@@ -158,7 +160,7 @@ def _desk(scene: Scene | None) -> NDArray[np.float64] | None:
     return None if np.allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-9) else turn
 
 
-def _of_curves(curves: Curves, scene: Scene | None) -> list[Check]:
+def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     """Thickness, bend and length."""
     radius = curves.radius_mm
     if radius is None and scene is not None:

@@ -8,17 +8,18 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from .check import Check
-from .clock import timed
-from .failure_picture import draw_failures
-from .part_checks import part_checks
-from .read_knots import read_knots
-from .read_mesh import BadFile, read_mesh
-from .read_plates import read_plates
-from .read_scene import read_scene
-from .shadow_checks import skipped_shadow_checks
-from .shadows import shadows
-from .verdict import Verdict, verdict_of
+from knotfab_validators.check import Check
+from knotfab_validators.clock import timed
+from knotfab_validators.failure_picture import draw_failures
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.knots import read_knots
+from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.files.plates import read_plates
+from knotfab_validators.files.scene import read_scene
+from knotfab_validators.part_checks import part_checks
+from knotfab_validators.shadows.part_shadows import verify_shadows
+from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
+from knotfab_validators.verdict import Verdict, verdict_of
 
 __all__ = ["Verdict", "validate"]
 
@@ -64,15 +65,15 @@ def validate(
         pass
     elif mesh is None or setting is None or scene is None:
         lacking = "the part" if mesh is None else "the scene"
-        checks += skipped_shadow_checks(f"not given {lacking}", required=False)
+        checks += skip_shadow_checks(f"not given {lacking}", required=False)
     elif nameless:
         why = f"the scene names no picture for view {nameless[0]}"
-        checks += skipped_shadow_checks(why, required=False)
+        checks += skip_shadow_checks(why, required=False)
     else:
         folder = Path(scene).parent
-        found, views = shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
+        found, views = verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
         checks += found
-    checks = [_left_out(c) if c.name in skip else c for c in checks]
+    checks = [_leave_out(c) if c.name in skip else c for c in checks]
     drawn = False
     if failures is not None:
         with timed(seconds, "failures"):
@@ -83,5 +84,5 @@ def validate(
     return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
 
 
-def _left_out(check: Check) -> Check:
+def _leave_out(check: Check) -> Check:
     return replace(check, status="skipped", required=False, detail="left out on request")

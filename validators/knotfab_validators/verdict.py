@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .check import Check
+from knotfab_validators.check import Check
 
 __all__ = ["Verdict", "exit_code_of", "verdict_of"]
 

@@ -1,0 +1,121 @@
+"""The frame of a whole piece under its own weight: its tubes, and the members that hold or stiffen them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.knots import Knots
+from knotfab.mount.frame_model import Beams, Frame, frame_of, round_beams
+from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
+
+__all__ = [
+    "DOWN",
+    "JOINT_RADII",
+    "PIECES",
+    "Stiffness",
+    "piece_beams",
+    "piece_frame",
+    "sag_of",
+    "taper",
+]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
+PIECES = 4  # of a tapering member, each taken as round
+DOWN = np.array([0.0, -1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What the piece is made of and how far it may sag: MPa, g/cm³, mm."""
+
+    young_mpa: float
+    density_g_cm3: float
+    max_sag_mm: float
+
+
+def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:
+    """(..., pieces) radii of cones cut into round pieces, from their tops (...,) to their feet."""
+    share = (np.arange(pieces) + 0.5) / pieces
+    return np.asarray(top[..., None] + share * (foot - top)[..., None])
+
+
+def piece_beams(
+    radius_mm: float,
+    sites: Sites,
+    members: Candidates,
+    pieces: int = 1,
+    end_radius_mm: Array | None = None,
+) -> tuple[Beams, Ints]:
+    """The beams of tubes and members, and the joints that the ground (desk or wall) holds.
+
+    The sites are the first joints, in their order.
+
+    Args:
+        pieces: that each member is cut into.
+        end_radius_mm: (n,) of members that taper towards their `end`; by default they are round bars.
+    """
+    n, m, inner = len(sites.knot), len(members), pieces - 1
+    share = np.arange(pieces + 1)[:, None] / pieces
+    points = members.start[:, None] + share * (members.end - members.start)[:, None]
+    grounded = members.second == GROUND
+    feet = n + m * inner + np.arange(int(grounded.sum()))
+    joints = np.empty((m, pieces + 1), dtype=np.int64)
+    joints[:, 0], joints[:, -1] = members.first, members.second
+    joints[:, 1:-1] = n + np.arange(m * inner).reshape(m, inner)
+    joints[grounded, -1] = feet
+    end = members.radius if end_radius_mm is None else end_radius_mm
+    beams = round_beams(
+        np.concatenate([sites.point, points[:, 1:-1].reshape(-1, 3), members.end[grounded]]),
+        np.concatenate(
+            [
+                np.column_stack([np.arange(n), sites.following]),
+                np.stack([joints[:, :-1], joints[:, 1:]], axis=2).reshape(-1, 2),
+            ]
+        ),
+        np.concatenate([np.full(n, radius_mm), taper(members.radius, end, pieces).ravel()]),
+    )
+    return beams, feet
+
+
+def piece_frame(knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness) -> Frame:
+    """The frame of a piece with joints at the sites alone, ready to be asked."""
+    beams, fixed = piece_beams(knots.radius_mm, sites, members)
+    return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
+
+
+def sag_of(
+    knots: Knots,
+    sites: Sites,
+    members: Candidates,
+    stiffness: Stiffness,
+    end_radius_mm: Array | None = None,
+    step_radii: float = JOINT_RADII,
+) -> tuple[float, Array]:
+    """Largest displacement (mm) of all knots on their members, and where (3,), by a frame built anew.
+
+    Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
+    pieces: a second opinion on those who choose members by a coarser frame.
+
+    Args:
+        sites: that the members join. end_radius_mm: (n,) of members that taper.
+    """
+    met = np.concatenate([members.first, members.second])
+    met = met[met != GROUND]
+    also = {k: sites.vertex[met][sites.knot[met] == k] for k in range(len(knots.knots))}
+    fine = sites_of(knots, step_radii, also)
+    # sites come knot by knot, and in the order of their vertices
+    most = 1 + int(max(fine.vertex.max(), sites.vertex.max()))
+    place = np.searchsorted(fine.knot * most + fine.vertex, sites.knot * most + sites.vertex)
+    there = np.append(place, GROUND)  # the last of them stands for the ground
+    moved = replace(members, first=there[members.first], second=there[members.second])
+    beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES, end_radius_mm)
+    frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
+    size = np.linalg.norm(frame.moved()[: len(fine.knot), :3], axis=1)
+    worst = int(size.argmax())
+    return float(size[worst]), fine.point[worst]

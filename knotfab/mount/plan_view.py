@@ -1,0 +1,110 @@
+"""The drawing from above of a piece with several views: where all lamps and walls stand about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.drawing.dimensions import Scaled, draw_dimension, fit_scale, length, project_outlines
+from knotfab.drawing.pages import PAPERS, Box, make_page
+from knotfab.mount.mount import Mounted
+from knotfab.mount.placement import Placement
+from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
+from knotfab.scene.model import View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["plan_sheet"]
+
+Array = NDArray[np.float64]
+
+ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # where on the page it is drawn
+BESIDE_MM = 12.0  # of a wall, beside its frame
+ASIDE = 4.0  # mm of the page, from a view's axis to its dimensions
+
+
+def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[View]) -> Figure:
+    """One page of A4 with everything from above, the first lamp below the piece.
+
+    Args:
+        places, views: of the piece, one each in the scene's order.
+    """
+    paper = PAPERS["a4"]
+    figure, axes = make_page(paper)
+    right, up, out = places[0].level
+    above = np.stack([right, -out, up])  # to the right and up the page, and to the viewer
+    piece = project_outlines(mounted.bodies, above)
+    walls = [_wall(place, above) for place in places]
+    lamps = [above[:2] @ place.lamp for place in places]
+    every = np.concatenate([*piece, *walls, np.stack(lamps)])
+    low, high = every.min(axis=0), every.max(axis=0)
+    to = fit_scale((float(low[0]), float(low[1]), float(high[0]), float(high[1])), ZONE)
+    fill(axes, [to(p) for p in piece], PIECE)
+    for place, view, wall, lamp in zip(places, views, walls, lamps, strict=True):
+        _view(axes, place, view, wall, lamp, above, to)
+    middle = to(np.zeros(2))
+    axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
+    axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
+    left, top = 14.0, paper.height - 12
+    axes.text(left, top, "Setting up", size=15, va="top")
+    axes.text(
+        left, top - 8.0,
+        f"From above, {to.name}. Lengths in mm, from the middle of each lamp and of the piece; what counts "
+        "is the figures, not the drawing.",
+        size=6.5, va="top", color="0.35",
+    )  # fmt: skip
+    axes.text(
+        left, top - 12.0,
+        f"{len(views)} pictures, each on its own wall and by its own light. "
+        + ("The front of the base is below in this drawing. " if places[0].base is not None else "")
+        + "The pages that follow place one view each.",
+        size=6.5, va="top", color="0.35",
+    )  # fmt: skip
+    return figure
+
+
+def _wall(place: Placement, above: Array) -> Array:
+    """(2, 2) the ends of a frame's wall, seen from above, at the height of the frame's middle."""
+    reach = place.frame_mm[0] / 2 + BESIDE_MM
+    ends = place.middle + np.array([[-reach], [reach]]) * place.wall[0]
+    return np.asarray(ends @ above[:2].T)
+
+
+def _view(
+    axes: Axes,
+    place: Placement,
+    view: View,
+    wall: Array,
+    lamp: Array,
+    above: Array,
+    to: Scaled,
+) -> None:
+    """One view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
+    half = place.frame_mm[0] / 2
+    frame = (place.middle + np.array([[-half], [half]]) * place.wall[0]) @ above[:2].T
+    for end in frame:
+        axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
+    axis = to(np.stack([lamp, above[:2] @ place.middle]))
+    axes.plot(*axis.T, color=FAINT, lw=0.3, ls="-.")
+    axes.plot(*to(wall).T, color=INK, lw=0.8)
+    axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
+    hatch(axes, to(wall), to)
+    draw_lamp(axes, axis[0], view.light_diameter_mm / to.ratio if view.kind == "shadow" else 0.0)
+    along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
+    aside = ASIDE * np.array([-along[1], along[0]])
+    middle = to(np.zeros(2))
+    levelled = float(np.cos(np.deg2rad(view.elevation_deg)))
+    draw_dimension(axes, axis[0], middle, aside, length(view.light_distance_mm * levelled))
+    draw_dimension(
+        axes, middle, axis[1], aside, length(float(np.linalg.norm(axis[1] - middle)) * to.ratio)
+    )
+    # along the wall, read from below or from the right
+    turn = (float(np.degrees(np.arctan2(aside[1], aside[0]))) + 89.9) % 180.0 - 89.9
+    style = {"size": 7, "ha": "center", "va": "center", "rotation": turn}
+    note(axes, axis[0] - 5.0 * along, f"{lamp_name(view)}: {view.name}", **style)
+    note(axes, axis[1] + 5.0 * along, f"wall: {view.name}", **style)

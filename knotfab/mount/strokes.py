@@ -1,0 +1,69 @@
+"""What the drawings of a mount are made of: the piece, lamps, walls and notes, in mm of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.drawing.dimensions import Scaled, length
+from knotfab.scene.model import View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["FAINT", "INK", "LIGHT", "PIECE", "draw_lamp", "fill", "hatch", "lamp_name", "note"]
+
+Array = NDArray[np.float64]
+
+INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
+
+
+def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
+    """Polygons and their holes as one path, cut off below a height of the page."""
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    rings = [Outline(np.append(p, p[:1], axis=0), closed=True) for p in polygons]
+    if rings:
+        patch = PathPatch(Outline.make_compound_path(*rings), fc=color, lw=0)
+        axes.add_patch(patch)
+        if above is not None:
+            patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
+
+
+def draw_lamp(axes: Axes, at: Array, across: float) -> None:
+    """A lamp `across` mm of the page wide, with its axes."""
+    from matplotlib.patches import Circle
+
+    axes.add_patch(
+        Circle((float(at[0]), float(at[1])), max(0.5 * across, 0.5), fc=LIGHT, lw=0.3, ec=INK)
+    )
+    axes.plot(*np.stack([at - (2.5, 0), at + (2.5, 0)]).T, color=INK, lw=0.25)
+    axes.plot(*np.stack([at - (0, 2.5), at + (0, 2.5)]).T, color=INK, lw=0.25)
+
+
+def hatch(axes: Axes, wall: Array, to: Scaled) -> None:
+    """Short strokes behind the wall's line."""
+    along = wall[1] - wall[0]
+    reach = float(np.linalg.norm(along))
+    unit = along / reach
+    behind = np.array([-unit[1], unit[0]]) - unit
+    for s in np.arange(1.5, reach, 2.5):
+        axes.plot(
+            *np.stack([wall[0] + s * unit, wall[0] + s * unit + behind]).T, color=FAINT, lw=0.3
+        )
+
+
+def note(axes: Axes, at: Array, text: str, **style: Any) -> None:
+    """A text at a point (2,) of the page, mm."""
+    axes.text(float(at[0]), float(at[1]), text, **style)
+
+
+def lamp_name(view: View) -> str:
+    """The lamp and its size, or the eye."""
+    if view.kind != "shadow":
+        return "eye"
+    return f"lamp, {length(view.light_diameter_mm)} mm" if view.light_diameter_mm > 0 else "lamp"

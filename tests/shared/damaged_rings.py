@@ -1,0 +1,38 @@
+"""A round tube to be damaged, its centre line, and the checks of its surface by their names."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from validator_parts import Array, circle, tube
+
+from knotfab_validators.check import Check
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.names import MESH
+
+RADIUS, SIDES = 4.0, 48
+CIRCLE = circle(120)
+Faces = NDArray[np.int64]
+
+
+def ring(**changes: Array | Faces) -> Mesh:
+    vertices, faces = tube(CIRCLE, RADIUS, SIDES)
+    return Mesh(**{"vertices": vertices, "faces": faces, **changes})  # type: ignore[arg-type]
+
+
+def two(first: Mesh, second: Mesh) -> Mesh:
+    return Mesh(
+        np.concatenate([first.vertices, second.vertices]),
+        np.concatenate([first.faces, second.faces + len(first.vertices)]),
+    )
+
+
+def curves(*polygons: Array, radius: float | None = RADIUS) -> Curves:
+    n = len(polygons)
+    return Curves(polygons, ("unknot",) * n, (True,) * n, radius)
+
+
+def by_name(checks: list[Check]) -> dict[str, Check]:
+    assert tuple(c.name for c in checks) == MESH
+    return {c.name: c for c in checks}

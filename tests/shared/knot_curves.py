@@ -1,0 +1,126 @@
+"""Knots and links in space for the tests of knot types, made from formulas and from braids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab_validators.geometry.curves import Curves
+
+Array = NDArray[np.float64]
+
+
+def curves(*polygons: Array, types: tuple[str, ...] | None = None) -> Curves:
+    n = len(polygons)
+    return Curves(polygons, types or ("unknot",) * n, (True,) * n, 1.0)
+
+
+def ring(n: int = 100, radius: float = 1.0) -> Array:
+    s = 2 * np.pi * np.arange(n) / n
+    return radius * np.column_stack([np.cos(s), np.sin(s), 0 * s])
+
+
+def torus_knot(p: int, q: int, n: int = 400) -> Array:
+    """T(p, q) with p turns about the axis; left-handed for p, q > 0."""
+    s = 2 * np.pi * np.arange(n) / n
+    r = 2 + np.cos(q * s)
+    return np.column_stack([r * np.cos(p * s), r * np.sin(p * s), np.sin(q * s)])
+
+
+def figure_eight(n: int = 400) -> Array:
+    s = 2 * np.pi * np.arange(n) / n
+    r = 2 + np.cos(2 * s)
+    return np.column_stack([r * np.cos(3 * s), r * np.sin(3 * s), np.sin(4 * s)])
+
+
+def borromean(n: int = 80) -> list[Array]:
+    s = 2 * np.pi * np.arange(n) / n
+    oval = np.column_stack([2 * np.cos(s), np.sin(s), 0 * s])
+    return [oval, oval[:, [2, 0, 1]], oval[:, [1, 2, 0]]]
+
+
+WHITEHEAD = (1, -2, 1, -2, -2)  # a braid
+
+
+def braid(word: Sequence[int], strands: int | None = None) -> list[Array]:
+    """Closure of a braid, turning counter-clockwise about z, strand 1 innermost.
+
+    Letter k > 0: strands k and k + 1 change places, the inner one passing above (larger z), which is
+    a right-handed crossing.
+    """
+    count = max([strands or 1, *(abs(k) + 1 for k in word)])
+    slots = [*word, *[count] * max(1, 4 - len(word))]  # of which `count` moves no strand
+    seen: set[int] = set()
+    found = []
+    for start in range(1, count + 1):
+        if start in seen:
+            continue
+        points: list[tuple[float, float, float]] = []
+        place, slot, turn = start, 0, 2 * np.pi / (2 * len(slots))
+        while True:
+            if slot % len(slots) == 0:
+                if slot and place == start:
+                    break
+                seen.add(place)
+            letter = slots[slot % len(slots)]
+            idle = letter == count
+            inner = place == abs(letter) and not idle
+            after = place + 1 if inner else place - 1 if place == abs(letter) + 1 else place
+            height = 0.0 if after == place else (0.5 if inner == (letter > 0) else -0.5)
+            for step, radius, z in ((0, place, 0.0), (1, (place + after) / 2, height)):
+                angle = turn * (2 * slot + step)
+                points.append(((2 + radius) * np.cos(angle), (2 + radius) * np.sin(angle), z))
+            place, slot = after, slot + 1
+        found.append(np.array(points))
+    return found
+
+
+def turned(points: Array, seed: int) -> Array:
+    """Turned at random, without mirroring."""
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return np.asarray(points @ (q * np.linalg.det(q)).T)
+
+
+def mirrored(points: Array) -> Array:
+    return points * [1.0, 1.0, -1.0]
+
+
+def zigzag(points: Array, times: int, seed: int, size: float = 0.02) -> Array:
+    """Each edge cut in `times`, and every vertex moved a little."""
+    s = np.arange(times)[:, None] / times
+    after = np.roll(points, -1, axis=0)
+    cut = (points[:, None] + s * (after - points)[:, None]).reshape(-1, 3)
+    return np.asarray(cut + np.random.default_rng(seed).uniform(-size, size, cut.shape))
+
+
+def random_markov(word: Sequence[int], moves: int, seed: int) -> list[int]:
+    """Another braid with the same closure: conjugations, relations, insertions, stabilisations."""
+    rng = np.random.default_rng(seed)
+    result = list(word)
+    for _ in range(moves):
+        strands = max(map(abs, result), default=0) + 1
+        kind, k = rng.integers(4), int(rng.integers(len(result) + 1))
+        if kind == 0 and strands > 1:
+            letter = int(rng.integers(1, strands)) * int(rng.choice([-1, 1]))
+            result[k:k] = [letter, -letter]
+        elif kind == 1:
+            result = result[k:] + result[:k]
+        elif kind == 2 and strands < 7:
+            result.insert(k, strands * int(rng.choice([-1, 1])))
+        else:
+            result = _related(result, rng)
+    return result
+
+
+def _related(word: list[int], rng: np.random.Generator) -> list[int]:
+    """One braid relation, where one applies: far letters commute, a b a = b a b."""
+    places = list(rng.permutation(max(len(word) - 1, 0)))
+    for k in places:
+        a, b = word[k], word[k + 1]
+        if abs(abs(a) - abs(b)) > 1:
+            return [*word[:k], b, a, *word[k + 2 :]]
+        if word[k + 2 : k + 3] == [a] and abs(abs(a) - abs(b)) == 1 and a * b > 0:
+            return [*word[:k], b, a, b, *word[k + 3 :]]
+    return word

@@ -1,0 +1,157 @@
+"""Strangers' files are refused in one sentence; sound ones of every format are read alike."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from examples.corpus.cube_files import (
+    MESH,
+    as_3mf,
+    cube_obj,
+    cube_ply,
+    cube_stl,
+    model,
+    seeds,
+)
+from examples.corpus.examine import examine
+from examples.corpus.fuzzed import fuzzed
+from examples.corpus.hostile import HANDMADE, Hostile
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.knots import read_knots
+from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.files.scene import read_scene
+
+MADE = list(HANDMADE())
+
+
+def volume(path: Path) -> float:
+    mesh = read_mesh(path)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize("name", [n for n in seeds() if n.split(".")[1] not in ("json", "toml")])
+def test_every_format_reads_the_same_cube(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(seeds()[name])
+    mesh = read_mesh(path)
+    assert mesh.vertices.shape == (8, 3) and mesh.faces.shape == (12, 3)
+    assert volume(path) == pytest.approx(8000.0, rel=1e-6)
+    other = tmp_path / "cube.unknown"  # the content tells
+    other.write_bytes(seeds()[name])
+    assert volume(other) == pytest.approx(8000.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("file", MADE, ids=[f.name for f in MADE])
+def test_hostile_files_get_one_sentence(file: Hostile, tmp_path: Path) -> None:
+    outcome = examine(file, tmp_path)
+    if file.says is None:
+        assert outcome.kind in ("pass", "fail", "refused"), outcome.said
+    else:
+        assert outcome.kind == "refused" and file.says in outcome.said, outcome
+    assert {p.name for p in tmp_path.iterdir()} <= {file.name, "failures.png"}
+
+
+@pytest.mark.parametrize("block", range(8))
+def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
+    for seed in range(60 * block, 60 * (block + 1)):
+        outcome = examine(fuzzed(seed), tmp_path)
+        assert outcome.kind in ("pass", "fail", "refused"), (seed, outcome)
+
+
+def test_fuzzing_repeats_itself() -> None:
+    assert fuzzed(7) == fuzzed(7) != fuzzed(8)
+
+
+def test_what_is_no_plain_file_is_refused_without_waiting(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.stl"
+    os.mkfifo(pipe)
+    loop = tmp_path / "loop.stl"
+    loop.symlink_to(loop)
+    for path in (pipe, loop, tmp_path, Path("/dev/zero"), tmp_path / "none.stl"):
+        for read in (read_mesh, read_knots, read_scene):
+            with pytest.raises(BadFile, match=path.name):
+                read(path)
+
+
+def test_polygons_become_fans(tmp_path: Path) -> None:
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = [line for line in cube_obj().decode().splitlines() if not line.startswith("f")]
+    lines += ["f " + " ".join(f"{i + 1}/9/{i + 2}" for i in quad) for quad in quads]
+    (tmp_path / "q.obj").write_text("\n".join(lines))
+    relative = [line for line in lines if not line.startswith("f")]
+    relative += ["f " + " ".join(f"{i - 8}//" for i in quad) for quad in quads]
+    (tmp_path / "r.obj").write_text("\n".join(relative).replace("f -8//", "f \\\n-8//"))
+    head = cube_ply().decode().split("3 0 1 3")[0].replace("face 12", "face 6")
+    rows = [f"4 {a} {b} {c} {d}" for a, b, c, d in quads]
+    (tmp_path / "q.ply").write_text(head + "\n".join(rows))
+    for name in ("q.obj", "r.obj", "q.ply"):
+        assert len(read_mesh(tmp_path / name).faces) == 12
+        assert volume(tmp_path / name) == pytest.approx(8000.0)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_ply_with_more_than_is_asked_for(order: str, tmp_path: Path) -> None:
+    """Colours, normals, another element before the faces, and faces of different sizes."""
+    word = "little" if order == "<" else "big"
+    head = (
+        f"ply\nformat binary_{word}_endian 1.0\ncomment made by hand\nelement vertex 4\n"
+        "property double x\nproperty uchar red\nproperty double y\nproperty double z\n"
+        "element strip 2\nproperty list ushort float s\nproperty short k\n"
+        "element face 3\nproperty uchar flag\nproperty list uint ushort vertex_index\nend_header\n"
+    )
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    body = b"".join(struct.pack(order + "dBdd", x, 7, y, z) for x, y, z in corners)
+    body += struct.pack(order + "H2fh", 2, 1.5, 2.5, 3) + struct.pack(order + "Hh", 0, 4)
+    for face in ((0, 1, 2, 3), (0, 2, 1), (0, 3, 2)):
+        body += struct.pack(order + f"BI{len(face)}H", 1, len(face), *face)
+    (tmp_path / "a.ply").write_bytes(head.encode() + body)
+    mesh = read_mesh(tmp_path / "a.ply")
+    assert len(mesh.faces) == 4 and mesh.vertices.max() == 1.0
+
+
+def test_faces_that_are_wrong_reach_the_checks(tmp_path: Path) -> None:
+    """Equal faces, and one with a corner twice, are not repaired away."""
+    path = tmp_path / "a.obj"
+    path.write_bytes(cube_obj() + b"f 1 2 4\nf 1 1 2\n")
+    assert len(read_mesh(path).faces) == 14
+
+
+def test_a_3mf_has_its_units_transforms_and_components(tmp_path: Path) -> None:
+    mesh = seeds()["cube.3mf"]
+    assert mesh[:2] == b"PK"
+    cube = f'<object id="1" type="model">{MESH}</object>'
+    pair = (
+        '<object id="2" type="model"><components><component objectid="1"/><component objectid="1" '
+        'transform="1 0 0 0 1 0 0 0 1 50 0 0"/></components></object>'
+    )
+    twice = model(cube + pair, '<item objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 7"/>')
+    path = tmp_path / "a.3mf"
+    path.write_bytes(as_3mf(twice))
+    read = read_mesh(path)
+    assert len(read.faces) == 24 and read.vertices.max(axis=0) == pytest.approx([70, 20, 27])
+    path.write_bytes(as_3mf(twice.replace("millimeter", "inch")))
+    assert read_mesh(path).vertices.max(axis=0) == pytest.approx(np.array([70, 20, 27]) * 25.4)
+
+
+def test_open_curves_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "k.json"
+    path.write_text(
+        '{"schema": 1, "knots": [{"closed": false, "points": [[0,0,0],[3,0,0],[3,4,0]]},'
+        ' {"points": [[0,0,9],[3,0,9],[3,4,9]]}]}'
+    )
+    curves = read_knots(path)
+    assert curves.closed == (False, True) and curves.types == ("open", "unknot")
+    assert curves.lengths_mm == (7.0, 12.0)
+
+
+def test_a_huge_count_costs_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    path.write_bytes(cube_stl()[:80] + struct.pack("<I", 2**31) + cube_stl()[84:])
+    with pytest.raises(BadFile, match="promises 2147483648"):
+        read_mesh(path)

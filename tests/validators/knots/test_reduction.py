@@ -1,0 +1,198 @@
+"""Reduction: every removal is an isotopy, so unknots vanish, knots stay, and invariants never change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from validator_parts import Array, circle, tangle, trefoil
+
+from knotfab_validators.knots.alexander import colouring_number
+from knotfab_validators.knots.projection import diagram_of
+from knotfab_validators.knots.reduction import (
+    Budget,
+    Reduced,
+    TooTangled,
+    general_position,
+    may_pierce,
+    nearest_approach,
+    orientation,
+    reduce_polygons,
+    touching_place,
+)
+
+
+def reduced(*polygons: Array, shakes: int = 0) -> Reduced:
+    placed = general_position(polygons)
+    assert placed is not None
+    return reduce_polygons(placed, shakes=shakes)
+
+
+def determinant(polygon: Array) -> int:
+    """Modulo 2^31 - 1, up to sign."""
+    found = diagram_of([polygon], most=5000)
+    assert found is not None
+    return colouring_number(found)
+
+
+def linking_number(one: Array, other: Array) -> int:
+    found = diagram_of([one, other], most=5000)
+    assert found is not None
+    return found.linking_numbers().get((0, 1), 0)
+
+
+def depth(n: int, rng: np.random.Generator, size: float = 30.0) -> Array:
+    t = 2 * np.pi * np.arange(n) / n
+    terms = [rng.normal() * np.cos(k * t) + rng.normal() * np.sin(k * t) for k in range(1, 17)]
+    return np.asarray(size / 4 * np.sum(terms, axis=0))
+
+
+def spiral(n: int, turns: int, rng: np.random.Generator) -> Array:
+    """A band wound up: simple seen along z, at random depths."""
+    t = np.linspace(0.0, 1.0, n // 2)
+    sides = []
+    for inner in (0.0, 24.0 / turns):
+        radius = 10 + 60 * t - inner
+        angle = 2 * np.pi * turns * t
+        sides.append(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
+    flat = np.concatenate([sides[0], sides[1][::-1]])
+    return np.column_stack([flat, depth(len(flat), rng)])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_simple_curve_at_random_depths_is_an_unknot(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    assert reduced(spiral(600 + 400 * seed, 4 + seed, rng), shakes=40).vertices == 0
+
+
+@pytest.mark.parametrize("sides", [3, 4, 5, 100])
+def test_a_plane_polygon_is_an_unknot_though_all_its_signs_are_0(sides: int) -> None:
+    assert reduced(circle(sides)).vertices == 0
+    # straight runs: many vertices on each side of a square
+    s = np.linspace(0, 1, 20, endpoint=False)[:, None]
+    corner = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]])
+    square = np.concatenate([a + s * (corner[(i + 1) % 4] - a) for i, a in enumerate(corner)])
+    assert reduced(square).vertices == 0
+
+
+def test_random_smooth_curves_vanish_or_keep_their_determinant() -> None:
+    for seed in range(8):
+        curve = tangle(300, seed)
+        rest = reduced(curve)
+        assert determinant(rest.polygons[0] if rest.vertices else circle(5)) == determinant(curve)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_tangled_polygons_keep_their_determinant(seed: int) -> None:
+    """Polygons of random vertices: some are knotted; no wrong move may change the invariant."""
+    curve = np.random.default_rng(seed).normal(size=(30, 3))
+    rest = reduced(curve, shakes=5)
+    assert determinant(rest.polygons[0] if rest.vertices else circle(5)) == determinant(curve)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_links_keep_their_linking_number(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other = rng.normal(size=(2, 12, 3))
+    rest = reduced(one, other)
+    left = dict(zip(rest.components, rest.polygons, strict=True))
+    now = linking_number(left[0], left[1]) if len(left) == 2 else 0
+    assert now == linking_number(one, other)
+
+
+def test_knots_do_not_vanish() -> None:
+    assert 6 <= reduced(trefoil(400), shakes=10).vertices < 20
+    assert 6 <= reduced(trefoil(400) @ np.diag([1, 1, -1]), shakes=10).vertices < 20
+
+
+def test_links_do_not_vanish_and_unlinks_do() -> None:
+    ring = circle(60, 10.0)
+    through = ring[:, [2, 0, 1]] + [0.0, 10.0, 0.0]
+    assert reduced(ring, through, shakes=3).components == (0, 1)
+    assert reduced(ring, through + [0.0, 10.5, 0.0]).vertices == 0
+    assert reduced(ring, 2 * ring, 3 * ring).vertices == 0
+    # the one that is apart goes, whatever its number
+    assert reduced(ring, ring + 50, through).components == (0, 2)
+
+
+def test_borromean_rings_do_not_vanish() -> None:
+    t = 2 * np.pi * np.arange(80) / 80
+    oval = np.column_stack([3 * np.cos(t), 1.5 * np.sin(t), np.zeros(80)])
+    rings = [oval, oval[:, [2, 0, 1]], oval[:, [1, 2, 0]]]
+    pairs = [(0, 1), (1, 2), (2, 0)]
+    assert all(linking_number(rings[i], rings[j]) == 0 for i, j in pairs)
+    assert reduced(*rings, shakes=5).components == (0, 1, 2)
+    assert all(reduced(rings[i], rings[j]).vertices == 0 for i, j in pairs)
+
+
+def test_polygons_that_touch_have_no_general_position() -> None:
+    cross = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0]])
+    assert general_position([cross]) is None
+    assert general_position([circle(40), circle(40) + [80.0, 0, 0]]) is None
+    fold = np.array([[0.0, 0, 0], [5, 0, 0], [2, 1e-9, 0], [2, 3, 0]])
+    assert general_position([fold]) is None
+    near = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 1e-8], [-1, 1, 1e-8]])
+    assert general_position([near]) is not None  # not quite: a smaller shift will do
+    repeated = np.array([[0.0, 0, 0], [5, 0, 0], [5, 0, 0], [2, 3, 0]])
+    assert general_position([repeated]) is None
+
+
+def test_general_position_moves_little() -> None:
+    curve = trefoil(200)
+    edge = np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).min()
+    placed = general_position([curve, curve + 200])
+    assert placed is not None and len(placed) == 2
+    moved = np.linalg.norm(placed[0] - curve, axis=1)
+    assert 0 < moved.max() <= 1e-5 * edge * (1 + 1e-9)
+
+
+def test_orientation_is_sure_or_says_0() -> None:
+    rng = np.random.default_rng(3)
+    a, b, c = rng.normal(size=(3, 500, 3))
+    weights = rng.dirichlet([1, 1, 1], 500).T[:, :, None]
+    on_plane = weights[0] * a + weights[1] * b + weights[2] * c
+    assert (orientation(a, b, c, on_plane) == 0).mean() > 0.9
+    normal = np.cross(b - a, c - a)
+    above, below = orientation(a, b, c, a + normal), orientation(a, b, c, a - normal)
+    assert (above == -below).all() and (above == above[0]).all() and above[0] != 0
+
+
+def test_a_segment_is_told_from_one_that_pierces() -> None:
+    a, b, c = (np.array([p]) for p in ([0.0, 0, 0], [1.0, 2, 0], [2.0, 0, 0]))
+
+    def meets(p: list[float], q: list[float]) -> bool:
+        return bool(may_pierce(a, b, c, np.array([p], float), np.array([q], float))[0])
+
+    assert meets([1, 0.5, -1], [1, 0.5, 1])
+    assert not meets([1, 0.5, 0.1], [1, 0.5, 1])
+    assert not meets([3, 3, -1], [3, 3, 1])
+    assert meets([1, 0, -1], [1, 0, 1])  # through the side
+    assert meets([1, 0.5, 0], [3, 3, 0])  # in its plane: not certain, so it counts
+    assert not meets([2, 0, 0], [3, 0.1, 0.2])  # leaves from a corner
+    assert meets([2, 0, 0], [1, 0.5, 0])  # leaves from a corner into the triangle
+
+
+def test_the_places_where_polygons_touch_and_where_they_are_nearest() -> None:
+    cross = np.array([[-1.0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0]])
+    assert touching_place([cross]) == pytest.approx([0, 0, 0], abs=1e-9)
+    two = [circle(40), circle(40) + [80.0, 0, 0]]
+    assert touching_place(two) == pytest.approx([40, 0, 0], abs=1e-9)
+    fold = np.array([[0.0, 0, 0], [5, 0, 0], [2, 1e-9, 0], [2, 3, 0]])
+    place = touching_place([fold])
+    assert 2 <= place[0] <= 5 and place[1:] == pytest.approx([0, 0], abs=1e-8)
+    repeated = np.array([[0.0, 0, 0], [5, 0, 0], [5, 0, 0], [2, 3, 0]])
+    assert touching_place([repeated]) == pytest.approx([5, 0, 0])
+    assert nearest_approach(circle(40), circle(40) + [90.0, 0, 0]) == pytest.approx([45, 0, 0])
+    above = np.array([[-9.0, 0, 4], [9, 0, 4], [0, 0, 30]])
+    below = np.array([[0.0, -9, 2], [0, 9, 2], [0, 0, -30]])
+    assert nearest_approach(above, below) == pytest.approx([0, 0, 3], abs=1e-9)
+
+
+def test_a_spent_budget_ends_the_work_and_not_the_truth() -> None:
+    rest = reduce_polygons([trefoil(400)], budget=Budget(2000))
+    assert 20 < rest.vertices <= 400 and determinant(rest.polygons[0]) == 3
+    budget = Budget(10)
+    budget.spend(10)
+    with pytest.raises(TooTangled):
+        budget.spend(1)
+    with pytest.raises(TooTangled):
+        general_position([np.random.default_rng(0).normal(size=(9000, 3))])

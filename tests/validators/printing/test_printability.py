@@ -1,0 +1,50 @@
+"""The checks of printability together: turned, without a printer, skipped, and their times."""
+
+from __future__ import annotations
+
+import pytest
+from printed_solids import BARE, PRINTER, run
+from solids import (
+    box,
+    bridge,
+    moved,
+    quarter,
+    table,
+    together,
+)
+
+from knotfab_validators.files.scene import Printer
+from knotfab_validators.names import PRINTING
+from knotfab_validators.printing.printability import printability_checks
+
+
+def test_a_quarter_turn_changes_nothing_beyond_the_grid() -> None:
+    mesh = together(bridge(12.0, 7.3), moved(table(), shift=(0, 20, 0)))
+    one, two = run(mesh, BARE), run(quarter(mesh), BARE)
+    for name in PRINTING:
+        a, b = one[name].measured, two[name].measured
+        assert a == pytest.approx(b, rel=0.02, abs=1e-9), name
+
+
+def test_no_printer_measures_against_nothing() -> None:
+    found = run(box((0, 0, 0), (10, 10, 0.2)), None)
+    assert tuple(found) == PRINTING
+    assert all(c.status == "pass" and not c.required for c in found.values())
+    assert all("no printer was named" in c.detail for n, c in found.items() if n != "standing")
+    assert run(box((0, 0, 0), (10, 10, 0.2)), Printer("other", None))["feature"].limit is None
+
+
+def test_what_cannot_be_measured_is_skipped_with_the_reason() -> None:
+    mesh = box((0, 0, 0), (1, 1, 1))
+    checks = printability_checks(mesh, PRINTER, seconds={}, lacking="the mesh is open")
+    assert [(c.name, c.status, c.detail) for c in checks] == [
+        (name, "skipped", "the mesh is open") for name in PRINTING
+    ]
+    huge = run(box((0, 0, 0), (1e6, 1, 1)))
+    assert {c.status for c in huge.values()} == {"skipped"}
+
+
+def test_the_time_of_each_group_is_told() -> None:
+    seconds: dict[str, float] = {}
+    printability_checks(box((0, 0, 0), (5, 5, 5)), PRINTER, seconds=seconds)
+    assert set(seconds) == {"feature", "gap", "overhang", "bridges", "standing"}

@@ -1,0 +1,75 @@
+"""Overlap of masks, depth ratio and legibility, on shapes whose numbers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from validator_parts import PlainView, circle, tangle, tube
+
+from knotfab_validators.shadows.compare import depth_ratio, legibility, overlap
+from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+from knotfab_validators.shadows.view import view_geometry
+
+
+def test_overlap_by_hand() -> None:
+    a, b = np.zeros((2, 10, 10), dtype=bool)
+    a[:, :4] = True  # 40
+    b[:, 2:5] = True  # 30, of which 20 are shared
+    both = overlap(a, b)
+    assert (both.iou, both.precision, both.recall) == (20 / 50, 20 / 40, 20 / 30)
+    nothing = np.zeros_like(a)
+    assert overlap(nothing, b).iou == 0.0 and overlap(nothing, b).recall == 0.0
+    assert overlap(a, nothing).precision == 0.0
+    assert overlap(nothing, nothing).iou == 1.0
+
+
+def test_depth_ratio_is_along_the_views_own_axis() -> None:
+    points = np.array([[0.0, 0, 0], [10.0, 20.0, 40.0]])
+    assert depth_ratio(points, view_geometry(PlainView(), 8, 8)) == pytest.approx(2.0)
+    side = view_geometry(PlainView(azimuth_deg=90.0), 8, 8)
+    assert depth_ratio(points, side) == pytest.approx(0.25)
+
+
+@pytest.mark.skipif(why_no_rendering() is not None, reason="no rendering here")
+def test_a_ball_is_read_from_everywhere_and_a_tangle_is_not() -> None:
+    g = view_geometry(PlainView(), 400, 400)
+    v, u = np.mgrid[:200, :200]
+    disc = (u - 99.5) ** 2 + (v - 80.5) ** 2 < 60**2
+    t, p = np.mgrid[0:61, 0:60]
+    t, p = np.pi * t / 60, 2 * np.pi * p / 60
+    ball = 20.0 * np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=-1)
+    i, j = (a.ravel() for a in np.mgrid[0:60, 0:60])
+    a, b = i * 60 + j, i * 60 + (j + 1) % 60
+    faces = np.concatenate([np.stack([a, a + 60, b], -1), np.stack([b, a + 60, b + 60], -1)])
+    vertices = ball.reshape(-1, 3) + np.array([5.0, 0.0, 0.0])
+    with SilhouetteRenderer(vertices, faces) as renderer:
+        seen = legibility(renderer, vertices, g, disc)
+    assert list(seen) == ["15", "30", "45", "60"]
+    assert min(seen.values()) > 0.98
+    vertices, faces = tube(tangle(300, 2), 3.0, 16)
+    with SilhouetteRenderer(vertices, faces) as renderer:
+        target = renderer.render(g)
+        tangled = legibility(renderer, vertices, g, target)
+    assert tangled["15"] < 0.9 and tangled["60"] < tangled["15"]
+
+
+@pytest.mark.skipif(why_no_rendering() is not None, reason="no rendering here")
+def test_a_flat_ring_turned_is_the_ring_squashed() -> None:
+    g = view_geometry(PlainView(light_distance_mm=1e5), 1600, 1600)
+    vertices, faces = tube(circle(300, 40.0), 2.0, 24)
+    with SilhouetteRenderer(vertices, faces) as renderer:
+        target = renderer.render(g)
+        seen = legibility(renderer, vertices, g, target, angles_deg=(45,))
+        c, s = np.cos(np.pi / 4), np.sin(np.pi / 4)
+    turned = vertices @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+    with SilhouetteRenderer(turned, faces) as renderer:
+        squashed = renderer.render(g)
+
+    def cropped(mask: np.ndarray) -> np.ndarray:
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        i = rows[0] + ((np.arange(400) + 0.5) / 400 * (np.ptp(rows) + 1)).astype(int)
+        j = columns[0] + ((np.arange(400) + 0.5) / 400 * (np.ptp(columns) + 1)).astype(int)
+        return mask[np.ix_(i, j)]
+
+    by_hand = overlap(cropped(squashed), cropped(target)).iou
+    assert seen["45"] == pytest.approx(by_hand, abs=0.02)

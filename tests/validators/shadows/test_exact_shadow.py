@@ -1,0 +1,78 @@
+"""The exact shadow against brute force: the union of all projected triangles, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from validator_parts import Array, PlainView, circle, tangle, tube
+
+from knotfab_validators.shadows.exact_shadow import (
+    ShadowError,
+    shadow_lines,
+    shadow_mask,
+    shadow_polygon,
+)
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+
+
+def brute_force(vertices: Array, faces: Array, geometry: ViewGeometry) -> shapely.Geometry:
+    pixels, _ = geometry.project(vertices)
+    triangles = shapely.polygons(pixels[np.column_stack([faces, faces[:, 0]])])
+    return shapely.union_all(triangles[shapely.area(triangles) > 1e-9])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_agrees_with_the_union_of_all_triangles(seed: int) -> None:
+    g = view_geometry(PlainView(wall_tilt_deg=15.0 * (seed - 1), azimuth_deg=40.0 * seed), 300, 300)
+    vertices, faces = tube(tangle(160, seed), 4.0, 12)
+    lines = shadow_lines(vertices, faces, g)
+    exact, expected = shadow_polygon(lines), brute_force(vertices, faces, g)
+    assert exact.symmetric_difference(expected).area < 1e-6 * expected.area
+    assert len(exact.interiors if exact.geom_type == "Polygon" else [0]) > 0
+    mask = shadow_mask(lines, g)
+    v, u = np.mgrid[: g.height, : g.width]
+    np.testing.assert_array_equal(mask, shapely.contains_xy(expected, u, v))
+
+
+def test_holds_for_open_and_inverted_meshes_too() -> None:
+    g = view_geometry(PlainView(), 200, 200)
+    vertices, faces = tube(tangle(120, 7), 4.0, 10)
+    faces = faces[np.random.default_rng(0).random(len(faces)) < 0.6]
+    faces[::3] = faces[::3, ::-1]
+    exact, expected = (
+        shadow_polygon(shadow_lines(vertices, faces, g)),
+        brute_force(vertices, faces, g),
+    )
+    assert exact.symmetric_difference(expected).area < 1e-6 * expected.area
+
+
+def test_a_ring_has_the_area_of_its_cone_section() -> None:
+    g = view_geometry(PlainView(), 1800, 1800)  # 10 px per mm
+    vertices, faces = tube(circle(720, 30.0), 5.0, 256)
+    shadow = shadow_polygon(shadow_lines(vertices, faces, g))
+    # outlines: rays that touch the circle of radius 5 about (30, 0) in a plane through the axis
+    slope = np.arctan2(30, 500) + np.array([1, -1]) * np.arcsin(5 / np.hypot(30, 500))
+    outer, inner = 6000 * np.tan(slope)
+    assert shadow.area == pytest.approx(np.pi * (outer**2 - inner**2), rel=3e-4)
+    assert len(shadow.interiors) == 1
+
+
+def test_matter_behind_the_wall_casts_none() -> None:
+    g = view_geometry(PlainView(wall_distance_mm=0.0, light_distance_mm=600.0), 400, 400)
+    vertices, faces = tube(circle(200, 40.0), 4.0, 32)
+    behind = vertices - np.array([0, 0, 4.0])  # touches the plane from behind
+    assert not shadow_mask(shadow_lines(behind, faces, g), g).any()
+    half = shadow_polygon(shadow_lines(vertices, faces, g))  # cut through the middle
+    scale = 400 / 180
+    # what is left of the ring: its section at the plane, a little enlarged where it is nearer
+    assert half.area == pytest.approx(np.pi * (44**2 - 36**2) * scale**2, rel=5e-3)
+    front = shadow_polygon(shadow_lines(vertices + np.array([0, 0, 4.0]), faces, g))
+    assert front.area > half.area
+
+
+def test_a_part_that_reaches_the_light_is_refused() -> None:
+    g = view_geometry(PlainView(light_distance_mm=30.0), 64, 64)
+    vertices, faces = tube(tangle(100, 1), 3.0, 8)
+    with pytest.raises(ShadowError):
+        shadow_lines(vertices, faces, g)

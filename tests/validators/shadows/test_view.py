@@ -1,0 +1,77 @@
+"""The validators' own view geometry: projected points of known place, tilted and turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from validator_parts import PlainView
+
+from knotfab_validators.shadows.frame import working_frame
+from knotfab_validators.shadows.view import view_geometry
+
+
+def test_an_upright_wall_by_hand() -> None:
+    g = view_geometry(PlainView(), 360, 360)
+    # 600 mm from light to wall: a point at the origin is enlarged 600 / 500 times, 2 px per mm
+    pixels, w = g.project(np.array([[0.0, 0, 0], [10.0, 0, 0], [0, 10.0, 0], [10.0, 10.0, -100.0]]))
+    np.testing.assert_allclose(
+        pixels, [[179.5, 179.5], [203.5, 179.5], [179.5, 155.5], [199.5, 159.5]], atol=1e-9
+    )
+    np.testing.assert_allclose(w, [500 / 600] * 3 + [1.0])
+    np.testing.assert_allclose(g.receiver, [0, 0, 1, 100], atol=1e-12)
+
+
+def test_azimuth_ninety_puts_the_light_at_plus_x() -> None:
+    g = view_geometry(PlainView(azimuth_deg=90.0), 100, 100)
+    np.testing.assert_allclose(g.light, [500, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(g.receiver, [1, 0, 0, 100], atol=1e-9)
+    pixels, _ = g.project(np.array([[0.0, 0, -10.0]]))  # -z is on the right of who looks from +x
+    assert pixels[0, 0] > 49.5
+
+
+@pytest.mark.parametrize("tilt", [-40.0, 30.0])
+@pytest.mark.parametrize("azimuth", [0.0, 70.0])
+def test_a_tilted_wall_by_following_the_ray(tilt: float, azimuth: float) -> None:
+    view = PlainView(wall_tilt_deg=tilt, azimuth_deg=azimuth, frame_height_mm=120.0)
+    g = view_geometry(view, 300, 200)
+    a, t = np.radians(azimuth), np.radians(tilt)
+    turn = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+    light, centre = turn @ [0, 0, 500.0], turn @ [0, 0, -100.0]
+    up = turn @ [0, np.cos(t), np.sin(t)]  # the top edge leans towards the light
+    right = turn @ [1.0, 0, 0]
+    normal = np.cross(right, up)
+    points = np.random.default_rng(3).uniform(-60, 60, (40, 3))
+    pixels, w = g.project(points)
+    ray = points - light
+    reach = (centre - light) @ normal / (ray @ normal)
+    hit = light + reach[:, None] * ray - centre
+    expected = np.column_stack([hit @ right / 180 * 300 + 149.5, -(hit @ up) / 120 * 200 + 99.5])
+    np.testing.assert_allclose(pixels, expected, atol=1e-8)
+    np.testing.assert_allclose(w, 1 / reach)
+    np.testing.assert_allclose(g.receiver[:3], normal, atol=1e-12)
+    np.testing.assert_allclose(g.receiver[:3] @ centre + g.receiver[3], 0, atol=1e-9)
+    assert g.receiver[:3] @ light + g.receiver[3] > 0
+    np.testing.assert_allclose(g.axis, turn @ [0, 0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(g.project(g.on_receiver(pixels))[0], pixels, atol=1e-8)
+
+
+def test_part_coordinates_and_resampling_show_the_same_picture() -> None:
+    g = view_geometry(PlainView(wall_tilt_deg=20.0, azimuth_deg=35.0), 50, 80)
+    rng = np.random.default_rng(4)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, rng.normal(size=3) * 50
+    part = rng.uniform(-50, 50, (20, 3))
+    scene = part @ rotation.T + pose[:3, 3]
+    seen, w = g.project(scene)
+    own = g.in_part(pose)
+    np.testing.assert_allclose(own.project(part)[0], seen, atol=1e-8)
+    np.testing.assert_allclose(own.projection, g.projection @ pose, atol=1e-8)
+    np.testing.assert_allclose(own.receiver, g.receiver @ pose, atol=1e-8)
+    frame = working_frame(50, 80)
+    fine, w_fine = g.resampled(frame).project(scene)
+    expected_u = (seen[:, 0] + 0.5) * frame.width / 50 - 0.5 + frame.pad_x
+    expected_v = (seen[:, 1] + 0.5) * frame.height / 80 - 0.5 + frame.pad_y
+    np.testing.assert_allclose(fine, np.column_stack([expected_u, expected_v]), atol=1e-7)
+    np.testing.assert_allclose(w_fine, w)

@@ -1,0 +1,161 @@
+"""The driver on written files: right ones pass, and each wrong one fails the check that it must."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+from validator_parts import Array, PlainView, trefoil, tube
+
+from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
+from knotfab_validators.shadows.render import why_no_rendering
+from knotfab_validators.shadows.view import view_geometry
+from knotfab_validators.validate import validate
+from knotfab_validators.verdict import Verdict
+
+needs_rendering = pytest.mark.skipif(why_no_rendering() is not None, reason="no rendering here")
+PIXELS = (900, 780)
+VIEW = PlainView(frame_width_mm=150.0, frame_height_mm=130.0, wall_tilt_deg=15.0, azimuth_deg=30.0)
+RADIUS = 3.0
+POSE = np.array([[0.0, 1, 0, -70], [0, 0, 1, -60], [1, 0, 0, -65], [0, 0, 0, 1]])
+
+
+def write_stl(path: Path, vertices: Array, faces: Array) -> None:
+    corners = vertices[faces].astype("<f4")
+    record = np.zeros(len(faces), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    record["v"] = corners
+    head = bytes(80) + np.array(len(faces), dtype="<u4").tobytes()
+    path.write_bytes(head + record.tobytes())
+
+
+def to_part(points: Array) -> Array:
+    return (points - POSE[:3, 3]) @ POSE[:3, :3]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A part, its knots, its scene, and as its picture the shadow that it casts."""
+    curve = trefoil(400, 16.0)
+    vertices, faces = tube(curve, RADIUS, 64)
+    write_stl(tmp_path / "part.stl", to_part(vertices), faces)
+    knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
+    (tmp_path / "knots.json").write_text(
+        json.dumps({"schema": 1, "unit": "mm", "radius_mm": RADIUS, "knots": knots})
+    )
+    geometry = view_geometry(VIEW, *PIXELS)
+    shadow = shadow_mask(shadow_lines(vertices, faces, geometry), geometry)
+    Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(tmp_path / "front.png")
+    (tmp_path / "scene.toml").write_text(
+        "schema = 1\n[piece]\ntube_radius_mm = 3.0\nclearance_mm = 0.4\n"
+        "[material]\nmin_bend_radius_mm = 3.2\n"
+        '[[views]]\nname = "front"\npicture = "front.png"\n'
+        "frame_width_mm = 150.0\nframe_height_mm = 130.0\n"
+        "wall_tilt_deg = 15.0\nazimuth_deg = 30.0\n"
+        '[accuracy]\nname = "standard"\niou_floor = 0.96\nmax_outline_error_px = 0.5\n'
+        f"[pose]\nmatrix = {POSE.tolist()}\n"
+    )
+    return tmp_path
+
+
+def run(folder: Path, **options: object) -> Verdict:
+    return validate(
+        folder / "part.stl",
+        folder / "knots.json",
+        folder / "scene.toml",
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def status(verdict: Verdict) -> dict[str, str]:
+    return {check.name: check.status for check in verdict.checks}
+
+
+@needs_rendering
+def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path) -> None:
+    verdict = run(folder, pictures_dir=folder)
+    assert {c.name: c.detail for c in verdict.checks if c.status != "pass"} == {}
+    assert verdict.status == "pass" and verdict.exit_code == 0
+    (view,) = verdict.views
+    assert view["iou"] > 0.97 and view["iou"] == view["iou_tube"]
+    assert view["precision"] > 0.97 and view["recall"] > 0.97
+    assert 0 < view["outline_error_px"] < 0.5
+    pixel_mm = view["outline_error_mm"] / view["outline_error_px"]
+    assert pixel_mm == pytest.approx(150 / 1024, rel=1e-3)
+    assert (view["width"], view["height"]) == PIXELS
+    assert set(view["legibility"]) == {"15", "30", "45", "60"}
+    json.dumps(verdict.to_dict(), allow_nan=False)
+    seen = read_silhouette(folder / "shadow-front.png")
+    assert seen.shape == (round(1024 * 780 / 900), 1024)
+    assert (folder / "compare-front.png").exists()
+
+
+def test_the_reported_projection_is_of_part_coordinates(folder: Path) -> None:
+    (view,) = run(folder, skip=["shadow-render"]).views
+    scene = np.random.default_rng(0).uniform(-40, 40, (30, 3))
+    expected, w = view_geometry(VIEW, *PIXELS).project(scene)
+    h = np.column_stack([to_part(scene), np.ones(30)]) @ np.array(view["projection"]).T
+    np.testing.assert_allclose(h[:, :2] / h[:, 2:], expected, atol=1e-7)
+    np.testing.assert_allclose(h[:, 2], w)
+    plane = np.array(view["receiver"])
+    assert np.linalg.norm(plane[:3]) == pytest.approx(1.0)
+    assert (to_part(scene) @ plane[:3] + plane[3] > 0).all()
+
+
+def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
+    knots = json.loads((folder / "knots.json").read_text())
+    shift = 150 / 1024 * 500 / 600  # scene y is part z
+    for knot in knots["knots"]:
+        knot["points"] = (np.array(knot["points"]) + np.array([0, 0, shift])).tolist()
+    (folder / "knots.json").write_text(json.dumps(knots))
+    verdict = run(folder, skip=["shadow-render"])
+    assert status(verdict)["outline"] == "fail" and status(verdict)["shadow"] == "pass"
+    assert verdict.exit_code == 1
+    measured = next(c.measured for c in verdict.checks if c.name == "outline")
+    assert measured == pytest.approx(1.0, abs=0.15)
+
+
+def test_another_picture_fails_the_shadow(folder: Path) -> None:
+    with Image.open(folder / "front.png") as image:
+        mask = np.asarray(image) == 0
+    grown = ndimage.binary_dilation(mask, iterations=6)
+    Image.fromarray(np.where(grown, 0, 255).astype(np.uint8)).save(folder / "front.png")
+    verdict = run(folder, skip=["shadow-render"])
+    assert status(verdict)["shadow"] == "fail" and status(verdict)["outline"] == "pass"
+    assert verdict.status == "fail" and verdict.exit_code == 1
+    assert verdict.views[0]["precision"] > 0.97 > verdict.views[0]["recall"]
+
+
+def test_a_turned_pose_fails_the_shadow(folder: Path) -> None:
+    scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(scene.replace("azimuth_deg = 30.0", "azimuth_deg = 33.0"))
+    assert status(run(folder, skip=["shadow-render"]))["shadow"] == "fail"
+
+
+def test_where_nothing_renders_it_says_so_with_exit_code_3(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
+    verdict = run(folder)
+    assert verdict.exit_code == 3 and verdict.status == "fail"
+    (check,) = (c for c in verdict.checks if c.name == "shadow")
+    assert check.status == "skipped" and "apt-get install libegl1 libgl1" in check.detail
+    alone = run(folder, skip=["shadow-render"])
+    assert alone.exit_code == 0 and status(alone)["shadow"] == "pass"
+    assert alone.views[0]["legibility"] == {}
+
+
+@needs_rendering
+def test_rendering_and_polygons_give_the_same_numbers(folder: Path) -> None:
+    (rendered,), (exact,) = run(folder).views, run(folder, skip=["shadow-render"]).views
+    for key in ("iou", "precision", "recall"):
+        assert rendered[key] == pytest.approx(exact[key], abs=2e-4)
+
+
+def test_a_check_may_be_left_out_by_name(folder: Path) -> None:
+    verdict = run(folder, skip=["shadow-render", "outline"])
+    assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0

@@ -1,0 +1,28 @@
+"""The distance of the nearest bodies, against all pairs of triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
+from knotfab_validators.tube.body_distance import nearest_bodies
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_distance_of_bodies_against_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    soups = [rng.normal(size=(12, 3)) * [1, 2, 0.3] + [3 * k, k % 2, 0] for k in range(4)]
+    faces = [np.array([[i, i + 1, i + 2] for i in range(10)]) + 12 * k for k in range(4)]
+    mesh = Mesh(np.concatenate(soups), np.concatenate(faces))
+    least = np.inf
+    for a in range(4):
+        for b in range(a):
+            one = np.repeat(mesh.vertices[faces[a]], 10, axis=0)
+            other = np.tile(mesh.vertices[faces[b]], (10, 1, 1))
+            distance = triangle_triangle(one, other)[0]
+            least = min(least, float(np.where(triangles_cross(one, other), 0.0, distance).min()))
+    found = nearest_bodies(mesh)
+    assert not isinstance(found, str)
+    assert found[0] == pytest.approx(least, abs=1e-9)

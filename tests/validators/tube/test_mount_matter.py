@@ -1,0 +1,134 @@
+"""With a stand the outline is the tube's: its own shadow is no fault, a wrong tube's still is."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import manifold3d
+import numpy as np
+import pytest
+from test_mount_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
+
+from knotfab.geometry.tube import sweep
+from knotfab.knots import Knot, Knots
+from knotfab.mount.stand import StandSettings, plan_stand
+from knotfab.mount.stand_solids import stand_bodies
+from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
+from knotfab_validators.shadows.view import view_geometry
+from knotfab_validators.tube.mount_matter import tube_vertices
+
+CURVE = ONE.knots[0].points
+GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]
+Body = tuple[np.ndarray, np.ndarray]
+
+
+def moved_outwards(by_mm: float) -> np.ndarray:
+    """The ring with its right side pushed out."""
+    t = np.arctan2(CURVE[:, 1], CURVE[:, 0])
+    bump = by_mm * np.exp(-((t / 0.3) ** 2))
+    out = CURVE / np.hypot(CURVE[:, 0], CURVE[:, 1])[:, None] * [1, 1, 0]
+    return np.asarray(CURVE + bump[:, None] * out)
+
+
+@cache
+def on_a_stand(by_mm: float = 0.0) -> Body:
+    own = Knots((Knot(moved_outwards(by_mm)),), RADIUS)
+    mount = plan_stand(own, [camera()], [EMPTY], 0.4, PLA, StandSettings(4.0, 10.0, 0.8))
+    return stand_bodies([sweep(own.knots[0].points, RADIUS, 96)], mount)[0]
+
+
+def verified(body: Body, *, stand: bool = True) -> VerifiedView:
+    """Against the ring as it should be; the picture is the ring's own shadow."""
+    vertices, faces = body
+    bare = sweep(CURVE, RADIUS, 96)
+    picture = verify_view(bare[0], bare[1].astype(np.int64), EMPTY | True, GEOMETRY)
+    target = picture.exact[picture.frame.pad_y : -picture.frame.pad_y]
+    target = target[:, picture.frame.pad_x : -picture.frame.pad_x]
+    fine = view_geometry(VIEW, 1024, 1024)  # type: ignore[arg-type]
+    return verify_view(
+        vertices,
+        faces.astype(np.int64),
+        target,
+        fine,
+        polygons=[CURVE],
+        radius=RADIUS,
+        mounted=True,
+        stand=stand,
+    )
+
+
+def outline(view: VerifiedView) -> float:
+    assert view.outline_px is not None
+    return view.outline_px
+
+
+def test_the_stand_is_no_fault_of_the_outline() -> None:
+    view = verified(on_a_stand())
+    assert outline(view) < 0.5
+    assert outline(verified(on_a_stand(), stand=False)) > 20  # the base, far below
+    # what it darkens below the frame does not count, what it darkens inside does
+    assert view.whole.iou < view.framed.iou < view.judged.iou and view.intrusion is not None
+    own = float(view.target.sum())
+    assert view.judged.iou == pytest.approx(1.0, abs=2e-3)
+    assert view.framed.iou == pytest.approx(own / (own + view.intrusion * 1024**2), rel=1e-3)
+
+
+@pytest.mark.parametrize("by_mm", [0.3, -0.3, 1.5])
+def test_a_displaced_tube_is_found(by_mm: float) -> None:
+    """Its shadow moves by 1.2 / 0.176 pixels a millimetre."""
+    view = verified(on_a_stand(by_mm))
+    assert outline(view) == pytest.approx(abs(by_mm) * 1.2 * 1024 / 180, rel=0.1)
+    assert view.outline is not None
+    if abs(by_mm) < 1:
+        # seen on both its sides, so that neither a post nor another strand could hide it
+        assert view.outline.spill_mm == pytest.approx(view.outline.missing_mm, rel=0.15)
+    else:
+        # a post stands on that place: what sticks out might be its; what lacks is not
+        assert view.outline.missing_mm > view.outline.spill_mm
+
+
+def test_a_missing_part_is_found() -> None:
+    whole = on_a_stand()
+    mesh = manifold3d.Mesh64(whole[0], whole[1].astype(np.uint64))
+    hole = manifold3d.Manifold.cube((8, 8, 60), True).translate((50, 0, 0))
+    cut = (manifold3d.Manifold(mesh) - hole).to_mesh64()
+    view = verified((np.array(cut.vert_properties[:, :3]), np.array(cut.tri_verts)))
+    assert view.outline is not None and outline(view) > 5
+    assert view.outline.missing_mm > view.outline.spill_mm
+
+
+def test_the_floor_is_asked_of_the_tube() -> None:
+    view = verified(on_a_stand())
+
+    def status(floor: float) -> str:
+        found = shadow_checks(
+            {"front": view},
+            on_a_stand()[0],
+            iou_floor=floor,
+            max_outline_px=0.5,
+            no_rendering="left out",
+            polygons_decide=True,
+            mount="stand",
+        )
+        return {c.name: c.status for c in found}["shadow"]
+
+    assert status(view.judged.iou) == "pass"
+    assert status(view.judged.iou + 1e-9) == "fail"
+
+
+def test_what_leads_away_is_the_mount_and_what_swells_is_not() -> None:
+    """A square column on a tube, a wart, and the edges at which a column counts."""
+    line = np.column_stack([np.linspace(0, 40, 41), np.zeros(41), np.zeros(41)])
+    curve = np.concatenate([line, line[::-1] + [0.0, 200.0, 0.0]])
+    on = np.array([[10.0, 0, 1.0], [12.0, 0, 1.0], [11.0, 0.0, 1.0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]])
+    for height, is_tube in ((1.05, True), (1.5, True), (1.99, True), (2.01, False), (9.0, False)):
+        vertices = np.vstack([on, [[11.0, 0.0, height]]])
+        found = tube_vertices(vertices, faces, [curve], 1.0)
+        assert found[:3].all() and found[3] == is_tube
+    # joined to what leads away, a vertex near the tube is the mount's too; unless it is on the tube
+    for middle, is_tube in ((1.061, False), (1.059, True)):
+        vertices = np.vstack([on, [[11.0, 0.0, middle]], [[11.0, 0.0, 5.0]], [[11.5, 0.0, 5.0]]])
+        longer = np.vstack([faces, [[3, 4, 5]]])
+        assert tube_vertices(vertices, longer, [curve], 1.0)[3] == is_tube

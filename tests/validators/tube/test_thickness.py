@@ -1,0 +1,241 @@
+"""Polygonal thickness against exact values, against a plain oracle, and against the limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from thickness_oracle import enumerate_chords
+
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.tube.critical_chords import shortest_critical_chord
+from knotfab_validators.tube.thickness import (
+    Thickness,
+    check_bend,
+    check_length,
+    check_thickness,
+    thickness,
+)
+
+Array = NDArray[np.float64]
+
+
+def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
+    angle = 2 * np.pi * np.arange(n) / n
+    points = np.zeros((n, 3))
+    points[:, axes[0]], points[:, axes[1]] = radius * np.cos(angle), radius * np.sin(angle)
+    return points
+
+
+def turned(points: Array, seed: int = 0) -> Array:
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return points @ q.T + rng.normal(size=3) * 30
+
+
+def shifted(points: Array, x: float, y: float, z: float) -> Array:
+    return points + np.array([x, y, z])
+
+
+def curves(*polygons: Array) -> Curves:
+    n = len(polygons)
+    return Curves(polygons, ("unknot",) * n, (True,) * n, 1.0)
+
+
+def stadium(straight: float, radius: float, n: int) -> Array:
+    """Two half circles of n edges, joined by one long edge each."""
+    angle = np.pi * np.arange(n + 1) / n - np.pi / 2
+    half = radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    shift = np.array([straight / 2, 0, 0])
+    return np.concatenate([half + shift, -half - shift])
+
+
+def dcsd(*polygons: Array, closed: bool = True) -> float:
+    """Half the shortest doubly critical chord, also where a bend decides."""
+    chord = shortest_critical_chord(polygons, [closed] * len(polygons))
+    assert chord is not None
+    return chord.length / 2
+
+
+# --- values that are known ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 8, 31, 64, 501, 1000])
+def test_regular_polygons(n: int) -> None:
+    polygon = turned(ngon(n, 10.0), n)
+    found = thickness([polygon])
+    flat = 10 * np.cos(np.pi / n)
+    assert found.min_rad == pytest.approx(flat, rel=1e-9)
+    # even: from edge to edge; odd: from a vertex to the middle of the edge across
+    half = flat if n % 2 == 0 else (10 + flat) / 2
+    assert dcsd(polygon) == pytest.approx(half, rel=1e-9)
+    assert found.value == pytest.approx(flat, rel=1e-9)
+
+
+def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
+    square = thickness([np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])])
+    assert (square.value, square.min_rad) == pytest.approx((1, 1), rel=1e-12)
+    slit = turned(np.array([[0.0, 0, 0], [50, 0, 0], [50, 2, 0], [0, 2, 0]]))
+    assert dcsd(slit) == pytest.approx(1, rel=1e-9)
+    assert thickness([slit]).value == pytest.approx(1, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [4, 8, 12])
+def test_hopf_link_of_regular_polygons(n: int) -> None:
+    a = ngon(n, 2.0)
+    b = shifted(ngon(n, 2.0, (0, 2)), 2.0, 0, 0)
+    found = thickness([turned(a), turned(b)])
+    expected = enumerate_chords([a, b], [True, True])
+    assert found.min_rad == pytest.approx(expected.min_rad, rel=1e-9)
+    assert dcsd(turned(a), turned(b)) == pytest.approx(expected.half_dcsd, rel=1e-9)
+
+
+def test_hopf_link_of_round_polygons_is_half_a_radius_thick() -> None:
+    found = thickness([turned(ngon(400, 2.0)), turned(shifted(ngon(400, 2.0, (0, 2)), 2.0, 0, 0))])
+    assert found.value == pytest.approx(1.0, abs=1e-4)
+    assert found.dcsd_at is not None and found.dcsd_at[0][0] != found.dcsd_at[1][0]
+
+
+def test_parallel_strands_at_an_exact_gap() -> None:
+    x = np.linspace(0, 100, 201)
+    rest = np.column_stack([[100.0, 0], [-60.0, -60.0], [0.0, 0]])
+    one = np.concatenate([np.column_stack([x, 0 * x, 0 * x]), rest])
+    other = one * [1, -1, 1] + [0.17, 3.0, 0]  # shifted along: no vertices face each other
+    found = thickness([turned(one), turned(other)])
+    assert found.min_rad < 1.5 and found.half_dcsd is None  # the ends are sharper
+    assert dcsd(turned(one), turned(other)) == pytest.approx(1.5, rel=1e-9)
+    chord = shortest_critical_chord([one, other], [True, True])
+    assert chord is not None
+    assert {end[0] for end in chord.ends} == {0, 1}
+
+
+@pytest.mark.parametrize("n", [8, 9, 50])
+def test_stadium(n: int) -> None:
+    track = turned(stadium(40.0, 3.0, n))
+    found = thickness([track])
+    corner = 2 * 3 * np.sin(np.pi / n / 2)  # edge; at the joins it turns by half the angle
+    assert found.min_rad == pytest.approx(corner / (2 * np.tan(np.pi / n / 2)), rel=1e-9)
+    assert dcsd(track) == pytest.approx(3.0, rel=1e-9)
+
+
+def test_where_it_is() -> None:
+    x = np.linspace(0, 100, 101)
+    strand = np.column_stack([x, 0 * x, 0 * x])
+    across = strand[:, [1, 0, 2]] + [30.25, -50, 4]
+    found = thickness([strand, across], [False, False])
+    assert found.value == pytest.approx(2.0)
+    assert not found.bend_decides
+    assert found.point == pytest.approx((30.25, 0, 2))
+    assert found.dcsd_at is not None
+    one, other = sorted(found.dcsd_at)
+    assert one == pytest.approx((0, 30, 0.25)) and other[0] == 1
+    assert other[1] + other[2] == pytest.approx(50)
+
+
+def test_open_ends() -> None:
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    straight = thickness([line], [False])
+    assert straight.value == np.inf and straight.dcsd_at is None and straight.min_rad_at is None
+    facing = thickness([line, shifted(line, 5, 0, 0)], [False, False])  # end to end, 3 apart
+    assert facing.half_dcsd == pytest.approx(1.5)
+    aside = thickness([line, shifted(line, 0, 3, 0)], [False, False])
+    assert aside.half_dcsd == pytest.approx(1.5)
+    hook = np.array([[0.0, 0, 0], [10, 0, 0], [10, 6, 0], [5, 6, 0]])  # its end above an edge
+    assert dcsd(hook, closed=False) == pytest.approx(3.0)
+
+
+def test_degenerate_polygons_have_no_thickness() -> None:
+    crossing = np.array([[0.0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 2, 0]])
+    assert thickness([crossing]).value == pytest.approx(0, abs=1e-12)
+    back = np.array([[0.0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 2, 0]])
+    assert thickness([back]).value == pytest.approx(0, abs=1e-12)
+    twice = np.array([[0.0, 0, 0], [2, 0, 0], [2, 0, 0], [1, 2, 0]])
+    assert thickness([twice]).value == 0
+    with pytest.raises(ValueError, match="finite"):
+        thickness([np.full((4, 3), np.nan)])
+    with pytest.raises(ValueError, match="no polygon"):
+        thickness([])
+
+
+def test_scales_and_does_not_depend_on_where_the_polygon_starts() -> None:
+    rng = np.random.default_rng(5)
+    s = 2 * np.pi * np.arange(400) / 400
+    p = np.column_stack([(3 + np.cos(3 * s)) * np.cos(2 * s), (3 + np.cos(3 * s)) * np.sin(2 * s)])
+    trefoil = np.column_stack([p, np.sin(3 * s)])
+    value = thickness([trefoil]).value
+    for _ in range(3):
+        shift = int(rng.integers(400))
+        other = thickness([7 * np.roll(trefoil, shift, axis=0)[::-1]])
+        assert other.value == pytest.approx(7 * value, rel=1e-9)
+
+
+def test_a_long_tangle_of_many_vertices() -> None:
+    """Ten thousand vertices on a torus curve: strands at a distance that a formula gives."""
+    n, turns = 10_000, 40
+    s = 2 * np.pi * np.arange(n) / n
+    p = 50 + 20 * np.cos(turns * s)
+    curve = np.column_stack([p * np.cos(s), p * np.sin(s), 20 * np.sin(turns * s)])
+    found: Thickness = thickness([curve])
+    # at the inner equator neighbours are about 30 * 2 pi / 40 apart, less for their slope
+    assert found.half_dcsd is not None
+    assert 0.9 * 30 * np.pi / turns < found.half_dcsd < 30 * np.pi / turns
+    assert dcsd(ngon(n, 10.0)) == pytest.approx(10 * np.cos(np.pi / n), rel=1e-9)
+
+
+# --- the checks, and what they must reject --------------------------------------------------
+
+
+def test_check_thickness_rejects_strands_at_0_999_diameters() -> None:
+    radius = 2.0
+    one = stadium(60.0, 20.0, 60)
+    near, far = (shifted(one, 0, 0, f * 2 * radius) for f in (0.999, 1.001))
+    bad = check_thickness(curves(one, near), radius)
+    assert bad.status == "fail" and bad.name == "thickness" and bad.unit == "mm"
+    assert bad.measured == pytest.approx(0.999 * radius, rel=1e-9)
+    assert "strands" in bad.detail and "knot 0 vertex" in bad.detail
+    assert "knot 1 vertex" in bad.detail and bad.detail.count("mm") == 2  # both places
+    assert bad.at[0][2] == pytest.approx(0.999 * radius)
+    good = check_thickness(curves(one, far), radius)
+    assert good.status == "pass" and good.limit == radius
+
+
+def test_thickness_exactly_at_its_limit() -> None:
+    """Squares of corners that doubles hold exactly: thickness 1 by their bends, 0.75 by a gap."""
+    square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    for at_limit in (curves(square), curves(square, shifted(square, 0, 0, 1.5))):
+        value = 0.75 if len(at_limit.polygons) == 2 else 1.0
+        found = check_thickness(at_limit, value)
+        assert found.status == "pass" and found.measured == value
+        assert check_thickness(at_limit, value * (1 + 1e-11)).status == "fail"
+        assert check_thickness(at_limit, value * (1 + 1e-13)).status == "pass"  # rounding
+        assert check_thickness(at_limit, None).status == "pass"
+    bend = check_bend(curves(square), 1.0)
+    assert bend.status == "pass" and bend.measured == 1.0
+    assert check_bend(curves(square), 1 + 1e-11).status == "fail"
+    assert check_bend(curves(square), 1 + 1e-13).status == "pass"
+    assert bend.at[0] in {(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 2.0, 0.0), (0.0, 2.0, 0.0)}
+
+
+def test_check_bend_rejects_a_bend_at_0_99_of_the_limit() -> None:
+    for factor, status in ((0.99, "fail"), (1.01, "pass")):
+        ring = ngon(200, factor * 5.0 / np.cos(np.pi / 200))
+        found = check_bend(curves(ngon(100, 40.0, (1, 2)), ring), 5.0)
+        assert found.status == status and found.name == "bend" and found.limit == 5.0
+        assert found.measured == pytest.approx(factor * 5.0, rel=1e-9)
+        assert "knot 1 vertex" in found.detail
+        assert np.linalg.norm(found.at[0]) == pytest.approx(5 * factor, rel=1e-3)
+    flat = check_thickness(curves(ngon(200, 4.9)), 5.0)
+    assert flat.status == "fail" and "bend" in flat.detail and len(flat.at) == 1
+
+
+def test_check_length() -> None:
+    square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    both = curves(square, shifted(3 * square, 0, 0, 5))
+    good = check_length(both, 32.0)
+    assert good.status == "pass" and good.limit == 32.0 and good.unit == "mm"
+    assert check_length(both, 32.0 * (1 - 1e-13)).status == "pass"
+    short = check_length(both, 32.0 * (1 - 1e-11))
+    assert short.status == "fail" and short.measured == pytest.approx(32.0)
+    assert short.at == ((0.0, 0.0, 5.0),) and "longest is knot 1" in short.detail
+    alone = Curves((square,), ("unknot",), (False,), 1.0)
+    assert check_length(alone, None).measured == pytest.approx(6.0)

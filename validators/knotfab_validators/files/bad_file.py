@@ -1,0 +1,53 @@
+"""What every reader shares: the one error that files are refused with, and limits on what they may hold."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+__all__ = ["MOST_MM", "MOST_TRIANGLES", "BadFile", "read_bytes", "short"]
+
+MOST_TRIANGLES = 20_000_000
+"""Of one file: more would not fit the memory of the machines that the checks are meant for."""
+
+MOST_MM = 1e7
+"""Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""
+
+MOST_SHOWN = 80  # characters of what a file says, in a sentence about it
+
+
+class BadFile(ValueError):
+    """A file that cannot be read; the message is one sentence that names it."""
+
+
+def short(thing: object) -> str:
+    """What a file says, as it is shown in a sentence: on one line, and cut where it is long."""
+    try:
+        text = thing if isinstance(thing, str) else str(thing)
+    except (ValueError, RecursionError):  # a number of thousands of digits; lists in lists
+        return "something too long to be shown"
+    shown = text[: MOST_SHOWN + 1]
+    shown = "".join(c if c.isprintable() else "?" for c in shown)
+    return shown if len(text) <= MOST_SHOWN else shown[:MOST_SHOWN] + "..."
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The content of a regular file of at most `most` bytes; anything else would hang or never end.
+
+    Raises:
+        BadFile: it is a folder, a device or a pipe, is too large, or cannot be read.
+    """
+    try:
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise BadFile(f"{path.name}: is a folder, not a file")
+        if not stat.S_ISREG(about.st_mode):
+            raise BadFile(f"{path.name}: is not a plain file")
+        if about.st_size > most:
+            raise BadFile(f"{path.name}: is larger than {most / 1e6:.6g} MB")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        if isinstance(error, BadFile):
+            raise
+        why = getattr(error, "strerror", None) or error
+        raise BadFile(f"{path.name}: cannot be read ({why})") from error

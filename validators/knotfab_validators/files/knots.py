@@ -1,0 +1,123 @@
+"""Read knots.json: centre lines as polygons, checked before anything is measured on them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.files.bad_file import MOST_MM, BadFile, read_bytes, short
+
+__all__ = ["parse_knots", "read_knots"]
+
+from knotfab_validators.geometry.curves import Curves, edges_of
+
+MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
+MOST_KNOTS = 1000
+
+
+def read_knots(path: Path) -> Curves:
+    """The curves of a knots.json of schema 1.
+
+    Raises:
+        BadFile: the file cannot be read, or is not such a file: the message names the knot and the
+            point.
+    """
+    content = read_bytes(path, MOST_BYTES)
+    try:
+        data = json.loads(content.decode("utf-8"), object_pairs_hook=_require_once)
+    except UnicodeDecodeError as error:
+        raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
+    except _RepeatedKey as error:
+        raise BadFile(f"{path.name}: {error}") from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise BadFile(f"{path.name}: is not JSON ({short(error)})") from error
+    return parse_knots(data, path.name)
+
+
+def parse_knots(data: Any, name: str = "knots.json") -> Curves:
+    """The curves in the parsed content of a knots.json; raises BadFile as `read_knots` does."""
+    if not isinstance(data, dict):
+        raise BadFile(f"{name}: must hold an object with the keys schema, radius_mm and knots")
+    if data.get("schema") != 1:
+        raise BadFile(f"{name}: schema is {short(data.get('schema'))}, only 1 is known")
+    if data.get("unit", "mm") != "mm":
+        raise BadFile(f"{name}: unit is {short(data['unit'])}, it must be 'mm'")
+    knots = data.get("knots")
+    if not isinstance(knots, list) or not knots:
+        raise BadFile(f"{name}: knots must be a list of at least one knot")
+    if len(knots) > MOST_KNOTS:
+        raise BadFile(f"{name}: has {len(knots)} knots, more than {MOST_KNOTS}")
+    return Curves(
+        polygons=tuple(_polygon(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
+        types=tuple(_type(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
+        closed=tuple(knot.get("closed", True) for knot in knots),
+        radius_mm=_radius(data.get("radius_mm"), name),
+    )
+
+
+class _RepeatedKey(ValueError):
+    """A key that is given twice: readers do not agree on which of the two counts."""
+
+
+def _require_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _RepeatedKey(f"has the key {short(twice)} twice")
+    return found
+
+
+def _polygon(knot: Any, where: str) -> Array:
+    if not isinstance(knot, dict) or "points" not in knot:
+        raise BadFile(f"{where} has no points")
+    closed = knot.get("closed", True)
+    if not isinstance(closed, bool):
+        raise BadFile(f"{where}: closed must be true or false, got {short(closed)}")
+    try:
+        raw = np.array(knot["points"])
+        points = raw.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadFile(f"{where}: points must be a list of [x, y, z]") from error
+    # texts and truth values look like numbers to numpy, the latter also among numbers
+    if raw.dtype.kind not in "iuf" or (raw.ndim == 2 and _has_booleans(knot["points"])):
+        raise BadFile(f"{where}: points must be a list of [x, y, z], of numbers")
+    least = 3 if closed else 2
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
+        raise BadFile(f"{where}: needs at least {least} points [x, y, z], got shape {points.shape}")
+    if not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise BadFile(f"{where}: point {bad} is not finite")
+    if np.abs(points).max() > MOST_MM:
+        raise BadFile(f"{where}: has coordinates beyond {MOST_MM:g} mm")
+    edges = edges_of([points], [closed])
+    length = np.linalg.norm(edges.end - edges.start, axis=1)
+    if not length.min() > 0:
+        i = int(length.argmin())
+        why = " (the last point joins the first, it must not be repeated)" if closed else ""
+        raise BadFile(f"{where}: points {i} and {(i + 1) % len(points)} coincide{why}")
+    return points
+
+
+def _has_booleans(points: list[list[object]]) -> bool:
+    return any(value is True or value is False for point in points for value in point)
+
+
+def _type(knot: Any, where: str) -> str:
+    kind = knot.get("type", "unknot" if knot.get("closed", True) else "open")
+    if not isinstance(kind, str):
+        raise BadFile(f"{where}: type must be a word such as 'unknot' or '3_1'")
+    return kind
+
+
+def _radius(value: Any, name: str) -> float | None:
+    if value is None:
+        return None
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 < value <= MOST_MM:  # NaN is in no order
+        raise BadFile(f"{name}: radius_mm must be a number above 0, got {short(value)}")
+    return float(value)

@@ -1,0 +1,334 @@
+"""Read scene.toml as a validator sees it: the numbers that a finished part is measured against."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.files.bad_file import BadFile, read_bytes, short
+from knotfab_validators.files.region import read_region_mesh
+from knotfab_validators.files.table import Table, Vector
+from knotfab_validators.geometry.mesh import Mesh
+
+__all__ = [
+    "Accuracy",
+    "Material",
+    "Mount",
+    "Piece",
+    "Pose",
+    "Printer",
+    "Region",
+    "Scene",
+    "View",
+    "parse_scene",
+    "read_scene",
+]
+
+Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
+
+
+DEFAULT_PRINTER = "prusa-mk4"
+MOST_BYTES = 1_000_000
+MOST_DOTS = 200
+QUOTED_KEY = re.compile(r"[\"']\s*\.")
+
+
+@dataclass(frozen=True)
+class Piece:
+    """`tube_radius_mm` is None where the scene leaves it open ("auto")."""
+
+    tube_radius_mm: float | None
+    clearance_mm: float
+
+
+@dataclass(frozen=True)
+class Region:
+    """What the tube must stay inside, scene coordinates; `size_mm` None: left open.
+
+    Of the kind "mesh" its `surface` is closed, in mm, and yet to be moved by `center_mm`; None where
+    the scene was read without the folder that it lies in.
+    """
+
+    kind: str
+    center_mm: Vector
+    size_mm: Vector | None
+    surface: Mesh | None = None
+
+
+@dataclass(frozen=True)
+class Material:
+    """`min_bend_radius_mm` None: the tube's radius plus half the clearance."""
+
+    name: str
+    density_g_cm3: float
+    min_bend_radius_mm: float | None
+    max_length_mm: float
+    wire_diameter_mm: float = 0.0
+    tool_radius_mm: float = 0.0
+    min_straight_mm: float = 0.0
+    max_bend_deg: float = 175.0
+    springback_percent: float = 0.0
+    young_modulus_mpa: float = 2300.0
+    yield_mpa: float = 50.0
+
+
+@dataclass(frozen=True)
+class Printer:
+    """What the part must fit, and how it is printed.
+
+    `build_volume_mm` and `nozzle_mm` are None where the scene only names a printer, whose data the
+    maker keeps; `max_support_cm3` None: no limit.
+    """
+
+    name: str
+    build_volume_mm: Vector | None
+    nozzle_mm: float | None = None
+    layer_height_mm: float = 0.2
+    supports: bool = True
+    max_overhang_deg: float = 45.0
+    max_bridge_mm: float = 10.0
+    max_support_cm3: float | None = None
+
+
+@dataclass(frozen=True)
+class View:
+    """A light or an eye and its picture; a frame's side is None where the picture decides it."""
+
+    name: str
+    kind: str
+    picture: str
+    invert: bool
+    frame_width_mm: float | None
+    frame_height_mm: float | None
+    light_distance_mm: float
+    light_diameter_mm: float
+    wall_distance_mm: float
+    wall_tilt_deg: float
+    azimuth_deg: float
+    elevation_deg: float
+    frame_up_mm: float
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What the shadow must reach; `iou_floor` None: no floor is given."""
+
+    name: str
+    iou_floor: float | None
+    max_outline_error_px: float
+
+
+@dataclass(frozen=True)
+class Mount:
+    """What holds the piece; `pegs` says how many hold each knot, where the scene says it."""
+
+    kind: str
+    foot: str
+    pegs: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene; `pose` (4 x 4 rows) takes part coordinates to scene coordinates, None: absent.
+
+    `plates`: where the part is printed in several pieces, for each plate-N.3mf the motions (4 x 4
+    rows) that take its bodies to the part.
+    """
+
+    piece: Piece
+    region: Region
+    material: Material
+    printer: Printer
+    views: tuple[View, ...]
+    accuracy: Accuracy
+    mount: Mount
+    pose: Pose | None
+    plates: tuple[tuple[Pose, ...], ...] = ()
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene of a scene.toml of schema 1; keys that are absent have their documented defaults.
+
+    Raises:
+        BadFile: the file cannot be read, or a key has an impossible value.
+    """
+    try:
+        text = read_bytes(path, MOST_BYTES).decode("utf-8")
+        _require_short_keys(text, path.name)
+        data = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"{path.name}: is not TOML ({str(error)[:200]})") from error
+    return parse_scene(data, path.name, path.parent)
+
+
+def _require_short_keys(text: str, name: str) -> None:
+    """tomllib's time grows with the square of a dotted key's length, quoted or not."""
+    longest = max(part.count(".") for part in re.split(r"[,\n]", text))
+    if longest > MOST_DOTS or len(QUOTED_KEY.findall(text)) > MOST_DOTS:
+        raise BadFile(f"{name}: has a key of more than {MOST_DOTS} words")
+
+
+def parse_scene(
+    data: dict[str, Any], name: str = "scene.toml", folder: Path | None = None
+) -> Scene:
+    """The scene in the parsed content of a scene.toml; raises BadFile as `read_scene` does.
+
+    Args:
+        folder: where the mesh of a region lies; None: it is not read.
+    """
+    if data.get("schema", 1) != 1:
+        raise BadFile(f"{name}: schema is {short(data['schema'])}, only 1 is known")
+    piece = Table(data.get("piece", {}), f"{name}: [piece]")
+    region = Table(data.get("region", {}), f"{name}: [region]")
+    material = Table(data.get("material", {}), f"{name}: [material]")
+    printer = Table(data.get("printer", {}), f"{name}: [printer]")
+    accuracy = Table(data.get("accuracy", {}), f"{name}: [accuracy]")
+    views = data.get("views", [{}])
+    if not isinstance(views, list) or not views:
+        raise BadFile(f"{name}: [[views]] must name at least one view")
+    return Scene(
+        piece=Piece(
+            tube_radius_mm=piece.open_number("tube_radius_mm", None, above=0),
+            clearance_mm=piece.number("clearance_mm", 0.4, least=0),
+        ),
+        region=_region(region, folder),
+        material=Material(
+            name=material.word("name", "pla"),
+            density_g_cm3=material.number("density_g_cm3", 1.24, above=0),
+            min_bend_radius_mm=material.open_number("min_bend_radius_mm", None, least=0),
+            max_length_mm=material.number("max_length_mm", 50000.0, above=0),
+            wire_diameter_mm=material.number("wire_diameter_mm", 0.0, least=0),
+            tool_radius_mm=material.number("tool_radius_mm", 0.0, least=0),
+            min_straight_mm=material.number("min_straight_mm", 0.0, least=0),
+            max_bend_deg=material.number("max_bend_deg", 175.0, above=0, most=175),
+            springback_percent=material.number("springback_percent", 0.0, least=0),
+            young_modulus_mpa=material.number("young_modulus_mpa", 2300.0, above=0),
+            yield_mpa=material.number("yield_mpa", 50.0, above=0),
+        ),
+        printer=_printer(printer),
+        views=tuple(_view(v, f"{name}: view {i}") for i, v in enumerate(views)),
+        accuracy=Accuracy(
+            name=accuracy.word("name", "standard"),
+            iou_floor=accuracy.open_number("iou_floor", 0.96, least=0),
+            max_outline_error_px=accuracy.number("max_outline_error_px", 0.5, above=0),
+        ),
+        mount=_mount(data.get("mount", {}), f"{name}: [mount]"),
+        pose=_pose(data.get("pose"), name),
+        plates=_plates(data.get("pose"), name),
+    )
+
+
+def _region(table: Table, folder: Path | None) -> Region:
+    kind = table.word("kind", "box", ("box", "cylinder", "sphere", "mesh"))
+    if ("file" in table.data) != (kind == "mesh"):
+        raise BadFile(f"{table.where} file goes with kind mesh, and with no other kind")
+    surface = None
+    if kind == "mesh" and folder is not None:
+        surface = read_region_mesh(folder / table.word("file", ""), f"{table.where} file")
+    return Region(
+        kind=kind,
+        center_mm=table.vector("center_mm", (0.0, 0.0, 0.0)) or (0.0, 0.0, 0.0),
+        size_mm=table.vector("size_mm", (240.0, 240.0, 180.0), above=0),
+        surface=surface,
+    )
+
+
+def _printer(table: Table) -> Printer:
+    """Of the scene, or the default one; where only another one's name is given, its size is open."""
+    name = table.word("name", DEFAULT_PRINTER)
+    known = name == DEFAULT_PRINTER
+    volume = (
+        table.fixed_vector("build_volume_mm", (250.0, 210.0, 220.0))
+        if known or "build_volume_mm" in table.data
+        else None
+    )
+    nozzle = table.number("nozzle_mm", 0.4, above=0) if known or "nozzle_mm" in table.data else None
+    return Printer(
+        name=name,
+        build_volume_mm=volume,
+        nozzle_mm=nozzle,
+        layer_height_mm=table.number("layer_height_mm", 0.2, above=0),
+        supports=table.flag("supports", True),
+        max_overhang_deg=table.number("max_overhang_deg", 45.0, least=0, most=90),
+        max_bridge_mm=table.number("max_bridge_mm", 10.0, least=0),
+        max_support_cm3=table.open_number("max_support_cm3", None, least=0),
+    )
+
+
+def _mount(data: Any, where: str) -> Mount:
+    table = Table(data, where)
+    pegs = data.get("pegs", []) if isinstance(data, dict) else []
+    if not isinstance(pegs, list) or not all(type(n) is int and n > 0 for n in pegs):
+        raise BadFile(f"{where} pegs must be whole numbers above 0, got {pegs!r}")
+    return Mount(
+        kind=table.word("kind", "none", ("none", "wall", "stand")),
+        foot=table.word("foot", "auto", ("auto", "plate", "dowel")),
+        pegs=tuple(pegs),
+    )
+
+
+def _view(data: Any, where: str) -> View:
+    table = Table(data, where)
+    return View(
+        name=table.word("name", "front"),
+        kind=table.word("kind", "shadow", ("shadow", "eye")),
+        picture=table.word("picture", ""),
+        invert=bool(data.get("invert", False)),
+        frame_width_mm=table.open_number("frame_width_mm", None, above=0),
+        frame_height_mm=table.open_number("frame_height_mm", None, above=0),
+        light_distance_mm=table.number("light_distance_mm", 500.0, above=0),
+        light_diameter_mm=table.number("light_diameter_mm", 5.0, least=0),
+        wall_distance_mm=table.number("wall_distance_mm", 100.0, above=0),
+        wall_tilt_deg=table.number("wall_tilt_deg", 0.0),
+        azimuth_deg=table.number("azimuth_deg", 0.0),
+        elevation_deg=table.number("elevation_deg", 0.0),
+        frame_up_mm=table.number("frame_up_mm", 0.0),
+    )
+
+
+def _pose(data: Any, name: str) -> Pose | None:
+    """The rigid motion in [pose], None without one."""
+    if data is None:
+        return None
+    return _motion(data.get("matrix") if isinstance(data, dict) else None, f"{name}: [pose] matrix")
+
+
+def _plates(data: Any, name: str) -> tuple[tuple[Pose, ...], ...]:
+    """The motions of the bodies of each plate."""
+    tables = data.get("plates", []) if isinstance(data, dict) else []
+    where = f"{name}: [pose] plates"
+    found = []
+    for table in tables if isinstance(tables, list) else [None]:
+        rows = table.get("matrices") if isinstance(table, dict) else None
+        if not isinstance(rows, list) or not rows:
+            raise BadFile(f"{where} must be tables, each with the matrices of its bodies")
+        found.append(tuple(_motion(one, f"{where}: a matrix") for one in rows))
+    return tuple(found)
+
+
+def _motion(rows: Any, what: str) -> Pose:
+    """A rigid motion, given as 4 rows of 4 numbers."""
+    try:
+        matrix = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadFile(f"{what} must be 4 rows of 4 numbers") from error
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise BadFile(f"{what} must be 4 rows of 4 numbers")
+    turn = matrix[:3, :3]
+    rigid = (
+        np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6
+        and np.linalg.det(turn) > 0
+        and np.array_equal(matrix[3], [0, 0, 0, 1])
+    )
+    if not rigid:
+        raise BadFile(f"{what} is not a rigid motion")
+    return tuple(tuple(float(x) for x in row) for row in matrix)

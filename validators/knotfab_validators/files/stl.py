@@ -1,0 +1,85 @@
+"""The triangles of an STL file, binary or text."""
+
+from __future__ import annotations
+
+import re
+from array import array
+
+import numpy as np
+
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.geometry.mesh import Corners
+
+__all__ = ["corners_stl", "is_stl"]
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+VERTEX = rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+"
+TEXT_FACET = re.compile(
+    rb"\s*facet\s+normal(?:\s+\S+){3}\s+outer\s+loop\s+"
+    + VERTEX * 3
+    + rb"endloop\s+endfacet(?!\S)",
+    re.IGNORECASE,
+)
+SOLID = re.compile(rb"\s*(end)?\s?solid(?!\w)[^\r\n]*", re.IGNORECASE)
+END = re.compile(rb"\s*\Z")
+
+
+def is_stl(content: bytes) -> bool:
+    """Whether the content is a binary STL of the right length, or begins as one of text."""
+    return len(content) == _length(content) or content.lstrip()[:5].lower() == b"solid"
+
+
+def _length(content: bytes) -> int:
+    """How long a binary STL with this header is; -1 without a header."""
+    return (
+        84 + FACET.itemsize * int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    )
+
+
+def corners_stl(content: bytes, name: str) -> Corners:
+    """(m, 3, 3) corners as stored: single precision when binary.
+
+    The length decides before the first word, since some binary files begin with `solid` too.
+
+    Raises:
+        BadFile: it is no STL, or is cut off.
+    """
+    if len(content) == _length(content):
+        corners: Corners = np.frombuffer(content, dtype=FACET, offset=84)["corners"]
+        return corners
+    if content.lstrip()[:5].lower() == b"solid":
+        return _corners_text(content, name)
+    if not content:
+        raise BadFile(f"{name}: is empty")
+    count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    if count > 0 and len(content) - 84 > 50:
+        raise BadFile(
+            f"{name}: is not an STL file, or is cut off: its header promises {count} triangles, "
+            f"what follows is {(len(content) - 84) / 50:.6g}"
+        )
+    raise BadFile(f"{name}: is not an STL file, or is cut off")
+
+
+def _corners_text(content: bytes, name: str) -> Corners:
+    """(m, 3, 3) corners of an STL file of words; several solids may follow each other."""
+    numbers, at, inside = array("d"), 0, False
+    while True:
+        if facet := TEXT_FACET.match(content, at):
+            try:
+                numbers.extend(map(float, facet.groups()))
+            except ValueError as error:
+                raise BadFile(f"{name}: has a corner that is not three numbers") from error
+            if b"_" in facet.group():  # Python's own way of writing numbers
+                raise BadFile(f"{name}: has a corner that is not three numbers")
+            at = facet.end()
+        elif line := SOLID.match(content, at):
+            inside, at = not line.group(1), line.end()
+        else:
+            break
+    if inside or not END.match(content, at):
+        where = content.count(b"\n", 0, at) + 1
+        raise BadFile(
+            f"{name}: is not an STL file, or is cut off: after line {where} comes neither a facet nor "
+            "the end"
+        )
+    return np.frombuffer(numbers, dtype=np.float64).reshape(-1, 3, 3)

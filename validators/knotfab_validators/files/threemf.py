@@ -1,0 +1,176 @@
+"""The triangles of a 3MF file: a zip archive of which only the models are unpacked, in memory."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile, short
+from knotfab_validators.files.threemf_model import (
+    MOST_PLACED,
+    Model,
+    Placed,
+    Shape,
+    read_model,
+    read_relations,
+)
+from knotfab_validators.geometry.mesh import Corners
+
+__all__ = ["corners_3mf", "is_3mf"]
+
+MOST_UNPACKED = 2_000_000_000  # bytes of all models together
+SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too well
+MOST_RATIO = 50  # of unpacked to packed; meshes reach about 10
+MOST_ENTRIES = 10_000
+DEEPEST = 100  # components within each other
+BLOCK = 1 << 18
+ENTRY = b"PK\x01\x02"  # in the archive's directory, before each entry
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
+
+
+def is_3mf(content: bytes) -> bool:
+    return content[:4] == b"PK\x03\x04"
+
+
+def corners_3mf(content: bytes, name: str) -> Corners:
+    """(m, 3, 3) corners of all build items, mm, in the file's order.
+
+    Nothing is unpacked to disk. What items and components place is counted before any of it is
+    made. A transform that mirrors leaves the triangles' order as it is, and so turns a body inside
+    out: the standard does not allow it.
+
+    Raises:
+        BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF; the
+            message says what is wrong.
+    """
+    try:
+        with _open(content, name) as archive:
+            return _Package(archive, len(content), name).corners()
+    except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError,
+            NotImplementedError, ValueError) as error:  # fmt: skip
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"{name}: is not a 3MF file, or is damaged ({short(error)})") from error
+
+
+def _open(content: bytes, name: str) -> zipfile.ZipFile:
+    """The opened archive; refuses too many entries, equal names, and names that lead out of it."""
+    if (entries := content.count(ENTRY)) > MOST_ENTRIES:  # before each costs a kilobyte
+        raise BadFile(f"{name}: has some {entries} entries, too many for a 3MF")
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    seen: set[str] = set()
+    for entry in archive.filelist:
+        key = entry.filename.lower()
+        steps = key.replace("\\", "/").split("/")
+        if ".." in steps or steps[0] == "" or ":" in steps[0]:
+            raise BadFile(f"{name}: has an entry whose name leads elsewhere, {short(key)}")
+        if key in seen:
+            raise BadFile(f"{name}: has two entries of the name {short(key)}")
+        seen.add(key)
+    return archive
+
+
+class _Package:
+    """The models of an archive, read as they are asked for."""
+
+    def __init__(self, archive: zipfile.ZipFile, packed: int, name: str) -> None:
+        self.archive, self.packed, self.name = archive, packed, name
+        self.entries = {entry.filename.lower(): entry for entry in archive.filelist}
+        self.models: dict[str, Model] = {}
+        self.unpacked = 0
+        self.cost: dict[tuple[str, int], tuple[int, int]] = {}
+        self._require_plausible(sum(entry.file_size for entry in archive.filelist))
+
+    def corners(self) -> Corners:
+        start = _part(read_relations(self._blocks("_rels/.rels"), self.name), "")
+        model = self._model(start)
+        triangles = placed = 0
+        for item in model.items:
+            more = self._cost(_part(item.part, start), item.number, 0)
+            triangles, placed = triangles + more[0], placed + more[1]
+            self._require_few(triangles, placed)
+        parts: list[Corners] = [np.empty((0, 3, 3))]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as too far
+            for item in model.items:
+                self._place(_part(item.part, start), item, np.eye(4) * model.unit_mm, parts)
+        return np.concatenate(parts)
+
+    def _blocks(self, part: str) -> Iterator[bytes]:
+        """An entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
+        entry = self.entries.get(part)
+        if entry is None:
+            raise BadFile(f"{self.name}: is not a 3MF file: it has no {short(part)}")
+        if entry.compress_type not in PACKINGS:
+            raise BadFile(f"{self.name}: is packed in a way that 3MF does not allow")
+        self._require_plausible(self.unpacked + entry.file_size)
+        with self.archive.open(entry) as stream:
+            while block := stream.read(BLOCK):
+                self.unpacked += len(block)
+                self._require_plausible(self.unpacked)
+                yield block
+
+    def _require_plausible(self, size: int) -> None:
+        if size > MOST_UNPACKED or (size > SUSPICIOUS and size > MOST_RATIO * self.packed):
+            raise BadFile(
+                f"{self.name}: unpacks to more than {size // 10**6} MB from "
+                f"{self.packed / 1e6:.3g} MB, which is no mesh"
+            )
+
+    def _model(self, part: str) -> Model:
+        if part not in self.models:
+            self.models[part] = read_model(self._blocks(part), self.name)
+            units = {model.unit_mm for model in self.models.values()}
+            if len(units) > 1:
+                raise BadFile(f"{self.name}: its models are in different units")
+        return self.models[part]
+
+    def _shape(self, part: str, number: int) -> Shape:
+        shape = self._model(part).shapes.get(number)
+        if shape is None:
+            raise BadFile(f"{self.name}: names object {number}, which is not there")
+        return shape
+
+    def _cost(self, part: str, number: int, depth: int) -> tuple[int, int]:
+        """Triangles and placed objects of an object with all its components; each is counted once.
+
+        Components within themselves are found by their depth.
+        """
+        if (known := self.cost.get((part, number))) is not None:
+            return known
+        if depth > DEEPEST:
+            raise BadFile(
+                f"{self.name}: its components are in each other, more than {DEEPEST} deep"
+            )
+        shape = self._shape(part, number)
+        triangles, placed = len(shape.corners) // 3, 1
+        for component in shape.components:
+            more = self._cost(_part(component.part, part), component.number, depth + 1)
+            triangles, placed = triangles + more[0], placed + more[1]
+        self.cost[part, number] = triangles, placed
+        return triangles, placed
+
+    def _require_few(self, triangles: int, placed: int) -> None:
+        if triangles > MOST_TRIANGLES:
+            raise BadFile(f"{self.name}: its objects make more than {MOST_TRIANGLES} triangles")
+        if placed > MOST_PLACED:
+            raise BadFile(f"{self.name}: places more than {MOST_PLACED} objects")
+
+    def _place(self, part: str, item: Placed, onto: Array, parts: list[Corners]) -> None:
+        """Append the corners of an object and its components; `onto` (4, 4) is applied last."""
+        matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
+        shape = self._shape(part, item.number)
+        if len(shape.corners):
+            moved = shape.vertices @ matrix[:3, :3] + matrix[3, :3]
+            parts.append(moved[shape.faces])
+        for component in shape.components:
+            self._place(_part(component.part, part), component, matrix, parts)
+
+
+def _part(path: str | None, here: str) -> str:
+    """An entry's name as it is looked up (without regard to case); None: where the reference stands."""
+    return here if path is None else path.lower().removeprefix("/")

@@ -1,0 +1,269 @@
+"""The XML of one model of a 3MF package, read as a stream: objects, components, build items and unit.
+
+Read by expat and not by lib3mf: that follows components while it reads, so that a few lines of XML
+may ask it for a billion triangles, and its time grows with the square of the number of objects.
+Here every element costs the same, and nothing is placed before it has been counted. The names are
+those of the 3MF Core Specification 1.3 and, for `path`, of its Production Extension 1.1.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.files.bad_file import BadFile, short
+
+__all__ = ["MOST_PLACED", "Model", "Placed", "Shape", "read_model", "read_relations"]
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+UNDERSTOOD = {  # namespaces that a file may require: the others may change what the shape is
+    CORE,
+    PRODUCTION,
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+    "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
+}
+RELATIONS = "http://schemas.openxmlformats.org/package/2006/relationships"
+START_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+UNITS = {  # mm
+    "micron": 0.001,
+    "millimeter": 1.0,
+    "centimeter": 10.0,
+    "inch": 25.4,
+    "foot": 304.8,
+    "meter": 1000.0,
+}
+DEEPEST = 100  # elements within each other; a model needs six
+MOST_NAMES = 20_000  # of elements and attributes: expat keeps each
+MOST_OBJECTS = 50_000
+MOST_PLACED = 50_000  # components and build items
+LONGEST = 1_000_000  # bytes that may stand between two ends of tags
+NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
+WHOLE = re.compile(r"\s*\+?\d{1,18}\s*", re.ASCII)
+
+MODEL, RESOURCES, OBJECT = f"{CORE} model", f"{CORE} resources", f"{CORE} object"
+MESH, VERTICES, VERTEX = f"{CORE} mesh", f"{CORE} vertices", f"{CORE} vertex"
+TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
+COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
+BUILD, ITEM = f"{CORE} build", f"{CORE} item"
+INSIDE = {  # where an element means something
+    RESOURCES: MODEL,
+    OBJECT: RESOURCES,
+    MESH: OBJECT,
+    VERTICES: MESH,
+    TRIANGLES: MESH,
+    COMPONENTS: OBJECT,
+    COMPONENT: COMPONENTS,
+    BUILD: MODEL,
+    ITEM: BUILD,
+}
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A component or build item: the object's number, the part of the package it is in (None: this
+    one), and the (4, 3) matrix that is multiplied from the right to (x, y, z, 1).
+    """
+
+    number: int
+    part: str | None
+    matrix: Array
+
+
+@dataclass
+class Shape:
+    """An object: a mesh in the model's unit, or components.
+
+    Points are rounded to single precision, in which slicers and lib3mf hold them: the checks are to
+    see the mesh that these will see.
+    """
+
+    points: array[float] = field(default_factory=lambda: array("f"))
+    corners: array[int] = field(default_factory=lambda: array("q"))
+    components: list[Placed] = field(default_factory=list)
+
+    @property
+    def vertices(self) -> Array:
+        """(n, 3)"""
+        return np.frombuffer(self.points, dtype=np.float32).reshape(-1, 3).astype(np.float64)
+
+    @property
+    def faces(self) -> Ints:
+        """(m, 3)"""
+        return np.frombuffer(self.corners, dtype=np.int64).reshape(-1, 3)
+
+
+@dataclass
+class Model:
+    """One model part: its objects by their numbers, what it builds, and how many mm its unit has."""
+
+    unit_mm: float = 1.0
+    shapes: dict[int, Shape] = field(default_factory=dict)
+    items: list[Placed] = field(default_factory=list)
+
+
+def read_model(blocks: Iterable[bytes], name: str) -> Model:
+    """The model in the XML that comes in blocks.
+
+    Raises:
+        BadFile: it is no 3MF model; the message says what is wrong with it.
+    """
+    reader = _Reader(name)
+    _parse(blocks, name, reader.start, reader.end, reader.declare)
+    if not reader.found:
+        raise BadFile(f"{name}: its model part is no 3MF model")
+    for number, shape in reader.model.shapes.items():
+        count, faces = len(shape.points) // 3, shape.faces
+        outside = ((faces < 0) | (faces >= count)).any(axis=1)
+        if outside.any():
+            bad = int(outside.argmax())
+            named = int(faces[bad].min() if faces[bad].min() < 0 else faces[bad].max())
+            raise BadFile(
+                f"{name}: triangle {bad} of object {number} names vertex {named}, and there are {count}"
+            )
+    return reader.model
+
+
+def read_relations(blocks: Iterable[bytes], name: str) -> str:
+    """The part of the package where reading starts, of the XML of `_rels/.rels`."""
+    found: list[str] = []
+
+    def start(tag: str, given: dict[str, str]) -> None:
+        if tag == f"{RELATIONS} Relationship" and given.get("Type") == START_PART:
+            found.append(given.get("Target", ""))
+
+    _parse(blocks, name, start, lambda tag: None, lambda prefix, uri: None)
+    if len(found) != 1:
+        raise BadFile(f"{name}: is not a 3MF file: it names {len(found)} models to start from")
+    return found[0]
+
+
+def _parse(
+    blocks: Iterable[bytes],
+    name: str,
+    start: Callable[[str, dict[str, str]], None],
+    end: Callable[[str], None],
+    declared: Callable[[str, str], None],
+) -> None:
+    """Feed expat, which must not be kept waiting for the end of a tag that never comes."""
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartNamespaceDeclHandler = declared
+
+    def refuse(*_: object) -> None:
+        raise BadFile(f"{name}: has an XML document type, which no 3MF needs")
+
+    parser.StartDoctypeDeclHandler = refuse
+    fed = 0
+    try:
+        for block in blocks:
+            parser.Parse(block, False)
+            fed += len(block)
+            if fed - parser.CurrentByteIndex > LONGEST + len(block):
+                raise BadFile(
+                    f"{name}: is not a 3MF file: it has a tag of more than {LONGEST} bytes"
+                )
+            if len(parser.intern) > MOST_NAMES:
+                raise BadFile(f"{name}: is not a 3MF file: its XML has too many names")
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        raise BadFile(f"{name}: is not a 3MF file, or is damaged: its XML has {error}") from error
+    except (ValueError, LookupError) as error:  # an encoding that is not known
+        if isinstance(error, BadFile):
+            raise
+        raise BadFile(f"{name}: is not a 3MF file, or is damaged ({short(error)})") from error
+
+
+class _Reader:
+    """Takes what expat finds; elements in places where they mean nothing are passed over."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.model, self.found = name, Model(), False
+        self.way: list[str] = [""]
+        self.spaces: dict[str, str] = {}
+        self.shape, self.placed = Shape(), 0
+
+    def declare(self, prefix: str, uri: str) -> None:
+        self.spaces[prefix] = uri
+
+    def end(self, tag: str) -> None:
+        self.way.pop()
+
+    def start(self, tag: str, given: dict[str, str]) -> None:
+        way = self.way
+        if tag == TRIANGLE and way[-1] == TRIANGLES:
+            try:
+                a, b, c = given["v1"], given["v2"], given["v3"]
+                self.shape.corners.extend((int(a), int(b), int(c)))
+            except (KeyError, ValueError, OverflowError) as error:
+                raise self._wrong("triangle", "indices", given) from error
+            if not (digits := a + b + c).isascii() or "_" in digits:
+                raise self._wrong("triangle", "indices", given)
+        elif tag == VERTEX and way[-1] == VERTICES:
+            try:
+                a, b, c = given["x"], given["y"], given["z"]
+                self.shape.points.extend((float(a), float(b), float(c)))
+            except (KeyError, ValueError) as error:
+                raise self._wrong("vertex", "numbers", given) from error
+            if not (digits := a + b + c).isascii() or "_" in digits:
+                raise self._wrong("vertex", "numbers", given)
+        elif INSIDE.get(tag, "") == way[-1]:
+            self._rare(tag, given)
+        way.append(tag)
+        if len(way) > DEEPEST:
+            raise BadFile(f"{self.name}: its XML is nested more than {DEEPEST} deep")
+
+    def _wrong(self, what: str, parts: str, given: dict[str, str]) -> BadFile:
+        said = short(", ".join(f"{key} {value}" for key, value in list(given.items())[:3]))
+        return BadFile(f"{self.name}: has a {what} that is not three {parts} ({said})")
+
+    def _rare(self, tag: str, given: dict[str, str]) -> None:
+        if tag == MODEL:
+            self._model(given)
+        elif tag == OBJECT:
+            number = self._number(given, "id", "an object")
+            if number in self.model.shapes:
+                raise BadFile(f"{self.name}: has two objects of the number {number}")
+            if len(self.model.shapes) == MOST_OBJECTS:
+                raise BadFile(f"{self.name}: has more than {MOST_OBJECTS} objects")
+            self.shape = self.model.shapes[number] = Shape()
+        elif tag == COMPONENT:
+            self.shape.components.append(self._read_placement(given, "a component"))
+        elif tag == ITEM:
+            self.model.items.append(self._read_placement(given, "a build item"))
+
+    def _model(self, given: dict[str, str]) -> None:
+        self.found = True
+        unit = given.get("unit", "millimeter")
+        if unit not in UNITS:
+            raise BadFile(f"{self.name}: its unit is {short(unit)}, which 3MF does not know")
+        self.model.unit_mm = UNITS[unit]
+        for prefix in given.get("requiredextensions", "").split():
+            uri = self.spaces.get(prefix, prefix)
+            if uri not in UNDERSTOOD:
+                raise BadFile(f"{self.name}: needs an extension of 3MF not read here, {short(uri)}")
+
+    def _number(self, given: dict[str, str], key: str, what: str) -> int:
+        word = given.get(key, "")
+        if not WHOLE.fullmatch(word):
+            raise BadFile(f"{self.name}: has {what} whose {key} is {short(word)}, no number")
+        return int(word)
+
+    def _read_placement(self, given: dict[str, str], what: str) -> Placed:
+        self.placed += 1
+        if self.placed > MOST_PLACED:
+            raise BadFile(f"{self.name}: places more than {MOST_PLACED} objects")
+        words = given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split()
+        if len(words) != 12 or not all(NUMBER.fullmatch(word) for word in words):
+            shown = short(" ".join(words))
+            raise BadFile(f"{self.name}: has {what} with a transform of no 12 numbers, {shown}")
+        matrix = np.array([float(word) for word in words]).reshape(4, 3)
+        part = given.get(f"{PRODUCTION} path")
+        return Placed(self._number(given, "objectid", what), part, matrix)

@@ -1,0 +1,1 @@
+"""Meshes, curves, segments and triangles: plain geometry, which knows neither files nor checks."""

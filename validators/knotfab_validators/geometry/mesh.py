@@ -1,0 +1,112 @@
+"""A part's surface as an indexed triangle mesh, and what follows from its corners and faces at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab_validators.arrays import Array, Ints
+
+__all__ = [
+    "Corners",
+    "Mesh",
+    "connect",
+    "corner_faces",
+    "enclosed_volume",
+    "face_normals",
+    "merge_equal",
+    "move_points",
+    "number_bodies",
+]
+
+Corners = NDArray[np.floating[Any]]
+"""(m, 3, 3) the corners of triangles, each with coordinates of its own, as a file gives them."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in mm: `vertices` (n, 3) finite, `faces` (m, 3) indices, m >= 1.
+
+    Corners at exactly equal coordinates are one vertex; nothing else is repaired: faces with a
+    repeated corner, and equal faces, stay.
+    """
+
+    vertices: Array
+    faces: Ints
+
+    @property
+    def usable(self) -> bool:
+        """Whether there are faces, and all coordinates are finite."""
+        return bool(len(self.faces) and np.isfinite(self.vertices).all())
+
+
+def merge_equal(corners: Corners) -> Mesh:
+    """Index triangles (m, 3, 3) by their exactly equal corners (0.0 and -0.0 are equal).
+
+    Two rounds of `np.unique` on whole numbers: first of (x, y), then of that pair and z.
+    """
+    flat = corners.reshape(-1, 3) + corners.dtype.type(0.0)
+    number = [np.unique(flat[:, axis], return_inverse=True)[1] for axis in range(3)]
+    count = len(flat)
+    pair = np.unique(number[0] * np.int64(count) + number[1], return_inverse=True)[1]
+    _, first, index = np.unique(
+        pair * np.int64(count) + number[2], return_index=True, return_inverse=True
+    )
+    return Mesh(flat[first].astype(np.float64), index.reshape(-1, 3).astype(np.int64))
+
+
+def face_normals(mesh: Mesh) -> tuple[Array, Array]:
+    """Unit normals (m, 3), zero where a face has no area, and areas (m,), mm²."""
+    corner = mesh.vertices[mesh.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    return normal / np.where(length > 0, length, 1.0)[:, None], length / 2
+
+
+def corner_faces(mesh: Mesh) -> tuple[Ints, Ints]:
+    """Faces around each vertex: `faces` (3 m,) and `first` (n + 1,), where each vertex's begin."""
+    corner = mesh.faces.reshape(-1)
+    order = np.argsort(corner, kind="stable")
+    count = np.bincount(corner, minlength=len(mesh.vertices))
+    return order // 3, np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+
+
+def connect(start: Ints, end: Ints, count: int) -> tuple[Ints, int]:
+    """Connected components of a graph: the component (count,) of each node, and how many there are.
+
+    Args:
+        start, end: (k,) the nodes that each edge joins.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
+    number, label = connected_components(graph, directed=False)
+    return np.asarray(label, dtype=np.int64), int(number)
+
+
+def number_bodies(mesh: Mesh) -> tuple[Ints, int]:
+    """The connected surface (n,) of each vertex, in the order of their first faces; how many there are.
+
+    -1 for vertices that no face uses.
+    """
+    start, end = mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)
+    label, _ = connect(start, end, len(mesh.vertices))
+    found, first = np.unique(label[mesh.faces[:, 0]], return_index=True)
+    rank = np.full(len(mesh.vertices), -1, dtype=np.int64)
+    rank[found[np.argsort(first)]] = np.arange(len(found))
+    return np.asarray(rank[label], dtype=np.int64), len(found)
+
+
+def enclosed_volume(mesh: Mesh) -> float:
+    """What a closed mesh encloses, mm³, by the divergence theorem; negative where it is inside out."""
+    corner = mesh.vertices[mesh.faces] - mesh.vertices.mean(axis=0)
+    return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6)
+
+
+def move_points(points: Array, motion: Array) -> Array:
+    """Points (n, 3) moved by a rigid motion (4, 4)."""
+    return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])

@@ -1,0 +1,1 @@
+"""The knot type of polygons, and how they are linked."""

@@ -1,0 +1,130 @@
+"""What knot one polygon is: proved where it can be, else which knots of the table it may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.knots.alexander import colouring_number
+from knotfab_validators.knots.invariants import UNKNOT, Disagreement, Invariants, invariants
+from knotfab_validators.knots.planar_diagram import PlanarDiagram
+from knotfab_validators.knots.projection import diagram_of
+from knotfab_validators.knots.reduction import Budget, reduce_polygons
+from knotfab_validators.knots.table import MOST_CROSSINGS as MOST_IN_TABLE
+from knotfab_validators.knots.table import Knot, candidates
+
+__all__ = ["PROVED_UNKNOT", "Identity", "identify"]
+
+
+MOST_CROSSINGS = 60  # for the invariants
+MOST_SEEN = 800  # for a determinant modulo a prime
+SHAKES = 30  # rounds of random isotopies, where invariants alone cannot prove an unknot
+SOME_SHAKES = 6  # where a simpler diagram may prove more
+MOST_SHAKEN = 150  # vertices
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What was found of one polygon.
+
+    `knots` are those of the table that it may be, and `complete` says that it is one of them: one
+    alone where that is `proved`; `reason` says by what. `invariants` are None where too many
+    crossings are left, or where `trouble` says that two ways to one number disagree; `colouring` is
+    ±Δ(-1) modulo 2^31 - 1, which may be had even then. `places` (m, 3) are vertices that the
+    reduction leaves.
+    """
+
+    knots: tuple[Knot, ...]
+    reason: str
+    invariants: Invariants | None
+    crossings: int
+    colouring: int | None
+    places: Array
+    complete: bool = False
+    trouble: str = ""
+
+    @property
+    def proved(self) -> bool:
+        """Whether it is known which knot it is."""
+        return self.complete and len(self.knots) == 1
+
+
+PROVED_UNKNOT = Identity(
+    (Knot((), UNKNOT),), "it shrinks to nothing", UNKNOT, 0, 1, np.empty((0, 3)), complete=True
+)
+
+
+def identify(polygon: Array, budget: Budget | None = None) -> Identity:
+    """What a closed polygon (n, 3) in general position is."""
+    rest = reduce_polygons([polygon], seed=1, budget=budget)
+    if not rest.vertices:
+        return PROVED_UNKNOT
+    places = rest.polygons[0]
+    diagram = diagram_of([places], most=MOST_SEEN)
+    if diagram is None or len(diagram.crossings) > MOST_CROSSINGS:
+        return _give_up(diagram, places)
+    if len(diagram.crossings) > MOST_IN_TABLE and len(places) <= MOST_SHAKEN:
+        shaken = reduce_polygons([places], seed=2, shakes=SOME_SHAKES)
+        if not shaken.vertices:
+            return PROVED_UNKNOT
+        other = diagram_of(shaken.polygons, most=MOST_SEEN)
+        if other is not None and len(other.crossings) < len(diagram.crossings):
+            diagram = other
+    found = _identify_diagram(diagram, places)
+    if found.invariants == UNKNOT and found.proved:
+        return found
+    may_be_unknot = found.invariants is not None and found.invariants.fits(UNKNOT)
+    if not may_be_unknot or len(places) > MOST_SHAKEN:
+        return found
+    return found if reduce_polygons([places], seed=3, shakes=SHAKES).vertices else PROVED_UNKNOT
+
+
+def _give_up(diagram: PlanarDiagram | None, places: Array) -> Identity:
+    if diagram is None:
+        return Identity((), "too many crossings left", None, -1, None, places)
+    count = len(diagram.crossings)
+    reason = f"too many crossings left ({count})"
+    return Identity((), reason, None, count, colouring_number(diagram), places)
+
+
+def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
+    count = len(diagram.crossings)
+    try:
+        found = invariants(diagram)
+    except Disagreement as error:
+        trouble = f"the two methods disagree: {error}"
+        return Identity((), "", None, count, None, places, trouble=trouble)
+    knots = candidates(found)
+    reason = _why_proved(found)
+    complete = bool(reason)
+    if not reason and count <= MOST_IN_TABLE:
+        # every knot with a diagram of so few crossings is in the table, or a sum of knots in it
+        complete = True
+        knots = tuple(knot for knot in knots if knot.crossings <= count)
+        reason = f"a diagram of {count} crossings, and no other knot of so few has its invariants"
+    if complete and not knots:
+        trouble = f"a diagram of {count} crossings has invariants that no knot of so few has"
+        return Identity((), "", None, count, None, places, trouble=trouble)
+    knots = knots[:1] if _why_proved(found) else knots
+    reason = reason if len(knots) == 1 else ""
+    return Identity(knots, reason, found, count, found.determinant, places, complete)
+
+
+def _why_proved(found: Invariants) -> str:
+    """Why knot Floer homology alone proves the knot (see floer.py), or nothing."""
+    if found.floer is None:
+        return ""
+    genus, total = found.floer.genus, found.floer.total
+    if total == 1:
+        return "knot Floer homology of rank 1"
+    if genus == 1 and found.floer.fibred:
+        return "knot Floer homology: genus 1 and fibred"
+    if genus == 2 and total == 5 and abs(found.signature) == 4 and _is_cinquefoil(found):
+        return "knot Floer homology of T(2,5)"
+    return ""
+
+
+def _is_cinquefoil(found: Invariants) -> bool:
+    return any(knot.name.endswith("handed 5_1") for knot in candidates(found))

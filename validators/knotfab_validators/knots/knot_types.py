@@ -1,0 +1,313 @@
+"""Knot type of the written polygons, whether it is what the file promises, and how they are linked.
+
+Nobody is trusted: the polygons are reduced by isotopies of our own (`reduction`). What shrinks to
+nothing is an unknot, or an unlink, by that proof; so are curves that look simple and apart from one
+side. Of what does not shrink a diagram is made (`projection`), and named by its invariants
+(`identity`, `linking`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check, Place, Status, places, skipped
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.alexander import colouring_remainder
+from knotfab_validators.knots.identity import PROVED_UNKNOT, Identity, identify
+from knotfab_validators.knots.invariants import Invariants
+from knotfab_validators.knots.linking import Linking, linking_of
+from knotfab_validators.knots.names import Promise, promised_knot
+from knotfab_validators.knots.reduction import (
+    Budget,
+    TooTangled,
+    general_position,
+    nearest_approach,
+    reduce_polygons,
+    touching_place,
+)
+
+__all__ = [
+    "KnotFinding",
+    "KnotTypes",
+    "check_knot_type",
+    "check_linking",
+    "knot_checks",
+    "knot_types",
+]
+
+MOST_SHOWN = 6  # linked pairs whose places are given
+
+Verdict = Literal["proved", "consistent", "refuted", "unknown"]
+
+
+@dataclass(frozen=True)
+class KnotFinding:
+    """What was found of polygon `number` alone, and whether it is what was promised.
+
+    `verdict`: "proved" and "consistent" are for the promise; where nothing was promised, for what is
+    found. "unknown": it cannot be told, or the promise is not understood.
+    """
+
+    number: int
+    promise: Promise
+    identity: Identity
+    verdict: Verdict
+
+    @property
+    def sentence(self) -> str:
+        """What it is: "right-handed 3_1, proved"."""
+        return _word_finding(self)
+
+
+@dataclass(frozen=True)
+class KnotTypes:
+    """Findings of the closed polygons, and how these are linked.
+
+    `touching` is where the polygons meet themselves or each other, or are too near to tell: then
+    they have no type. `tangled` says that there was too much to look at.
+    """
+
+    knots: tuple[KnotFinding, ...]
+    linking: Linking
+    touching: Place | None = None
+    tangled: bool = False
+
+
+def knot_types(curves: Curves) -> KnotTypes:
+    """Find out about each closed polygon of `curves`, and about their link.
+
+    Polygons without a crossing, seen along one of the axes, are unlinked unknots. Otherwise all are
+    reduced together, and what is left is looked at one by one and as a link.
+    """
+    numbers = [k for k, closed in enumerate(curves.closed) if closed]
+    polygons = [curves.polygons[k] for k in numbers]
+    promises = [promised_knot(curves.types[k]) for k in numbers]
+    if not polygons:
+        return KnotTypes((), Linking("apart"))
+    try:
+        placed = general_position(polygons)
+        if placed is None:
+            where = places([touching_place(polygons)])[0]
+            return KnotTypes((), Linking("unknown"), touching=where)
+    except TooTangled:
+        return KnotTypes((), Linking("unknown"), tangled=True)
+    if _crosses_nowhere(polygons):
+        identities = {}
+        linking = Linking("apart")
+    else:
+        budget = Budget()
+        together = reduce_polygons(placed, budget=budget)
+        left = dict(zip(together.components, together.polygons, strict=True))
+        identities = {k: identify(polygon, budget) for k, polygon in left.items()}
+        linking = _renumber(linking_of(together, budget), numbers)
+    found_each = [identities.get(k, PROVED_UNKNOT) for k in range(len(polygons))]
+    findings = [
+        KnotFinding(number, promise, found, _judge(promise, found))
+        for number, promise, found in zip(numbers, promises, found_each, strict=True)
+    ]
+    return KnotTypes(tuple(findings), linking)
+
+
+def check_knot_type(curves: Curves) -> Check:
+    """`knot_type`: each closed polygon is the knot that the file promises; see `knot_checks`."""
+    return _check_type(curves, knot_types(curves))
+
+
+def check_linking(curves: Curves) -> Check:
+    """`linking`: no closed polygons are linked with each other; see `knot_checks`."""
+    return _check_linking(curves, knot_types(curves))
+
+
+def knot_checks(curves: Curves) -> tuple[Check, Check]:
+    """The checks `knot_type` and `linking`, from one search for the types.
+
+    `knot_type`: `measured` says what each closed polygon is, and whether that is proved or only
+    consistent; `limit` is the promise. Polygons that touch fail: they have no type. It is skipped for
+    open curves alone, and where a promise is not understood; a promised unknot that could not be
+    decided is skipped and required. `at` are places on the knot that is not as promised.
+
+    `linking`: `measured` is the largest size of a linking number, 0 allowed, or says that the polygons
+    are linked although all these are 0. Passes where it is proved that they are apart, or where every
+    invariant is consistent with it. `at` is where the linked ones are nearest.
+    """
+    found = knot_types(curves)
+    return _check_type(curves, found), _check_linking(curves, found)
+
+
+def _check_type(curves: Curves, found: KnotTypes) -> Check:
+    name = "knot_type"
+    left_out = _name_left_out(curves)
+    if not any(curves.closed):
+        return skipped(name, "an open curve has no knot type")
+    limit = _word_limit(curves)
+    if found.touching is not None:
+        detail = "the polygons touch themselves or each other" + left_out
+        return Check(name, "fail", True, "no knot", limit, "", detail, (found.touching,))
+    if found.tangled:
+        promised = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
+        required = any(promised_knot(k).unknot for k in promised)
+        return Check(
+            name, "skipped", required, None, limit, "", "not found: too tangled" + left_out
+        )
+    refuted = [knot for knot in found.knots if knot.verdict == "refuted"]
+    unknown = [knot for knot in found.knots if knot.verdict == "unknown"]
+    trouble = [knot for knot in found.knots if knot.identity.trouble]
+    status: Status = "fail" if refuted or trouble else "skipped" if unknown else "pass"
+    required = status != "skipped" or any(knot.promise.unknot for knot in unknown)
+    several = len(found.knots) > 1
+    shown = refuted or trouble or unknown or found.knots
+    detail = "; ".join(_word_detail(knot, several) for knot in shown) + left_out
+    at = [place for knot in refuted or trouble for place in knot.identity.places]
+    measured = ", ".join(dict.fromkeys(knot.sentence for knot in refuted or trouble or found.knots))
+    return Check(name, status, required, measured, limit, "", detail, places(at))
+
+
+def _check_linking(curves: Curves, found: KnotTypes) -> Check:
+    name = "linking"
+    if not any(curves.closed):
+        return skipped(name, "an open curve is not linked with anything")
+    left_out = _name_left_out(curves)
+    if sum(curves.closed) == 1:
+        return Check(name, "pass", True, 0.0, 0.0, "", "there is only one closed curve" + left_out)
+    if found.touching is not None:
+        detail = "the polygons touch themselves or each other"
+        return Check(name, "fail", True, "touching", 0.0, "", detail, (found.touching,))
+    linking = found.linking
+    names = " and ".join(map(str, linking.group))
+    if linking.state == "unknown" or found.tangled:
+        why = f"not found: {linking.reason or 'too tangled'}{left_out}"
+        return Check(name, "skipped", True, None, 0.0, "", why)
+    if linking.numbers:
+        worst = sorted(linking.numbers, key=lambda pair: -abs(pair[2]))
+        detail = "; ".join(f"knots {i} and {j} are linked, number {n:+d}" for i, j, n in worst)
+        shown = worst[:MOST_SHOWN]
+        at = [nearest_approach(curves.polygons[i], curves.polygons[j]) for i, j, _ in shown]
+        largest = float(abs(worst[0][2]))
+        return Check(name, "fail", True, largest, 0.0, "", detail + left_out, places(at))
+    if linking.state == "linked":
+        i, j = linking.group[:2]  # two of them say enough
+        detail = f"knots {names} are linked, proved: {linking.reason}; all linking numbers are 0"
+        at = [nearest_approach(curves.polygons[i], curves.polygons[j])]
+        measured = "linked, with linking number 0"
+        return Check(name, "fail", True, measured, 0.0, "", detail + left_out, places(at))
+    if linking.state == "apart":
+        detail = "all are apart from each other, proved"
+    else:
+        detail = f"knots {names}: all invariants are consistent with their being unlinked"
+    return Check(name, "pass", True, 0.0, 0.0, "", detail + left_out)
+
+
+def _renumber(linking: Linking, numbers: Sequence[int]) -> Linking:
+    """With the numbers that the curves have among all, open ones included."""
+    return Linking(
+        linking.state,
+        tuple((numbers[i], numbers[j], n) for i, j, n in linking.numbers),
+        linking.reason,
+        tuple(numbers[k] for k in linking.group),
+    )
+
+
+def _name_left_out(curves: Curves) -> str:
+    open_curves = [str(k) for k, closed in enumerate(curves.closed) if not closed]
+    if not open_curves:
+        return ""
+    return f"; open curves have no type and are left out: {', '.join(open_curves)}"
+
+
+def _word_limit(curves: Curves) -> str | None:
+    kinds = [k for k, closed in zip(curves.types, curves.closed, strict=True) if closed]
+    return ", ".join(dict.fromkeys(k for k in kinds if promised_knot(k).given)) or None
+
+
+def _crosses_nowhere(polygons: Sequence[Array]) -> bool:
+    """Whether the polygons are simple and apart when seen along z, y or x.
+
+    Leaving out a coordinate rounds nothing, and shapely's orientation test is exact.
+    """
+    for axes in ((0, 1), (0, 2), (1, 2)):
+        flat = [shapely.linestrings(np.concatenate([p, p[:1]])[:, axes]) for p in polygons]
+        if shapely.is_simple(shapely.multilinestrings(flat)):
+            return True
+    return False
+
+
+def _judge(promise: Promise, found: Identity) -> Verdict:
+    if not promise.given:
+        nothing = found.invariants is None
+        return "unknown" if nothing else "proved" if found.proved else "consistent"
+    if not promise.meant or found.trouble:
+        return "unknown"
+    if found.complete:
+        same = {knot.name for knot in found.knots} & {knot.name for knot in promise.meant}
+        if not same:
+            return "refuted"
+        return "proved" if found.proved else "consistent"
+    if found.invariants is not None:
+        fits = any(knot.invariants.fits(found.invariants) for knot in promise.meant)
+        return "consistent" if fits else "refuted"
+    if found.colouring is not None:
+        allowed = {colouring_remainder(knot.invariants.determinant) for knot in promise.meant}
+        if found.colouring not in allowed:
+            return "refuted"
+    return "unknown"
+
+
+def _word_finding(knot: KnotFinding) -> str:
+    found = knot.identity
+    if found.trouble:
+        return "not found"
+    if found.knots:
+        return f"{_word_either(found)}, {'proved' if found.proved else 'consistent'}"
+    if knot.verdict == "consistent" and knot.promise.given:
+        return f"{knot.promise.text}, consistent"
+    if knot.verdict == "refuted":
+        article = "an" if knot.promise.unknot else "a"
+        return f"not {article} {knot.promise.text}"
+    if found.invariants is None:
+        return "not found"
+    return f"not a knot of the table (determinant {found.invariants.determinant})"
+
+
+def _word_either(found: Identity) -> str:
+    """The names of the knots that it may be; both hands of one in one word."""
+    names = [knot.name for knot in found.knots]
+    both = {name.removeprefix("left-handed ") for name in names if name.startswith("left-handed ")}
+    both &= {
+        name.removeprefix("right-handed ") for name in names if name.startswith("right-handed ")
+    }
+    kept = []
+    for name in names:
+        plain = name.removeprefix("left-handed ").removeprefix("right-handed ")
+        kept.append(f"{plain} of either hand" if plain in both else name)
+    return " or ".join(dict.fromkeys(kept))
+
+
+def _word_detail(knot: KnotFinding, several: bool) -> str:
+    found = knot.identity
+    where = f"knot {knot.number}: " if several else ""
+    if knot.verdict == "refuted":
+        where += f"promised as {knot.promise.text}; found: "
+    text = where + (found.trouble or _word_finding(knot))
+    if not knot.promise.meant and knot.promise.given:
+        text += f"; the promised type {knot.promise.text!r} is not understood"
+    if found.reason:
+        text += f" ({found.reason})"
+    if found.invariants is not None and found.crossings:
+        text += f"; {found.crossings} crossings left, {_word_numbers(found.invariants)}"
+    return text
+
+
+def _word_numbers(found: Invariants) -> str:
+    """The invariants, for people."""
+    jones = "not found" if found.jones is None else found.jones.text(half=True)
+    text = f"Alexander {found.alexander.text()}, Jones {jones}, signature {found.signature}"
+    if found.floer is None:
+        return text + ", no Floer homology"
+    fibred = ", fibred" if found.floer.fibred else ""
+    return f"{text}, Floer homology of rank {found.floer.total}, genus {found.floer.genus}{fibred}"

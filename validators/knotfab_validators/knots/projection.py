@@ -1,0 +1,187 @@
+"""Planar diagrams of polygons in space, seen from where they cross least.
+
+A diagram is only made where every sign that it rests on is certain in spite of rounding: which edges
+cross, which one is above, and the order of the crossings along each edge. A direction in which one
+is not is left aside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.knots.planar_diagram import Passage, PlanarDiagram, from_passages, simplify
+from knotfab_validators.knots.reduction import (
+    UNCERTAIN,
+    Ring,
+    adjacent,
+    certain_sign,
+    determinants,
+    ring_of,
+)
+
+__all__ = ["diagram_of", "seen_from"]
+
+
+DIRECTIONS = 40
+FEWEST = 3
+MOST_LOOKS = 10_000  # edges times directions
+HOPELESS = 8  # times too many crossings in one direction: no other has few enough
+KEPT = 6  # of them, those with the fewest crossings, are simplified and compared
+ALL_PAIRS = 150  # edges up to which all pairs are looked at
+
+
+def diagram_of(
+    polygons: Sequence[Array], *, directions: int = DIRECTIONS, most: int, seed: int = 0
+) -> PlanarDiagram | None:
+    """The simplest diagram of closed polygons (n, 3) among those from random directions.
+
+    Component k of the diagram is polygons[k]. None where all have more than `most` crossings before
+    they are simplified, or where no direction is certain.
+    """
+    ring = ring_of(polygons)
+    directions = min(directions, max(FEWEST, MOST_LOOKS // len(ring.at)))
+    towards = np.random.default_rng(seed).normal(size=(directions, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    counts: list[int] = []
+    for eye in towards:
+        counts.append(_about(ring, eye))
+        if min(counts) > HOPELESS * most:
+            return None
+    best: PlanarDiagram | None = None
+    found = 0
+    for k in np.argsort(counts, kind="stable"):
+        if counts[k] > most or found == KEPT:
+            break
+        diagram = seen_from(polygons, towards[k])
+        if diagram is None:
+            continue
+        found += 1
+        diagram = simplify(diagram)
+        if best is None or len(diagram.crossings) < len(best.crossings):
+            best = diagram
+    return best
+
+
+def seen_from(polygons: Sequence[Array], towards: Array) -> PlanarDiagram | None:
+    """The diagram seen by an eye far off in the direction (3,), or None where a sign is uncertain."""
+    ring = ring_of(polygons)
+    crossings = _crossings(ring, towards)
+    if crossings is None:
+        return None
+    order = _in_order(crossings)
+    if order is None:
+        return None
+    passages: dict[int, list[Passage]] = {k: [] for k in range(len(polygons))}
+    edges = np.concatenate([crossings.over, crossings.under])
+    count = len(crossings.sign)
+    for n in order:
+        knot = int(ring.knot[edges[n]])
+        passages[knot].append(Passage(int(n) % count, int(n) < count))
+    return from_passages(passages, [int(s) for s in crossings.sign])
+
+
+@dataclass(frozen=True)
+class _Crossings:
+    """Edges above and below, the places on them (0 to 1) with the error of these, and signs."""
+
+    over: Ints
+    over_at: Array
+    over_error: Array
+    under: Ints
+    under_at: Array
+    under_error: Array
+    sign: Ints
+
+
+def _in_order(crossings: _Crossings) -> Ints | None:
+    """All passages along the edges in turn: number i is crossing i above, count + i below."""
+    edge = np.concatenate([crossings.over, crossings.under])
+    at = np.concatenate([crossings.over_at, crossings.under_at])
+    error = np.concatenate([crossings.over_error, crossings.under_error])
+    order = np.lexsort((at, edge))
+    same = edge[order][1:] == edge[order][:-1]
+    gap = np.diff(at[order]) > error[order][1:] + error[order][:-1]
+    return order.astype(np.int64) if (gap | ~same).all() else None
+
+
+def _crossings(ring: Ring, towards: Array) -> _Crossings | None:
+    """Where edges cross as seen along a direction; None where it cannot be told."""
+    i, j = _pairs(ring, towards)
+    p, r = ring.at[i], ring.at[j]
+    u, v, w = ring.at[ring.after[i]] - p, ring.at[ring.after[j]] - r, r - p
+    eye = np.broadcast_to(towards, p.shape)
+    sides_j = _signs(u, eye, w), _signs(u, eye, ring.at[ring.after[j]] - p)
+    sides_i = _signs(v, eye, -w), _signs(v, eye, ring.at[ring.after[i]] - r)
+    apart = (sides_j[0] * sides_j[1] > 0) | (sides_i[0] * sides_i[1] > 0)
+    met = (sides_j[0] * sides_j[1] < 0) & (sides_i[0] * sides_i[1] < 0)
+    if not (apart | met).all():
+        return None
+    i, j, u, v, w, eye = i[met], j[met], u[met], v[met], w[met], eye[met]
+    turn, height = _signs(u, v, eye), _signs(u, v, w)
+    if not (turn.all() and height.all()):
+        return None
+    base = determinants(u, v, eye)
+    s, t = determinants(w, v, eye) / base, determinants(w, u, eye) / base
+    size_u, size_v, size_w = (np.linalg.norm(x, axis=1) for x in (u, v, w))
+    error = 2 * UNCERTAIN * (size_u * size_v) / np.abs(base)
+    s_error = error + UNCERTAIN * size_w * size_v / np.abs(base)
+    t_error = error + UNCERTAIN * size_w * size_u / np.abs(base)
+    # the other edge is above where one must go up to reach it: det(u, v, w) / det(u, v, eye) > 0
+    below = turn == height
+    return _Crossings(
+        over=np.where(below, j, i),
+        over_at=np.where(below, t, s),
+        over_error=np.where(below, t_error, s_error),
+        under=np.where(below, i, j),
+        under_at=np.where(below, s, t),
+        under_error=np.where(below, s_error, t_error),
+        sign=np.where(below, -turn, turn).astype(np.int64),
+    )
+
+
+def _signs(u: Array, v: Array, w: Array) -> NDArray[np.int8]:
+    return certain_sign(u, v, w)
+
+
+def _pairs(ring: Ring, towards: Array) -> tuple[Ints, Ints]:
+    """Pairs of edges i < j that may cross: not adjacent, and their boxes in the picture meet."""
+    flat = ring.at @ _across(towards)
+    end = flat[ring.after]
+    margin = 1e-12 * float(np.abs(flat).max())  # many times the rounding of the product above
+    low, high = np.minimum(flat, end) - margin, np.maximum(flat, end) + margin
+    count = len(flat)
+    if count <= ALL_PAIRS:
+        i, j = np.triu_indices(count, 1)
+        keep = ((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=1)
+        i, j = i[keep], j[keep]
+    else:
+        boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+        i, j = shapely.STRtree(boxes).query(boxes)
+        i, j = i[i < j], j[i < j]
+    keep = ~adjacent(ring, i, j)
+    return i[keep].astype(np.int64), j[keep].astype(np.int64)
+
+
+def _about(ring: Ring, towards: Array) -> int:
+    """How many crossings are seen along a direction, but for rounding."""
+    flat = ring.at @ _across(towards)
+    i, j = _pairs(ring, towards)
+    p, q, r, s = flat[i], flat[ring.after[i]], flat[j], flat[ring.after[j]]
+
+    def side(a: Array, b: Array, c: Array) -> Array:
+        one, other = b - a, c - a
+        return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+
+    crossed = (side(p, q, r) * side(p, q, s) < 0) & (side(r, s, p) * side(r, s, q) < 0)
+    return int(crossed.sum())
+
+
+def _across(towards: Array) -> Array:
+    """Two axes (3, 2) across a direction."""
+    return np.asarray(np.linalg.svd(towards[None])[2][1:].T)

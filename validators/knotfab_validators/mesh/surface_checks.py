@@ -1,0 +1,288 @@
+"""A part's surface: closed, wound outwards, expected bodies, right volume, nothing crossing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.check import Check, at_most, places, skipped, spot
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.inside import winding_numbers
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.surface import Surface, survey
+from knotfab_validators.mesh.second_opinion import opinions, self_intersections
+from knotfab_validators.names import MESH
+
+__all__ = ["check_mesh", "self_intersections"]
+
+
+VOLUME_LIMIT = 0.005  # relative difference from Pappus' volume
+BESIDE = 1e-3  # of a face's size: how far behind it one looks (in single precision)
+
+
+def check_mesh(
+    mesh: Mesh,
+    curves: Curves | None = None,
+    *,
+    bodies: int | None = None,
+    genus: Sequence[int] | None = None,
+) -> list[Check]:
+    """All checks of the surface, in the order of `names.MESH`; what a failure makes meaningless is skipped.
+
+    Args:
+        mesh: the part.
+        curves: the centre lines, if the part is nothing but the tubes about them: then the volume
+            must be that of Pappus within 0.5 %, and every body's positive. A part that is more than
+            its tubes, or has no known ones, may have cavities (bodies turned inwards that lie in the
+            matter of another); its bodies must not lie in each other's matter.
+        bodies: how many there must be. Left out: one for each curve; without curves any number.
+        genus: of each body, in any order. Left out: 1 for the tube of a closed curve and 0 for that
+            of an open one; without curves any. Where nothing is expected, `mesh_bodies` and
+            `mesh_genus` are there to inform: they pass, and are not required.
+    """
+    if not mesh.usable:
+        why = "coordinates that are not finite" if len(mesh.faces) else "no faces"
+        closed = Check("mesh_closed", "fail", True, why, None, "", f"the mesh has {why}")
+        return [closed, *_skip_all(MESH[1:], f"the mesh has {why}")]
+    found = survey(mesh)
+    if curves is not None:
+        bodies = len(curves.polygons) if bodies is None else bodies
+        genus = [1 if closed else 0 for closed in curves.closed] if genus is None else genus
+    checks, crossings = _count_defects(mesh, found), _check_crossings(mesh, found)
+    if found.manifold:
+        largest = _largest_faces(mesh, found)
+        where = _centres(mesh, largest)
+        checks += [_check_bodies(found, bodies, where), _check_genus(found, genus, where)]
+        crossing = crossings.status == "fail"
+        checks.append(_check_volume(mesh, found, curves, largest, crossing=crossing))
+    else:
+        lacking = "a surface everywhere" if found.closed else "closed and consistently wound"
+        checks += _skip_all(MESH[5:8], f"the mesh is not {lacking}")
+    return [*checks, crossings]
+
+
+def _count_defects(mesh: Mesh, found: Surface) -> list[Check]:
+    """The checks that count edges, corners and faces which must not be."""
+    rims, crowded = found.open_edges, found.crowded_edges
+    folded, pinched = found.flipped_edges, found.pinched
+    manifold = np.concatenate([_middles(mesh, crowded), mesh.vertices[pinched]])
+    return [
+        _check_none(
+            "mesh_closed",
+            _middles(mesh, rims),
+            "edges",
+            f"edges of one face alone (or another odd number), of {len(mesh.faces)} faces",
+        ),
+        _check_none(
+            "mesh_winding",
+            _middles(mesh, folded),
+            "edges",
+            "edges whose faces are wound against each other",
+        ),
+        _check_none(
+            "mesh_degenerate", _centres(mesh, found.flat), "faces", "faces without an area"
+        ),
+        _check_none(
+            "mesh_duplicate",
+            _centres(mesh, found.duplicate),
+            "faces",
+            "faces with the same three corners as another",
+        ),
+        _check_none(
+            "mesh_manifold",
+            manifold,
+            "places",
+            f"{len(crowded)} edges of more than two faces, and {len(pinched)} corners where "
+            "surfaces meet in a point",
+        ),
+    ]
+
+
+def _check_none(name: str, at: Array, unit: str, detail: str) -> Check:
+    """A check that passes when there is nothing of that kind; `at` (k, 3) are the places."""
+    if len(at):
+        detail += f", the first at {spot(at[0])}"
+    return at_most(name, len(at), 0, unit, detail, at=at)
+
+
+def _check_bodies(found: Surface, wanted: int | None, where: Array) -> Check:
+    """Where the count is wrong the smallest bodies are named first: they are what was not meant."""
+    count = len(found.volumes_mm3)
+    holds = wanted is None or count == wanted
+    detail = "closed surfaces" if wanted is None else "closed surfaces, and how many there must be"
+    smallest = where[np.argsort(np.abs(found.volumes_mm3), kind="stable")]
+    return Check(
+        "mesh_bodies",
+        "pass" if holds else "fail",
+        wanted is not None,
+        count,
+        wanted,
+        "",
+        detail,
+        () if holds else places(smallest),
+    )
+
+
+def _check_genus(found: Surface, wanted: Sequence[int] | None, where: Array) -> Check:
+    """How many bodies of each genus there are, in whatever order, against what is wanted."""
+    if wanted is None:
+        several = ", ".join(str(g) for g in found.genus[:10])
+        more = ", ..." if len(found.genus) > 10 else ""
+        detail = "handles of each body (0: a ball, 1: a ring)"
+        return Check("mesh_genus", "pass", False, several + more, None, "", detail)
+    left, wrong = list(wanted), []
+    for body, g in enumerate(found.genus.tolist()):
+        if g in left:
+            left.remove(g)
+        else:
+            wrong.append(body)
+    kinds = sorted(set(wanted))
+    limit = kinds[0] if len(kinds) == 1 else ", ".join(str(g) for g in wanted)
+    if not wrong:
+        # bodies that are missing altogether are another check's
+        measured = int(found.genus[0]) if len(kinds) == 1 else ", ".join(map(str, found.genus))
+        detail = "handles of each body (1: the tube of a closed curve, 0: of an open one)"
+        return Check("mesh_genus", "pass", True, measured, limit, "", detail)
+    detail = f"{len(wrong)} of {len(found.genus)} bodies have another number of handles"
+    detail += f", the first at {spot(where[wrong[0]])}"
+    measured = int(found.genus[wrong[0]])
+    return Check(
+        "mesh_genus", "fail", True, measured, limit, "", detail, places(where[i] for i in wrong)
+    )
+
+
+def _check_volume(
+    mesh: Mesh, found: Surface, curves: Curves | None, largest: Ints, crossing: bool
+) -> Check:
+    """Every body bounds matter from outside (or, in a part that is no tube, a cavity from inside).
+
+    Bodies that cross each other are partly in each other's matter: another check says so.
+    """
+    inverted, where = ~(found.volumes_mm3 > 0), _centres(mesh, largest)
+    if curves is None and len(where) > 1 and not crossing:
+        inverted = _find_misplaced(mesh, largest)
+    bad = np.flatnonzero(inverted)
+    if len(bad):
+        what = "are turned inside out" if curves is not None or len(where) == 1 else ""
+        what = what or "are turned inside out, or lie in the matter of others"
+        return Check(
+            "mesh_volume",
+            "fail",
+            True,
+            float(found.volumes_mm3[bad[0]]),
+            0.0,
+            "mm³",
+            f"{len(bad)} of {len(where)} bodies {what}, the first at {spot(where[bad[0]])}",
+            places(where[i] for i in bad),
+        )
+    if curves is None or curves.radius_mm is None:
+        volume = float(found.volumes_mm3.sum())
+        return Check("mesh_volume", "pass", True, volume, 0.0, "mm³", "what the mesh encloses")
+    return _check_pappus(found, curves, curves.radius_mm, where)
+
+
+def _check_pappus(found: Surface, curves: Curves, radius: float, where: Array) -> Check:
+    """A tube's volume is the section's area times the way of its centre (Pappus, Guldin).
+
+    The ends of an open tube may be flat, or balls that add 4/3 pi r³: the nearer one counts.
+    """
+    lengths = np.array(curves.lengths_mm)
+    tubes, by_volume = np.pi * radius**2 * lengths, np.argsort(found.volumes_mm3, kind="stable")
+    balls = np.where(curves.closed, 0.0, 4 / 3 * np.pi * radius**3)
+    order = np.argsort(tubes, kind="stable")
+    wanted, round_ends, bodies = tubes[order], balls[order], found.volumes_mm3[by_volume]
+    each, at = "", where[by_volume]
+    if len(bodies) != len(wanted):  # then they can be compared in sum only
+        bodies, wanted, round_ends = (a.sum(keepdims=True) for a in (bodies, wanted, round_ends))
+    elif len(bodies) > 1:
+        each = ", the worst of all knots"
+    flat = np.abs(bodies - wanted) / wanted
+    rounded = np.abs(bodies - wanted - round_ends) / (wanted + round_ends)
+    difference = np.minimum(flat, rounded)
+    worst = int(difference.argmax())
+    full = wanted + np.where(rounded < flat, round_ends, 0.0)
+    return at_most(
+        "mesh_volume",
+        float(difference[worst]),
+        VOLUME_LIMIT,
+        "relative",
+        f"{bodies[worst]:.6g} mm³ against {full[worst]:.6g} mm³, the tube's section times its "
+        f"length{each}",
+        at=at[worst : worst + 1],
+    )
+
+
+def _find_misplaced(mesh: Mesh, largest: Ints) -> Mask:
+    """(b,) whether a body is turned inside out, or lies in the matter of others.
+
+    Behind a face of a solid's surface the winding number is 1. That holds for the surface of a
+    cavity too, and for a body inside a cavity. It is 0 where a body is inside out (in front of its
+    faces: -1), and 2 where it lies in matter: slicers do not agree on what that means.
+
+    Args:
+        largest: (b,) a face of each body.
+    """
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[largest]], 1, 0)
+    normal = np.cross(b - a, c - a)  # as long as twice the area: its root is a length
+    step = normal * (BESIDE / np.sqrt(np.linalg.norm(normal, axis=1)))[:, None]
+    winding = winding_numbers((a + b + c) / 3 - step, mesh, exact=False)
+    return np.asarray(np.rint(winding) != 1)
+
+
+def _check_crossings(mesh: Mesh, found: Surface) -> Check:
+    """Both libraries must find nothing; where only one does the detail says so, and it fails."""
+    name = "mesh_self_intersection"
+    kept = np.delete(np.arange(len(mesh.faces)), found.flat)
+    if not len(kept):
+        return skipped(name, "faces without an area cannot be tested")
+    asked = opinions(Mesh(mesh.vertices, mesh.faces[kept]))
+    if asked.pairs is None:
+        return Check(name, "fail", True, "untested", 0, "pairs", f"not tested: {asked.why}")
+    number = len(asked.pairs)
+    by_igl = f"{'' if asked.counted or not number else 'at least '}{number} by libigl"
+    detail = f"pairs of faces that meet elsewhere than in a shared edge or corner: {by_igl}"
+    if asked.seen is None:
+        if number == 0:
+            return skipped(name, f"{detail}; {asked.why}", required=True)
+        detail += f"; {asked.why}"
+        seen = kept[:0]
+    else:
+        seen = kept[asked.seen]
+        if asked.counted or not number:
+            detail += f", {len(seen)} faces that cross others by pymeshlab"
+        else:
+            detail += ", and pymeshlab agrees" if len(seen) else ", which pymeshlab does not see"
+        if number and not len(seen):
+            detail += " (the two do not agree; faces that only touch count for libigl alone)"
+        elif len(seen) and not number:
+            detail += " (the two do not agree)"
+    bad = kept[asked.pairs[:, 0]] if number else seen
+    at = _centres(mesh, bad)
+    if len(at):
+        detail += f", the first at {spot(at[0])}"
+    return at_most(name, max(number, len(seen) if not number else 0), 0, "pairs", detail, at=at)
+
+
+def _largest_faces(mesh: Mesh, found: Surface) -> Ints:
+    """(b,) the largest face of each body: where to look for it."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    order = np.lexsort([-area, found.body])
+    _, first = np.unique(found.body[order], return_index=True)
+    return np.asarray(order[first], dtype=np.int64)
+
+
+def _middles(mesh: Mesh, edges: Ints) -> Array:
+    """(k, 3) the middles of edges (k, 2)."""
+    return np.asarray(mesh.vertices[edges].mean(axis=1), dtype=np.float64)
+
+
+def _centres(mesh: Mesh, faces: Ints) -> Array:
+    """(k, 3) the centres of faces, by their numbers (k,)."""
+    return np.asarray(mesh.vertices[mesh.faces[faces]].mean(axis=1), dtype=np.float64)
+
+
+def _skip_all(names: tuple[str, ...], why: str) -> list[Check]:
+    return [skipped(name, why) for name in names]

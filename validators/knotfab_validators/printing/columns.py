@@ -1,0 +1,135 @@
+"""Vertical columns through a part: where each enters and leaves the material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.sampling import number_runs
+
+__all__ = ["CELL_MM", "Columns", "columns"]
+
+
+CELL_MM = 0.5
+MOST_ACROSS = 1000  # columns along the longer side
+MOST_TESTS = 20_000_000  # pairs of face and column
+OFFSET = (0.50137, 0.50079)  # of a column's axis in its cell: CAD parts have edges at round numbers
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Stretches of material along the vertical axes of a square grid, column by column, upwards.
+
+    `column` (n,) is ix + across * iy, `low` and `high` (n,) the ends of the stretch, mm, and
+    `face` (n,) the face in which it begins. The axis of a column is at `origin` + (ix, iy) `cell`.
+    """
+
+    cell: float
+    across: int
+    origin: tuple[float, float]
+    column: Ints
+    low: Array
+    high: Array
+    face: Ints
+
+    def places(self, which: Ints) -> Array:
+        """(k, 3) mm, the lower ends of the stretches `which` (k,)."""
+        x = self.origin[0] + self.cell * (self.column[which] % self.across)
+        y = self.origin[1] + self.cell * (self.column[which] // self.across)
+        return np.column_stack([x, y, self.low[which]])
+
+
+def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
+    """The columns of a closed mesh on a grid of `cell` mm from the corner of its bounding box.
+
+    Each face is tested against the axes inside its bounding box; an axis through an edge belongs
+    to one of the edge's faces (the rule of rasterisation: an edge owns what it meets when it goes
+    up, or left when level), so that nothing is counted twice. Going up, a face that looks down
+    adds one to how often the axis is inside, one that looks up takes one away; material is where
+    that is positive. Axes at which the sum does not come back to zero are left out.
+
+    The cell grows where the part is wider than 1000 of them, or its faces would need more than
+    20 million tests.
+    """
+    flat = mesh.vertices[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    cell = max(cell, float((high - low).max()) / MOST_ACROSS)
+    corner = flat[mesh.faces]  # (m, 3, 2)
+    least, most = corner.min(axis=1), corner.max(axis=1)
+    while True:
+        start = low + np.array(OFFSET) * cell
+        first = np.ceil((least - start) / cell).astype(np.int64)
+        count = np.maximum(np.floor((most - start) / cell).astype(np.int64) - first + 1, 0)
+        tests = count[:, 0] * count[:, 1]
+        if int(tests.sum()) <= MOST_TESTS:
+            break
+        cell *= 1.5
+    across = int(np.floor((high - start)[0] / cell)) + 1
+    face, number = number_runs(tests)
+    ix = first[face, 0] + number % count[face, 0]
+    iy = first[face, 1] + number // count[face, 0]
+    x, y = start[0] + cell * ix, start[1] + cell * iy
+    z, facing = _heights(mesh, face, x, y)
+    hit = np.flatnonzero(facing)
+    column, z, facing, face = ix[hit] + across * iy[hit], z[hit], facing[hit], face[hit]
+    order = np.lexsort((-facing, z, column))
+    column, z, facing, face = column[order], z[order], facing[order], face[order]
+    return Columns(
+        cell,
+        max(across, 1),
+        (float(start[0]), float(start[1])),
+        *_stretches(column, z, facing, face),
+    )
+
+
+def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:
+    """z (k,) of the points of `face` (k,) at (x, y), and +1 where it looks down, -1 up, 0 missed."""
+    area = np.zeros(len(face))
+    inside = [np.ones(len(face), dtype=np.bool_) for _ in range(2)]
+    weight = np.empty((3, len(face)))
+    for k in range(3):
+        i, j = mesh.faces[face, k], mesh.faces[face, (k + 1) % 3]
+        # the same sum for both faces of an edge, whichever way they run through it
+        swap = i > j
+        a, b = mesh.vertices[np.where(swap, j, i)], mesh.vertices[np.where(swap, i, j)]
+        dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+        value = dx * (y - a[:, 1]) - dy * (x - a[:, 0])
+        owns = (dy > 0) | ((dy == 0) & (dx < 0))
+        sign = np.where(swap, -1.0, 1.0)
+        weight[(k + 2) % 3] = value * sign
+        area += value * sign
+        left = (value > 0) | ((value == 0) & owns)  # of the edge as it is stored
+        left ^= swap
+        inside[0] &= left
+        inside[1] &= ~left
+    hit = (inside[0] | inside[1]) & (area != 0)
+    weight /= np.where(hit, area, 1.0)
+    corner = mesh.vertices[mesh.faces[face], 2]
+    # steep faces amplify rounding, but no point of a face leaves the range of its corners
+    z = np.einsum("ki,ik->i", weight, corner).clip(corner.min(axis=1), corner.max(axis=1))
+    facing = np.where(hit, np.where(inside[0], -1, 1), 0)
+    return z, facing.astype(np.int64)
+
+
+def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, Array, Array, Ints]:
+    """column, low, high and lower face of each stretch, of sorted crossings."""
+    if not len(column):
+        return column, z, z.copy(), face
+    new = np.flatnonzero(np.diff(column, prepend=column[0] - 1))
+    run = np.cumsum(facing)
+    before = np.repeat(run[new] - facing[new], np.diff(new, append=len(column)))
+    depth = run - before
+    last = np.append(new[1:], len(column)) - 1
+    good = np.repeat(depth[last] == 0, np.diff(new, append=len(column)))
+    enters = np.flatnonzero(good & (depth == 1) & (facing > 0))
+    leaves = np.flatnonzero(good & (depth == 0) & (facing < 0))
+    if len(enters) != len(leaves):  # an axis that is inside less than no times: wound inwards
+        bad = np.unique(column[good & (depth < 0)])
+        enters = enters[~np.isin(column[enters], bad)]
+        leaves = leaves[~np.isin(column[leaves], bad)]
+    thick = z[leaves] > z[enters]
+    enters, leaves = enters[thick], leaves[thick]
+    return column[enters], z[enters], z[leaves], face[enters]

@@ -1,0 +1,304 @@
+"""How thick the walls of a part are, and how wide the gaps between them, measured by rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.mesh import Mesh, corner_faces, face_normals
+from knotfab_validators.geometry.sampling import number_runs
+from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
+
+__all__ = ["SAMPLE_MM", "Facing", "LocalThickness", "Probe"]
+
+
+SAMPLE_MM = 1.2  # between samples; see `Probe`
+MOST_SAMPLES = 200_000
+FACING = float(np.cos(np.radians(30.0)))  # two sides of a wall or gap are this nearly parallel
+SLIVER_MM = 1e-2  # faces less high have no trustworthy normal: nothing is measured from them
+SLANTING = float(np.cos(np.radians(75.0)))  # a face beyond this does not even hint at a gap
+SEED_MM = 3.0  # around places less wide all faces are sampled
+MOST_SEEDS = 300
+NEAR_MM = 1.2  # a gap wider than this is walked from only if it is the narrowest
+BATCH = 64
+MOST_BATCHES = 16
+MOST_HOPS = 60
+MET_MM = 1e-9  # nearer than this two faces meet
+START_MM = 1e-6  # a ray starts this far off its face
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Pairs of places that face each other: from `point` (n, 3) on `face` a ray along the normal
+    meets `other` (n,) at `hit` (n, 3), `width` (n,) away.
+    """
+
+    point: Array
+    face: Ints
+    hit: Array
+    other: Ints
+    width: Array
+
+    def take(self, which: Ints) -> Facing:
+        return Facing(*(field[which] for field in self._fields()))
+
+    def join(self, other: Facing) -> Facing:
+        pairs = zip(self._fields(), other._fields(), strict=True)
+        return Facing(*(np.concatenate(pair) for pair in pairs))
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.point, self.face, self.hit, self.other, self.width
+
+
+@dataclass(frozen=True)
+class LocalThickness:
+    """The thinnest wall or gap, mm (infinite: there is none).
+
+    `widths` (k,) and `at` (k, 3): the narrowest places, one for each sampling cube, worst first.
+    """
+
+    value: float
+    widths: Array
+    at: Array
+
+
+class Probe:
+    """Samples of a closed mesh's surface from which walls and gaps are measured.
+
+    From a sample a ray runs along the face's normal, into the material (walls) or out of it
+    (gaps), up to the next face. It counts when the two faces are parallel within 30°: a box's edge
+    is no thin wall and its inner corner no gap. The width is the ray's length.
+
+    Samples: a lattice of `spacing` on every face that is larger, one in the middle of each
+    smaller one, of which those that share a cube of that size and look the same way (of six) are
+    thinned to one. So a wall or gap is found if one side of it has a place, away from all that is
+    not it, as large as a cube's diagonal, 2.1 mm (more where 200,000 samples do not suffice);
+    a smaller one is found only by chance, and what meets as corner or edge against a face, or at
+    more than 30°, is not seen.
+    """
+
+    def __init__(self, mesh: Mesh, spacing: float = SAMPLE_MM) -> None:
+        from igl import AABB
+
+        self.mesh = mesh
+        self.vertices = np.ascontiguousarray(mesh.vertices)
+        self.faces = np.ascontiguousarray(mesh.faces)
+        self.normals, areas = face_normals(mesh)
+        corner = mesh.vertices[mesh.faces]
+        sides = corner - corner[:, [1, 2, 0]]
+        edges = np.sqrt(np.einsum("fki,fki->fk", sides, sides))
+        self.height = 2 * areas / np.maximum(edges.max(axis=1), 1e-300)
+        self.usable = self.height > SLIVER_MM
+        self.spacing = max(spacing, float(np.sqrt(4 * areas.sum() / MOST_SAMPLES)))
+        self.tree: Any = AABB()
+        self.tree.init(self.vertices, self.faces)
+        self.point, self.face = _thin(
+            *_sample_lattice(corner, edges, self.height, self.usable, self.spacing),
+            self.normals,
+            self.spacing,
+        )
+        self._around: tuple[Ints, Ints] | None = None
+
+    def wall(self) -> LocalThickness:
+        """The thinnest wall: the smallest width seen through the material.
+
+        A tube's is its diameter between opposite sides; an edge sharper than 30° counts as a wall
+        that thins out, as thin as at the nearest sample.
+        """
+        seen = self._facing(-1.0)
+        return self._narrowest(seen.width, (seen.point + seen.hit) / 2)
+
+    def gap(self, near_mm: float = NEAR_MM) -> LocalThickness:
+        """The thinnest gap: the smallest width seen through the air.
+
+        From each narrow place the pair of faces walks to neighbours as long as they come closer,
+        by exact distances between triangles. Where it ends in a true local minimum that distance
+        is the gap: two tubes are measured where they are closest, wherever the samples lie. Where
+        the sides meet, so that the gap narrows to nothing, it is a crease and no gap: a nozzle
+        fills it, and nothing is lost. In all other cases (a hole, a slot with a round end, the
+        inside of a bend) the width at the sample counts.
+
+        Places wider than `near_mm` are walked from only as far as the narrowest one needs.
+        """
+        seen = self._facing(1.0)
+        order = np.argsort(seen.width, kind="stable")
+        order = order[_first_in_cube((seen.point[order] + seen.hit[order]) / 2, self.spacing)]
+        best, value = np.full(0, np.inf), np.inf
+        at = np.empty((0, 3))
+        for start in range(0, min(len(order), MOST_BATCHES * BATCH), BATCH):
+            some = seen.take(order[start : start + BATCH])
+            if some.width[0] > value + self.spacing / 4 or (
+                np.isfinite(value) and some.width[0] > max(near_mm, value)
+            ):
+                break
+            width, middle = self._closest(some)
+            best, at = np.concatenate([best, width]), np.concatenate([at, middle])
+            value = float(best.min())
+        else:
+            rest = order[MOST_BATCHES * BATCH :]  # measured where they are
+            best = np.concatenate([best, seen.width[rest]])
+            at = np.concatenate([at, (seen.point[rest] + seen.hit[rest]) / 2])
+        real = np.isfinite(best)
+        return self._narrowest(best[real], at[real])
+
+    def _narrowest(self, width: Array, middle: Array) -> LocalThickness:
+        order = np.argsort(width, kind="stable")[: BATCH * MOST_BATCHES]
+        if not len(order):
+            return LocalThickness(np.inf, np.empty(0), np.empty((0, 3)))
+        order = order[_first_in_cube(middle[order], self.spacing)][:BATCH]
+        return LocalThickness(float(width[order[0]]), width[order], middle[order])
+
+    def _facing(self, side: float) -> Facing:
+        """What the samples see, to the outer side (1) or through the material (-1).
+
+        All faces near the narrowest places are sampled too: the sample that was kept there may
+        look past what its neighbours face.
+        """
+        from scipy.spatial import cKDTree
+
+        seen, cosine = self._cast(self.point, self.face, side)
+        order = np.flatnonzero(seen.width <= SEED_MM)
+        order = order[np.argsort(seen.width[order], kind="stable")]
+        seeds = order[_first_in_cube(seen.point[order], self.spacing)][:MOST_SEEDS]
+        good = np.flatnonzero(cosine >= FACING)
+        if not len(seeds):
+            return seen.take(good)
+        middle = self.mesh.vertices[self.mesh.faces].mean(axis=1)
+        near = cKDTree(middle).query_ball_point(seen.point[seeds], 1.5 * self.spacing)
+        face = np.unique(np.concatenate([np.asarray(n, dtype=np.int64) for n in near]))
+        face = face[self.usable[face]]
+        more, cosine = self._cast(middle[face], face, side)
+        one, two = seen.take(good), more.take(np.flatnonzero(cosine >= FACING))
+        return one.join(two)
+
+    def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
+        """What rays from `point` along the normals meet, and the cosine between the two planes."""
+        direction = side * self.normals[face]
+        start = np.ascontiguousarray(point + START_MM * direction)
+        other, _, _ = self.tree.intersect_ray_first(
+            self.vertices, self.faces, start, np.ascontiguousarray(direction)
+        )
+        other = np.asarray(other, dtype=np.int64)
+        cosine = -np.einsum("ij,ij->i", self.normals[face], self.normals[other])
+        good = np.flatnonzero((other >= 0) & (other != face) & (cosine >= SLANTING))
+        # where the ray meets the other face's plane, again: the tree's lengths are single precision
+        way = self.vertices[self.faces[other[good], 0]] - point[good]
+        t = -side * np.einsum("ij,ij->i", way, self.normals[other[good]]) / cosine[good]
+        hit = point[good] + t[:, None] * direction[good]
+        return Facing(point[good], face[good], hit, other[good], t), cosine[good]
+
+    def _closest(self, some: Facing) -> tuple[Array, Array]:
+        """Gap (k,), infinite where the sides meet, and its middle (k, 3), from pairs of faces."""
+        corner = self.mesh.vertices[self.mesh.faces]
+        one, two = some.face.copy(), some.other.copy()
+        distance, p, q = triangle_triangle(corner[one], corner[two])
+        active = np.arange(len(one))
+        for _ in range(MOST_HOPS):
+            active = active[distance[active] > MET_MM]
+            if not len(active):
+                break
+            owner, f, g = self._neighbouring(active, one, two)
+            good = self._nearly_parallel(f, g)
+            owner, f, g = owner[good], f[good], g[good]
+            d, a, b = triangle_triangle(corner[f], corner[g])
+            # the air between them; where they meet that cannot be told
+            good = (np.einsum("ij,ij->i", b - a, self.normals[f]) > 0) | (d <= MET_MM)
+            owner, f, g, d, a, b = owner[good], f[good], g[good], d[good], a[good], b[good]
+            order = np.lexsort((d, owner))
+            first = order[np.flatnonzero(np.diff(owner[order], prepend=-1))]
+            less = first[d[first] < distance[owner[first]] * (1 - 1e-9) - 1e-12]
+            active = owner[less]
+            one[active], two[active], distance[active] = f[less], g[less], d[less]
+            p[active], q[active] = a[less], b[less]
+        true = self._is_minimum(one, two, p, q, distance)
+        met = distance <= MET_MM
+        width = np.where(true, distance, np.where(met, np.inf, some.width))
+        middle = np.where(true[:, None], (p + q) / 2, (some.point + some.hit) / 2)
+        return width, middle
+
+    def _neighbouring(self, active: Ints, one: Ints, two: Ints) -> tuple[Ints, Ints, Ints]:
+        """Pairs in which one face of the pair gives way to a neighbour: owner, first, second."""
+        a, f = self._ring(one[active])
+        b, g = self._ring(two[active])
+        return (
+            np.concatenate([active[a], active[b]]),
+            np.concatenate([f, one[active[b]]]),
+            np.concatenate([two[active[a]], g]),
+        )
+
+    def _nearly_parallel(self, f: Ints, g: Ints) -> Mask:
+        """Whether faces face each other within 30°; slivers pass, for their normals tell nothing."""
+        facing = -np.einsum("ij,ij->i", self.normals[f], self.normals[g]) >= FACING
+        mask: Mask = (f != g) & (facing | ~self.usable[f] | ~self.usable[g])
+        return mask
+
+    def _is_minimum(self, one: Ints, two: Ints, p: Array, q: Array, distance: Array) -> Mask:
+        """Whether no point of the faces around `one` is nearer to q than p, and the reverse."""
+        corner = self.mesh.vertices[self.mesh.faces]
+        true = distance > MET_MM
+        for face, point in ((one, q), (two, p)):
+            owner, f = self._ring(face)
+            d, _ = point_triangle(point[owner], corner[f])
+            least = np.full(len(face), np.inf)
+            np.minimum.at(least, owner, d)
+            true &= least >= distance * (1 - 1e-6)
+        return true
+
+    def _ring(self, face: Ints) -> tuple[Ints, Ints]:
+        """All faces that share a corner with `face` (k,), itself too: number in it, and face."""
+        if self._around is None:
+            self._around = corner_faces(self.mesh)
+        faces, first = self._around
+        vertex = self.mesh.faces[face].reshape(-1)
+        count = first[vertex + 1] - first[vertex]
+        corner, number = number_runs(count)
+        return corner // 3, faces[first[vertex][corner] + number]
+
+
+def _sample_lattice(
+    corner: Array, edges: Array, height: Array, usable: Mask, spacing: float
+) -> tuple[Array, Ints]:
+    """Points (n, 3) on the usable faces, rows along the longest edge, and the face of each."""
+    face = np.flatnonzero(usable)
+    longest = edges[face].argmax(axis=1)
+    a, b, c = (corner[face, (longest + k) % 3] for k in range(3))
+    length = edges[face, longest]
+    rows = np.ceil(height[face] / spacing).astype(np.int64)
+    at, number = number_runs(rows)
+    up = (number + 0.5) / rows[at]
+    # the middle of a face with one row is its centroid, a third of the way up
+    up = np.where(rows[at] == 1, 1 / 3, up)
+    count = np.maximum(np.ceil(length[at] * (1 - up) / spacing), 1).astype(np.int64)
+    row, number = number_runs(count)
+    along = (number + 0.5) / count[row]
+    k, s = at[row], up[row]
+    t = along * (1 - s)
+    point = a[k] + t[:, None] * (b[k] - a[k]) + s[:, None] * (c[k] - a[k])
+    return point, face[k]
+
+
+def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Array, Ints]:
+    """One sample for each cube of `spacing` and each of the six ways that its face may look."""
+    normal = normals[face]
+    axis = np.abs(normal).argmax(axis=1)
+    way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
+    # by lot: the first of each cube would be the same facet of a tube everywhere along it
+    lot = np.random.default_rng(0).permutation(len(point))
+    keep = lot[_first_in_cube(point[lot], spacing, way[lot])]
+    return point[keep], face[keep]
+
+
+def _first_in_cube(point: Array, size: float, way: Ints | None = None) -> Ints:
+    """Numbers, in order, of the first point in each cube of `size` mm (and of each `way`)."""
+    if not len(point):
+        return np.empty(0, dtype=np.int64)
+    cell = np.floor((point - point.min(axis=0)) / size).astype(np.int64)
+    wide = cell.max(axis=0) + 1
+    key = (cell[:, 2] * wide[1] + cell[:, 1]) * wide[0] + cell[:, 0]
+    if way is not None:
+        key = key * 6 + way
+    _, first = np.unique(key, return_index=True)
+    return np.sort(first)

@@ -1,0 +1,1 @@
+"""The shadows of a part, rendered and by exact polygons, against their pictures."""

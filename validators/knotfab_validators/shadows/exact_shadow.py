@@ -1,0 +1,117 @@
+"""The exact shadow of a mesh without graphics: silhouette edges, noded, kept by winding number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.shadows.view import ViewGeometry
+from knotfab_validators.shadows.winding import Linework, winding_at, winding_raster
+
+__all__ = ["ShadowError", "shadow_lines", "shadow_mask", "shadow_polygon"]
+
+
+class ShadowError(ValueError):
+    """The mesh has no shadow that makes sense here, such as one that reaches the light."""
+
+
+@dataclass(frozen=True)
+class _Projected:
+    points: Array  # (n, 2) pixels
+    faces: Ints  # (m, 3), each turned to positive area in (u, v)
+
+
+def _cut(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints]:
+    """The part of faces (m, 3) with w < `limit`, as triangles; new corners are appended.
+
+    `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight.
+    """
+    corners, triangles = list(homogeneous), []
+    made: dict[tuple[int, int], int] = {}
+    for face in faces:
+        kept: list[int] = []
+        for a, b in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
+            if homogeneous[a, 2] < limit:
+                kept.append(a)
+            if (homogeneous[a, 2] < limit) != (homogeneous[b, 2] < limit):
+                key = (min(a, b), max(a, b))
+                if key not in made:
+                    p, q = homogeneous[key[0]], homogeneous[key[1]]
+                    made[key] = len(corners)
+                    corners.append(p + (limit - p[2]) / (q[2] - p[2]) * (q - p))
+                kept.append(made[key])
+        triangles += [(kept[0], kept[i], kept[i + 1]) for i in range(1, len(kept) - 1)]
+    return np.array(corners), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _project(vertices: Array, faces: Ints, geometry: ViewGeometry) -> _Projected:
+    matrix = geometry.projection
+    h = vertices @ matrix[:, :3].T + matrix[:, 3]
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    if (h[used, 2] < 1e-6).any():
+        raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
+    limit = geometry.w_of_receiver  # matter on or behind the receiver plane casts no shadow
+    inside = (h[:, 2] < limit)[faces]
+    whole = inside.all(axis=1)
+    crossing = inside.any(axis=1) & ~whole
+    kept = faces if whole.all() else faces[whole]
+    if crossing.any():
+        h, pieces = _cut(h, faces[crossing], limit)
+        kept = np.concatenate([kept, pieces])
+    with np.errstate(divide="ignore", invalid="ignore"):  # corners that no face uses
+        points = h[:, :2] / h[:, 2:]
+    a, b, c = points[kept[:, 0]], points[kept[:, 1]], points[kept[:, 2]]
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    turned = np.where((area < 0)[:, None], kept[:, ::-1], kept)
+    return _Projected(points, turned[area != 0])
+
+
+def shadow_lines(vertices: Array, faces: Ints, geometry: ViewGeometry) -> Linework:
+    """The silhouette edges of a mesh as oriented linework, in pixels of `geometry`.
+
+    Every face is turned to positive area in the picture; an edge that two faces run through in
+    opposite directions cancels. What is left (silhouette edges, and free edges of a mesh that is
+    not closed) is the boundary of the sum of all projected faces, so its winding number at a point
+    is the number of faces over it: the shadow is where it is not zero, for any set of triangles.
+
+    Args:
+        vertices: (n, 3), mm, in the coordinates of `geometry`.
+        faces: (m, 3) indices.
+
+    Raises:
+        ShadowError: the part reaches the light or lies behind it.
+    """
+    flat = _project(vertices, np.asarray(faces, dtype=np.int64), geometry)
+    a = flat.faces.ravel()
+    b = np.roll(flat.faces, -1, axis=1).ravel()
+    key = np.minimum(a, b) * len(flat.points) + np.maximum(a, b)
+    order = np.argsort(key, kind="stable")
+    key, sign = key[order], np.where(a < b, 1, -1)[order]
+    first = np.flatnonzero(np.diff(key, prepend=-1))
+    net = np.add.reduceat(sign, first) if len(first) else np.zeros(0, dtype=np.int64)
+    edges, net = key[first[net != 0]], net[net != 0]
+    start, end = flat.points[edges // len(flat.points)], flat.points[edges % len(flat.points)]
+    return Linework(start, end, net.astype(np.int64))
+
+
+def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
+    """The shadow (height, width) at the pixel centres of `geometry`."""
+    mask: Mask = winding_raster(lines, geometry.width, geometry.height) != 0
+    return mask
+
+
+def shadow_polygon(lines: Linework) -> Any:
+    """The shadow as a shapely polygon or multipolygon, in pixels.
+
+    The linework is noded and polygonised; of the faces of that arrangement those with a nonzero
+    winding number at an inner point are the shadow.
+    """
+    noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
+    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
+    inner = shapely.get_coordinates(shapely.point_on_surface(cells))
+    return shapely.union_all(cells[winding_at(inner, lines) != 0])

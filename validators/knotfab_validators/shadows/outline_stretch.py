@@ -1,0 +1,114 @@
+"""The largest stretch of wrong outline: where shadow and picture differ along their edges, and how far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Mask
+
+__all__ = ["WRONG_PX", "WrongStretch", "find_wrong_stretch"]
+
+
+WRONG_PX = 2.0
+"""An outline is wrong where the other one is farther away than this: 0.2 % of the frame."""
+
+
+@dataclass(frozen=True)
+class WrongStretch:
+    """The longest connected piece of either outline that is wrong.
+
+    `length_px` along the outline, `off_px` how far the other outline is at its worst point, and
+    `where` that point (u, v); all in pixels of the compared masks. All zero where nothing is wrong.
+    """
+
+    length_px: float
+    off_px: float
+    where: tuple[float, float]
+
+
+def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -> WrongStretch:
+    """The longest stretch along which one outline stays farther than `wrong_px` from the other.
+
+    Both outlines are walked: the shadow's, which finds spill and blobs, and the target's, which
+    finds what is missing (Hausdorff distances are two-sided for the same reason). An outline is
+    the marching-squares contour of its mask; distances are those of the pixel grid (exact
+    Euclidean distance transform), so they are good to half a pixel. An empty mask has no outline,
+    and the whole of the other one is then wrong.
+
+    Args:
+        shadow, target: (H, W), on one grid.
+    """
+    if shadow.shape != target.shape:
+        raise ValueError(f"masks of one grid are compared, got {shadow.shape} and {target.shape}")
+    worst = WrongStretch(0.0, 0.0, (0.0, 0.0))
+    rows, columns = np.nonzero(shadow | target)
+    if not len(rows):
+        return worst
+    top, left = max(int(rows.min()) - 2, 0), max(int(columns.min()) - 2, 0)
+    window = slice(top, int(rows.max()) + 3), slice(left, int(columns.max()) + 3)
+    one, other = (np.pad(mask[window], 1) for mask in (shadow, target))
+    for walked, asked in ((one, other), (other, one)):
+        off = _distance_to_outline(asked)
+        for line in _outlines(walked):
+            found = _longest_run(line, _sample(off, line), wrong_px)
+            if found.length_px > worst.length_px:
+                u, v = found.where
+                worst = WrongStretch(found.length_px, found.off_px, (u + left - 1, v + top - 1))
+    return worst
+
+
+def _outlines(mask: Mask) -> list[Array]:
+    """Closed polylines (n, 2) of (u, v), the last point equal to the first."""
+    from contourpy import LineType, contour_generator
+
+    generator = contour_generator(z=mask.astype(np.float64), line_type=LineType.Separate)
+    lines = generator.lines(0.5)
+    return [np.asarray(line, dtype=np.float64) for line in lines if len(line) > 2]
+
+
+def _distance_to_outline(mask: Mask) -> Array:
+    """(H, W) distance of each pixel centre to the mask's outline, px; the diagonal without one."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not mask.any() or mask.all():
+        return np.full(mask.shape, float(np.hypot(*mask.shape)))
+    # the outline lies half a pixel before the nearest centre of the other side
+    inside, outside = distance_transform_edt(mask), distance_transform_edt(~mask)
+    distance: Array = np.where(mask, inside, outside) - 0.5
+    return distance
+
+
+def _sample(field: Array, points: Array) -> Array:
+    """The field at points (n, 2) of (u, v): the smaller of the two pixels that a point lies between."""
+    u, v = points.T
+    low = field[np.floor(v).astype(int), np.floor(u).astype(int)]
+    high = field[np.ceil(v).astype(int), np.ceil(u).astype(int)]
+    smaller: Array = np.minimum(low, high)
+    return smaller
+
+
+def _longest_run(line: Array, off: Array, wrong_px: float) -> WrongStretch:
+    """The longest run of edges with both ends wrong, along one closed polyline."""
+    wrong = off > wrong_px
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    bad = wrong[:-1] & wrong[1:]
+    if bad.all():
+        at = int(off.argmax())
+        return WrongStretch(float(steps.sum()), float(off[at]), _point(line[at]))
+    start = int(np.flatnonzero(~bad)[0])  # begin where it is right, so that no run is cut in two
+    bad, steps = np.roll(bad, -start), np.roll(steps, -start)
+    here = np.roll(np.arange(len(steps)), -start)
+    run = np.cumsum(np.diff(bad.astype(int), prepend=0) == 1) * bad
+    if not run.any():
+        return WrongStretch(0.0, 0.0, (0.0, 0.0))
+    lengths = np.bincount(run, weights=steps)
+    lengths[0] = 0.0
+    members = here[run == int(lengths.argmax())]
+    at = int(members[off[members].argmax()])
+    return WrongStretch(float(lengths.max()), float(off[at]), _point(line[at]))
+
+
+def _point(uv: Array) -> tuple[float, float]:
+    return (float(uv[0]), float(uv[1]))

@@ -1,0 +1,161 @@
+"""The shadows of a written part, view by view: checks, reports and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check
+from knotfab_validators.clock import timed
+from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.files.scene import Scene
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.shadows.compare import depth_ratio
+from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.misplacement import measure_misplacement
+from knotfab_validators.shadows.penumbra import blur_px, measure_penumbra
+from knotfab_validators.shadows.pictures import write_compare, write_shadow
+from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
+from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+
+__all__ = ["SKIP_RENDER", "verify_shadows"]
+
+
+BLUR_PX = 1.0  # a lamp that blurs the outline by less is taken as a point
+MISPLACED_PX = 512  # losses of a few per cent are told apart as well
+SKIP_RENDER = "shadow-render"
+
+
+def verify_shadows(
+    mesh: Mesh,
+    curves: Curves | None,
+    scene: Scene,
+    folder: Path,
+    skip: Collection[str],
+    pictures_dir: str | PathLike[str] | None,
+    seconds: dict[str, float],
+) -> tuple[list[Check], list[dict[str, Any]]]:
+    """The checks of a part's shadows, and the report's record of each view.
+
+    Args:
+        folder: where the scene's pictures lie. skip: with `SKIP_RENDER` the exact polygons decide
+            alone. pictures_dir: where to write each view's pictures; None: nowhere.
+
+    Raises:
+        ValueError: a picture cannot be read, or the part reaches the light.
+    """
+    views: list[dict[str, Any]] = []
+    pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose, dtype=np.float64)
+    vertices = move_points(mesh.vertices, pose)
+    polygons = [move_points(p, pose) for p in curves.polygons] if curves is not None else None
+    radius = curves.radius_mm if curves is not None else None
+    renderer, why = None, "left out on request"
+    if SKIP_RENDER not in skip:
+        with timed(seconds, "renderer"):
+            try:
+                renderer = SilhouetteRenderer(vertices, mesh.faces)
+            except CannotRender as error:
+                why = str(error)
+    verified: dict[str, VerifiedView] = {}
+    try:
+        for view in scene.views:
+            with timed(seconds, f"view {view.name}"):
+                target = read_silhouette(folder / view.picture, invert=view.invert)
+                geometry = view_geometry(view, target.shape[1], target.shape[0])
+                found = verify_view(
+                    vertices,
+                    mesh.faces,
+                    target,
+                    geometry,
+                    polygons=polygons,
+                    radius=radius,
+                    closed=curves.closed if curves is not None else None,
+                    mounted=scene.mount.kind != "none",
+                    stand=scene.mount.kind == "stand",
+                    renderer=renderer,
+                )
+            verified[view.name] = found
+            soft = None
+            fine = geometry.resampled(found.frame)
+            lamp = view.light_diameter_mm if view.kind == "shadow" else 0.0
+            if renderer is not None and blur_px(vertices, fine, lamp) > BLUR_PX:
+                with timed(seconds, "penumbra"):
+                    soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
+            points = np.concatenate(polygons) if polygons is not None else vertices
+            views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
+            if renderer is not None:
+                with timed(seconds, "misplacement"):
+                    coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
+                    views[-1]["misplacement"] = measure_misplacement(
+                        renderer,
+                        _middle(points),
+                        geometry.resampled(coarse),
+                        padded_mask(target, coarse),
+                        turns=scene.mount.kind != "wall",
+                    )
+            if soft is not None:
+                views[-1]["penumbra"] = {"widest_px": soft.widest_px, "iou": soft.iou}
+            if pictures_dir is not None:
+                with timed(seconds, "pictures"):
+                    into = Path(pictures_dir)
+                    write_shadow(into / f"shadow-{view.name}.png", found.shadow, found.frame)
+                    write_compare(
+                        into / f"compare-{view.name}.png", found.target, found.shadow, found.frame
+                    )
+    finally:
+        if renderer is not None:
+            renderer.close()
+    floor = scene.accuracy.iou_floor
+    checks = shadow_checks(
+        verified,
+        mesh.vertices,
+        iou_floor=floor if isinstance(floor, float) else None,
+        max_outline_px=scene.accuracy.max_outline_error_px,
+        no_rendering=None if renderer is not None else why,
+        polygons_decide=SKIP_RENDER in skip,
+        mount=scene.mount.kind,
+    )
+    return checks, views
+
+
+def _report(
+    view: Any, found: VerifiedView, geometry: ViewGeometry, pose: Array, depth: float
+) -> dict[str, Any]:
+    """The report's keys of a view; `projection` and `receiver` in part coordinates."""
+    own = geometry.in_part(pose)
+    fine_mm = geometry.resampled(found.frame).pixel_mm
+    return {
+        "name": view.name,
+        "kind": view.kind,
+        "picture": view.picture,
+        "width": geometry.width,
+        "height": geometry.height,
+        "projection": own.projection.tolist(),
+        "receiver": own.receiver.tolist(),
+        "iou": found.whole.iou,
+        "iou_frame": found.framed.iou,
+        "iou_tube": found.tube.iou if found.tube is not None else None,
+        "precision": found.whole.precision,
+        "recall": found.whole.recall,
+        "outline_error_px": found.outline_px,
+        "outline_error_mm": found.outline.largest_mm if found.outline is not None else None,
+        "intrusion": found.intrusion,
+        "outline_stretch_px": found.wrong.length_px,
+        "outline_stretch_mm": found.wrong.length_px * fine_mm,
+        "outline_stretch_off_px": found.wrong.off_px,
+        "legibility": found.legibility or {},
+        "depth_ratio": depth,
+    }
+
+
+def _middle(points: Array) -> Array:
+    middle: Array = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle

@@ -1,0 +1,205 @@
+"""The exact tube's picture: signed distance to its outline, and how far a shadow is from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.curves import edges_of
+from knotfab_validators.shadows.view import ViewGeometry
+from knotfab_validators.shadows.winding import Linework, winding_raster
+
+__all__ = ["OutlineError", "TubeField", "outline_error", "tube_field"]
+
+
+MARGIN_PX = 3.0  # how far outside a capsule's box its distance is still evaluated first
+MOST_PIXELS = 20_000  # of those that differ; where more do, the error is far above any limit
+AT_ONCE = 2_000  # pixels asked at a time: each may lie in the boxes of hundreds of capsules
+ROUND = 48  # corners of a ball's outline
+
+
+@dataclass(frozen=True)
+class TubeField:
+    """Capsules (segments and one radius, mm) seen in one view, with what makes look-ups fast."""
+
+    start: Array  # (n, 3), relative to the light
+    end: Array  # (n, 3)
+    radius: float
+    geometry: ViewGeometry
+    middles: Array  # (n, 2) pixels, where each capsule's middle is seen
+    bounds: Array  # (n, 4) pixels, each capsule's box (u0, v0, u1, v1)
+    mask: Mask  # (height, width): the tube's picture at the pixel centres
+
+    def signed_distance(self, pixels: Array) -> Array:
+        """Signed distance (m,), in mm on the receiver, of pixels (m, 2) to the tube's outline.
+
+        Positive inside. The distance of the ray through a pixel from a segment, less the radius,
+        is turned into a distance on the receiver by its gradient there: moving the pixel by dQ
+        moves the nearest point of the ray by tau dQ (tau: how far along the ray it lies), so the
+        distance changes by tau <m, dQ>, m being the unit vector from segment to ray. Exact on
+        the outline, and of second order near it. The tube is the union of its capsules, so the
+        largest value counts.
+        """
+        margin = MARGIN_PX * np.array([-1.0, -1.0, 1.0, 1.0])
+        tree = shapely.STRtree(shapely.box(*(self.bounds + margin).T))
+        best = np.full(len(pixels), -np.inf)
+        for first in range(0, len(pixels), AT_ONCE):
+            some = pixels[first : first + AT_ONCE]
+            at, capsule = tree.query(shapely.points(some))
+            np.maximum.at(best, first + at, self._value(some[at], capsule))
+        far = np.flatnonzero(best < -MARGIN_PX * self.geometry.pixel_mm)
+        if len(far):  # the nearest capsule may not have been asked: take those seen nearest
+            _, near = cKDTree(self.middles).query(pixels[far], k=min(16, len(self.middles)))
+            near = np.asarray(near).reshape(len(far), -1)
+            values = self._value(np.repeat(pixels[far], near.shape[1], axis=0), near.ravel())
+            best[far] = np.maximum(best[far], values.reshape(near.shape).max(axis=1))
+        return best
+
+    def _value(self, pixels: Array, capsule: Ints) -> Array:
+        g = self.geometry
+        ray = g.on_receiver(pixels) - g.light
+        length = np.linalg.norm(ray, axis=1)
+        unit = ray / length[:, None]
+        a, e = self.start[capsule], self.end[capsule] - self.start[capsule]
+        ad, ed = np.cross(a, unit), np.cross(e, unit)
+        square = (ed * ed).sum(axis=1)
+        # where the ray runs along the segment any of its points is as near: take its start
+        safe = np.where(square > 0, square, 1.0)
+        t = np.clip(-(ad * ed).sum(axis=1) / safe, 0.0, 1.0)
+        point = a + t[:, None] * e
+        along = (point * unit).sum(axis=1)
+        gap = along[:, None] * unit - point
+        distance = np.linalg.norm(gap, axis=1)
+        m = gap / np.maximum(distance, 1e-12)[:, None]
+        u, v = g.du / np.linalg.norm(g.du), g.dv / np.linalg.norm(g.dv)
+        slope = (along / length) * np.hypot(m @ u, m @ v)
+        # on the centre line itself the direction is undefined: take the mildest slope
+        slope = np.where(distance > 1e-9, np.maximum(slope, 1e-9), along / length)
+        value: Array = (self.radius - distance) / slope
+        return value
+
+
+def tube_field(
+    polygons: Sequence[Array],
+    radius: float,
+    geometry: ViewGeometry,
+    closed: Sequence[bool] | None = None,
+) -> TubeField:
+    """The exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
+    edges = edges_of(polygons, closed)
+    start, end = edges.start - geometry.light, edges.end - geometry.light
+    hulls = _outlines(start, end, radius, geometry)
+    points, ring = shapely.get_coordinates(shapely.normalize(hulls), return_index=True)
+    inside = ring[1:] == ring[:-1]
+    lines = Linework(points[:-1][inside], points[1:][inside], np.ones(inside.sum(), dtype=np.int64))
+    middles, _ = geometry.project((start + end) / 2 + geometry.light)
+    mask = winding_raster(lines, geometry.width, geometry.height) != 0
+    bounds = shapely.bounds(hulls)
+    return TubeField(start, end, radius, geometry, middles, bounds, mask)
+
+
+def _outlines(
+    start: Array, end: Array, radius: float, geometry: ViewGeometry
+) -> NDArray[np.object_]:
+    """Each capsule's picture as a convex polygon (n,): the hull of the pictures of its two balls.
+
+    A ball at c is touched by the light's rays in the circle with centre c (1 - r²/|c|²), radius
+    r sqrt(1 - r²/|c|²), across c; a capsule is the convex hull of its balls, and so is its picture.
+    """
+    angle = 2 * np.pi * np.arange(ROUND) / ROUND
+    pictures = []
+    for c in (start, end):
+        square = (c * c).sum(axis=1)
+        cosine2 = 1.0 - radius**2 / square
+        away = c / np.sqrt(square)[:, None]
+        first = np.cross(away, geometry.up)
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        second = np.cross(away, first)
+        rim = (
+            radius
+            * np.sqrt(cosine2)[:, None, None]
+            * (np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None])
+        )
+        circle = c[:, None] * cosine2[:, None, None] + rim + geometry.light
+        pictures.append(geometry.project(circle.reshape(-1, 3))[0].reshape(len(c), ROUND, 2))
+    both = np.concatenate(pictures, axis=1)
+    hulls: NDArray[np.object_] = shapely.convex_hull(
+        shapely.multipoints(
+            both.reshape(-1, 2), indices=np.repeat(np.arange(len(both)), both.shape[1])
+        )
+    )
+    return hulls
+
+
+@dataclass(frozen=True)
+class OutlineError:
+    """How far a shadow is from the exact tube's, in mm on the receiver, and where (pixel)."""
+
+    spill_mm: float  # how far shadow reaches outside the tube's
+    missing_mm: float  # how far the tube's shadow reaches outside the shadow
+    where: tuple[float, float]
+
+    @property
+    def largest_mm(self) -> float:
+        return max(self.spill_mm, self.missing_mm, 0.0)
+
+
+def outline_error(
+    field: TubeField, outline: Array, shadow: Mask, own: Array | None = None
+) -> OutlineError:
+    """Largest distance between a shadow and the exact tube's.
+
+    Spill is the largest distance outside the tube of any point of the shadow, missing the
+    largest distance inside the tube of any point that is not in the shadow. Both are taken over
+    the vertices of the shadow's exact outline (which belong to both sides) and over the pixel
+    centres, so that neither a sliver nor a whole missing strand is overlooked.
+
+    Args:
+        outline: (m, 2) vertices of the exact shadow's outline, in pixels of the field's geometry.
+        shadow: (height, width), the shadow at the pixel centres.
+        own: (k, 2) pixels where vertices of the tube's surface are seen. With them the spill is
+            taken over these alone, so that a mount's shadow is none of it; what is missing is
+            found as before.
+    """
+    lit = _sample_mask(field.mask & ~shadow)
+    at_outline = field.signed_distance(outline)
+    if own is None:
+        dark = _sample_mask(shadow & ~field.mask)
+        reach, spill = [outline, dark], [-at_outline, -field.signed_distance(dark)]
+    else:
+        own = own[~_find_well_inside(field.mask, own)]
+        reach, spill = [own], [-field.signed_distance(own)]
+    missing = [at_outline, field.signed_distance(lit)]
+    points = np.concatenate([*reach, outline, lit])
+    error = np.concatenate([*spill, *missing])
+    worst = points[int(np.argmax(error))] if len(error) else np.zeros(2)
+    return OutlineError(
+        spill_mm=float(np.concatenate(spill).max(initial=0.0)),
+        missing_mm=float(np.concatenate(missing).max(initial=0.0)),
+        where=(float(worst[0]), float(worst[1])),
+    )
+
+
+def _sample_mask(mask: Mask) -> Array:
+    """(n, 2) pixel centres at which a mask holds, evenly thinned where they are very many."""
+    rows, columns = np.nonzero(mask)
+    stride = -(-len(rows) // MOST_PIXELS) or 1
+    return np.column_stack([columns, rows])[::stride].astype(np.float64)
+
+
+def _find_well_inside(mask: Mask, pixels: Array) -> Mask:
+    """(m,) whether a pixel and all around it are dark, so that nothing there can be spill."""
+    inner = mask.copy()
+    for axis in (0, 1):
+        inner &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)
+    whole = np.rint(pixels).astype(np.int64)
+    seen = ((whole >= 1) & (whole < np.array(mask.shape[::-1]) - 1)).all(axis=1)
+    inside: Mask = np.zeros(len(pixels), dtype=bool)
+    inside[seen] = inner[whole[seen, 1], whole[seen, 0]]
+    return inside

@@ -1,0 +1,198 @@
+"""One view verified: the file's shadow by rendering and by exact polygons, against its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.shadows.compare import Overlap, legibility, overlap
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask, shadow_polygon
+from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
+from knotfab_validators.shadows.outline_stretch import WrongStretch, find_wrong_stretch
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
+from knotfab_validators.shadows.view import ViewGeometry
+from knotfab_validators.tube.mount_matter import tube_vertices
+
+__all__ = ["VerifiedView", "count_stray", "verify_view"]
+
+
+@dataclass(frozen=True)
+class VerifiedView:
+    """What was measured in one view.
+
+    The masks lie on the padded working frame. `rendered` is None where nothing was rendered;
+    `stray_px` counts the pixels at which rendering and polygons disagree farther than one pixel
+    from the outline. `tube` and `outline` are None without knots; `outline_vertex` is the number
+    of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
+    along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
+    that a mount darkens outside both picture and knots; None where the knots are not known.
+    `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
+    floor is asked, without all that it darkens beside the tube; without a stand all three are one.
+    """
+
+    frame: WorkingFrame
+    target: Mask
+    exact: Mask
+    rendered: Mask | None
+    whole: Overlap
+    framed: Overlap
+    judged: Overlap
+    exact_iou: float
+    stray_px: int | None
+    tube: Overlap | None
+    outline: OutlineError | None
+    outline_px: float | None
+    outline_vertex: int | None
+    wrong: WrongStretch
+    intrusion: float | None
+    legibility: dict[str, float] | None
+
+    @property
+    def shadow(self) -> Mask:
+        """The verified shadow: the rendered one where there is one."""
+        return self.exact if self.rendered is None else self.rendered
+
+
+def verify_view(
+    vertices: Array,
+    faces: Ints,
+    target: Mask,
+    geometry: ViewGeometry,
+    *,
+    polygons: Sequence[Array] | None = None,
+    radius: float | None = None,
+    closed: Sequence[bool] | None = None,
+    mounted: bool = False,
+    stand: bool = False,
+    renderer: SilhouetteRenderer | None = None,
+    longer: int = 1024,
+) -> VerifiedView:
+    """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
+
+    Args:
+        vertices, faces: (n, 3) and (m, 3), the part. target: (H, W), the picture's silhouette.
+        geometry: the view, on the picture's pixels.
+        polygons, radius: the knots' centre lines and the tube's radius, where they are known.
+        closed: for each of them, whether its last point joins the first; all by default.
+        mounted: whether the part is more than the tube about `polygons`; then the knots' own shadow
+            is that of the exact tube, which the check `tube` finds in the part.
+        stand: whether that is a stand, which shows below the frame and may show inside it. The
+            outline is then that of the tube's own surface, and the tube's shadow is what is judged.
+        renderer: of this mesh, where rendering is possible.
+        longer: pixels on the longer side of the frame.
+
+    Raises:
+        ShadowError: the part reaches the light.
+    """
+    frame = working_frame(target.shape[1], target.shape[0], longer)
+    fine = geometry.resampled(frame)
+    wanted = padded_mask(target, frame)
+    lines = shadow_lines(vertices, faces, fine)
+    exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
+    rendered = renderer.render(fine) if renderer is not None else None
+    whole = overlap(exact if rendered is None else rendered, wanted)
+    result = VerifiedView(
+        frame=frame,
+        target=wanted,
+        exact=exact,
+        rendered=rendered,
+        whole=whole,
+        framed=whole,
+        judged=whole,
+        exact_iou=overlap(exact, wanted).iou,
+        stray_px=None if rendered is None else count_stray(rendered, exact, polygon),
+        tube=None if mounted else whole,
+        outline=None,
+        outline_px=None,
+        outline_vertex=None,
+        wrong=find_wrong_stretch(exact if rendered is None else rendered, wanted),
+        intrusion=None,
+        legibility=None,
+    )
+    if polygons is not None and radius is not None:
+        field = tube_field(polygons, radius, fine, closed)
+        own = None
+        if stand:
+            on_tube = tube_vertices(vertices, faces, polygons, radius)
+            own = fine.project(vertices[on_tube])[0]
+        error = outline_error(field, shapely.get_coordinates(polygon), exact, own)
+        shadow = result.shadow
+        if stand:
+            kept = shadow & (_in_frame(frame) | field.mask)
+            result = replace(
+                result,
+                framed=overlap(kept, wanted),
+                judged=overlap(shadow & field.mask, wanted),
+                wrong=find_wrong_stretch(kept, wanted),
+            )
+        result = replace(
+            result,
+            tube=overlap(field.mask, wanted) if mounted else whole,
+            outline=error,
+            outline_px=error.largest_mm / fine.pixel_mm,
+            outline_vertex=_casting(vertices, fine, error.where),
+            intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
+        )
+    if renderer is not None:
+        result = replace(
+            result, legibility=_legibility(renderer, vertices, faces, geometry, target)
+        )
+    return result
+
+
+def _share_of_frame(mask: Mask, frame: WorkingFrame) -> float:
+    """What share of the picture's frame a mask (H, W) on the padded frame covers."""
+    return float(mask[_in_frame(frame)].mean())
+
+
+def _in_frame(frame: WorkingFrame) -> Mask:
+    """The picture's frame on the padded one."""
+    inside = np.zeros((frame.padded_height, frame.padded_width), dtype=bool)
+    rows = slice(frame.pad_y, frame.pad_y + frame.height)
+    inside[rows, frame.pad_x : frame.pad_x + frame.width] = True
+    return inside
+
+
+def _legibility(
+    renderer: SilhouetteRenderer,
+    vertices: Array,
+    faces: Ints,
+    geometry: ViewGeometry,
+    target: Mask,
+) -> dict[str, float]:
+    """`legibility` of what stands before the receiver: a plate on the wall is no part of the piece."""
+    _, w = geometry.project(vertices)
+    before = (w < geometry.w_of_receiver)[faces].any(axis=1)
+    if before.all():
+        return legibility(renderer, vertices, geometry, target)
+    left = faces[before]
+    with SilhouetteRenderer(vertices, left) as own:
+        return legibility(own, vertices[np.unique(left)], geometry, target)
+
+
+def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:
+    """The number of the vertex that is seen nearest to a pixel."""
+    seen, _ = geometry.project(vertices)
+    return int(((seen - np.array(pixel)) ** 2).sum(axis=1).argmin())
+
+
+def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:
+    """Pixels at which two masks disagree, but which are farther than a pixel from the outline.
+
+    Args:
+        rendered, exact: (H, W). polygon: what `exact` was rastered from, in pixels. Its own boundary
+            is asked, not the raster's: a hole finer than the pixels is outline too.
+    """
+    rows, columns = np.nonzero(rendered != exact)
+    if len(rows) == 0:
+        return 0
+    outline = polygon.boundary
+    shapely.prepare(outline)
+    near = shapely.dwithin(shapely.points(columns, rows), outline, 1.0)
+    return int(np.count_nonzero(~near))

@@ -1,0 +1,300 @@
+"""Clearance between strands, measured on the mesh itself: how near two tube surfaces come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.check import Check, at_least, skipped, spot
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.sampling import number_runs
+from knotfab_validators.geometry.segments import point_segment, segment_segment
+from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
+from knotfab_validators.tube.body_distance import nearest_bodies
+from knotfab_validators.tube.strand_pairs import Samples, StrandPairs, sample_curves, strand_pairs
+
+__all__ = ["Gap", "check_clearance", "strand_gap"]
+
+
+SPACING = 0.5  # radii between the samples of the centre lines
+OWN = 1.25  # radii; a face farther from the centre lines is part of a mount, not of a strand
+LOOK = 8.0  # radii; strands farther apart than that are not told from strands at that distance
+FACETS = 0.01  # of the radius: the most that a facet's corners may stand out of the exact tube
+FACES_AT_ONCE = 20_000
+MOST_AT_ONCE = 2_000_000  # pairs of faces, without a tree of them
+MOST_NEAR = 20_000_000  # of two edges
+SINGLE = 1e-6  # relative rounding of the single-precision coordinates of an STL
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The smallest distance between two strands' surfaces, mm.
+
+    `points` (2, 3) are the nearest points, `edges` the edges of the centre lines there (counted
+    over all knots). `distance` is negative where the strands
+    interpenetrate: by how much their centre lines are too near. `proud` is how far the corners of
+    the two facets stand out of the exact tube, together.
+    """
+
+    distance: float
+    points: Array
+    edges: tuple[int, int]
+    proud: float
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """The faces that belong to strands, sorted by the edge of the centre lines they are nearest."""
+
+    corners: Array  # (m, 3, 3)
+    centre: Array  # (m, 3)
+    size: Array  # (m,) radius of the ball that holds the face
+    first: Ints  # (edges + 1,) where each edge's faces begin
+    after: Ints  # (edges,) the edge that follows
+    start: Array  # (edges, 3)
+    end: Array  # (edges, 3)
+    reach: Array  # (edges,) farthest corner of its faces from the edge; its faces lie within
+    left_out: int
+
+
+def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None) -> Check:
+    """`clearance`: no two strands' surfaces come nearer than `required_mm`; None measures only.
+
+    With curves, strands are told apart by them (`strand_gap`); without, only the distance between
+    separate bodies is seen. A tube of flat facets with rings of m corners at radius r has gaps up
+    to 2 r (1 - cos(pi/m)) wider than the exact tube's 2 (half chord - r), and narrower by as much
+    as corners stand out of the exact tube (`Gap.proud`), as they do where the facets keep its
+    volume: that much, up to 1 % of the radius a facet, is allowed for.
+    """
+    name = "clearance"
+    if not mesh.usable:
+        return skipped(name, "the mesh has no faces, or coordinates that are not finite")
+    if curves is not None and not all(curves.closed):
+        return skipped(name, "the gaps of open curves are not measured")
+    rounding = SINGLE * float(np.abs(mesh.vertices).max())
+    if curves is None or curves.radius_mm is None:
+        lacking = "centre lines" if curves is None else "the tube's radius"
+        blind = f"not given {lacking}: gaps within one body were not looked for"
+        found = nearest_bodies(mesh)
+        if isinstance(found, str):
+            return skipped(name, f"{found}; {blind}")
+        distance, points = found
+        detail = f"between two bodies, {_spots(points)}; {blind}"
+        if distance <= 0:
+            detail = f"two bodies touch or interpenetrate, {_spots(points)}; {blind}"
+        tolerance = rounding if distance > 0 else 0.0
+        at = [points.mean(axis=0)]
+        return at_least(name, distance, required_mm, "mm", detail, tolerance=tolerance, at=at)
+    try:
+        gap, cap, left_out = strand_gap(mesh, curves, required_mm or 0.0)
+    except ValueError as error:
+        return skipped(name, str(error), required=True)
+    if left_out == len(mesh.faces):
+        return skipped(name, "no face of the mesh is near the centre lines", required=True)
+    rest = f"; {left_out} faces belong to no strand and were left out" if left_out else ""
+    if gap is None:
+        detail = f"no strands face each other within {cap:.2f} mm{rest}"
+        return at_least(name, cap, required_mm, "mm", detail)
+    tolerance = rounding + gap.proud if gap.distance > 0 else 0.0
+    word = "interpenetrate" if gap.distance < 0 else "touch" if gap.distance == 0 else "are nearest"
+    detail = f"{_name_edges(curves, gap.edges)} {word}, {_spots(gap.points)}{rest}"
+    at = [gap.points.mean(axis=0)]
+    return at_least(name, gap.distance, required_mm, "mm", detail, tolerance=tolerance, at=at)
+
+
+def strand_gap(
+    mesh: Mesh, curves: Curves, required_mm: float = 0.0
+) -> tuple[Gap | None, float, int]:
+    """The smallest distance between surfaces of strands that face each other.
+
+    Every face belongs to the edge of the centre lines that its middle is nearest to. Triangles of
+    two edges are measured exactly if places on these edges face each other (`strand_pairs`), that
+    is, are not neighbours along one strand. A bend is measured as well if it is tighter than it
+    may be: places at least pi (radius + required_mm / 2) apart along a knot count where their
+    surfaces are nearer than `required_mm`, for a tube with that thickness has none.
+
+    Two edges' faces keep the distance of the edges less the farthest corner on either side, so
+    pairs of edges are taken in the order of that bound, until it exceeds the least distance found.
+
+    Raises:
+        ValueError: the radius is not known, or there is too much within reach to be measured.
+
+    Returns:
+        The gap, or None; the distance up to which was looked (a gap of None is larger); and the
+        number of faces that belong to no strand.
+    """
+    if curves.radius_mm is None:
+        raise ValueError("the tube's radius is not known")
+    radius = curves.radius_mm
+    samples = sample_curves(curves.polygons, SPACING * radius)
+    surface = _sort_faces(mesh, curves, samples, radius)
+    cap = max(LOOK * radius, 2 * required_mm)
+    look = max(2 * required_mm, radius / 4)
+    apart = np.pi * (radius + required_mm / 2)
+    thick = 2 * float(surface.reach.max(initial=0.0))
+    while True:
+        pairs = strand_pairs(samples, thick + look + samples.step, apart)
+        facing = _find_smallest(surface, samples, pairs, pairs.facing, look, radius)
+        bend = _find_smallest(surface, samples, pairs, pairs.far, required_mm, radius)
+        if bend is not None and bend.distance >= required_mm:
+            bend = None
+        found = [gap for gap in (facing, bend) if gap is not None]
+        if found or look >= cap:
+            gap = min(found, key=lambda g: g.distance) if found else None
+            return gap, cap, surface.left_out
+        look = min(2 * look, cap)
+
+
+def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> _Surface:
+    """The mesh's faces by edges; what no strand is near is left out."""
+    from scipy.spatial import cKDTree
+
+    start, end = curves.edges.start, curves.edges.end
+    last = np.cumsum([len(p) for p in curves.polygons])
+    after = np.arange(1, len(start) + 1)
+    after[last - 1] = np.concatenate([[0], last[:-1]])
+    corners = mesh.vertices[mesh.faces]
+    middle = corners.mean(axis=1)
+    bound = (OWN + SPACING) * radius
+    _, near = cKDTree(samples.point).query(middle, k=2, distance_upper_bound=bound)
+    known = near < len(samples.point)
+    near = np.where(known, near, 0)
+    # a sample begins its piece of the curve: the nearest place may be on the piece before
+    options = np.concatenate([samples.edge[near], samples.edge[samples.behind[near]]], axis=1)
+    distance = np.stack([point_segment(middle, start[e], end[e]) for e in options.T], axis=1)
+    distance = np.where(np.tile(known, 2), distance, np.inf)
+    column = distance.argmin(axis=1)
+    edge = options[np.arange(len(middle)), column]
+    to_corner = np.max(
+        [point_segment(corners[:, k], start[edge], end[edge]) for k in range(3)], axis=0
+    )
+    own = (distance.min(axis=1) <= OWN * radius) & (to_corner <= OWN * radius)
+    order = np.flatnonzero(own)[np.argsort(edge[own], kind="stable")]
+    reach = np.zeros(len(start))
+    np.maximum.at(reach, edge[order], to_corner[order])
+    corners = corners[order]
+    centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
+    size = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    first = np.searchsorted(edge[order], np.arange(len(start) + 1))
+    left_out = int(len(mesh.faces) - len(order))
+    return _Surface(corners, centre, size, first, after, start, end, reach, left_out)
+
+
+def _find_smallest(
+    surface: _Surface, samples: Samples, pairs: StrandPairs, which: Mask, most: float, radius: float
+) -> Gap | None:
+    """The nearest triangles of the edges of some pairs of samples, up to `most` apart."""
+    count = np.int64(len(surface.start))
+    # the piece of the curve before a sample is as near to it as the one after
+    here = [samples.edge[pairs.i[which]], samples.edge[samples.behind[pairs.i[which]]]]
+    there = [samples.edge[pairs.j[which]], samples.edge[samples.behind[pairs.j[which]]]]
+    keys = np.unique(np.concatenate([a * count + b for a in here for b in there]))
+    e, f = keys // count, keys % count
+    apart = segment_segment(surface.start[e], surface.end[e], surface.start[f], surface.end[f])
+    bound = apart - surface.reach[e] - surface.reach[f]
+    adjacent = (e == f) | (surface.after[e] == f) | (surface.after[f] == e)
+    keep = ~adjacent & (bound <= most)
+    order = np.argsort(bound[keep])
+    e, f, bound, apart = (x[keep][order] for x in (e, f, bound, apart))
+    best: Gap | None = None
+    sizes = surface.first[e + 1] - surface.first[e] + surface.first[f + 1] - surface.first[f]
+    portion = np.cumsum(sizes) // FACES_AT_ONCE
+    for begin, stop in _find_runs(portion):
+        if bound[begin] > most:
+            break
+        a, b, own = _face_pairs(surface, e[begin:stop], f[begin:stop], most)
+        own += begin
+        if not len(a):
+            continue
+        one, other = surface.corners[a], surface.corners[b]
+        distance, p, q = triangle_triangle(one, other)
+        crossed = triangles_cross(one, other)
+        # the deeper, the less: centre lines are too near by so much
+        deep = np.minimum(apart[own] - 2 * radius, 0.0)
+        distance = np.where(crossed, deep, distance)
+        k = int(distance.argmin())
+        if distance[k] <= most:
+            ends = (int(e[own[k]]), int(f[own[k]]))
+            proud = sum(
+                _measure_proud(surface, corners[k], edge, radius)
+                for corners, edge in zip((one, other), ends, strict=True)
+            )
+            best = Gap(float(distance[k]), np.stack([p[k], q[k]]), ends, proud)
+            most = best.distance
+    return best
+
+
+def _find_runs(portion: Ints) -> list[tuple[int, int]]:
+    """Where runs of equal numbers begin and end."""
+    cuts = np.flatnonzero(np.diff(portion)) + 1
+    ends = [0, *cuts.tolist(), len(portion)]
+    return [(a, b) for a, b in pairwise(ends) if b > a]
+
+
+def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints, Ints]:
+    """Faces of edges e and f that may be `most` apart, and which pair of edges they are of."""
+    (row, one), (column, other) = _faces_near(surface, e, f, most), _faces_near(surface, f, e, most)
+    rows, columns = np.bincount(row, minlength=len(e)), np.bincount(column, minlength=len(e))
+    sizes = rows * columns
+    if sizes.sum() > MOST_AT_ONCE:
+        if len(e) == 1:
+            a, b = _centres_near(surface, one, other, most)
+            return a, b, np.zeros(len(a), dtype=np.int64)
+        parts = [_face_pairs(surface, e[[k]], f[[k]], most) for k in range(len(e))]
+        lengths = [len(part[0]) for part in parts]
+        a, b = (np.concatenate([part[side] for part in parts]) for side in (0, 1))
+        return a, b, np.repeat(np.arange(len(e)), lengths)
+    own, number = number_runs(sizes)
+    width = columns[own]
+    a = one[(np.cumsum(rows) - rows)[own] + number // width]
+    b = other[(np.cumsum(columns) - columns)[own] + number % width]
+    apart = np.linalg.norm(surface.centre[a] - surface.centre[b], axis=1)
+    near = apart - surface.size[a] - surface.size[b] <= most
+    return a[near], b[near], own[near]
+
+
+def _centres_near(surface: _Surface, one: Ints, other: Ints, most: float) -> tuple[Ints, Ints]:
+    """Pairs of faces of two long lists that may be `most` apart, by trees of their centres."""
+    from scipy.spatial import cKDTree
+
+    reach = most + float(surface.size[one].max() + surface.size[other].max())
+    first, second = cKDTree(surface.centre[one]), cKDTree(surface.centre[other])
+    if first.count_neighbors(second, reach) > MOST_NEAR:
+        raise ValueError("the surface is so finely cut that its gaps cannot be measured")
+    near = first.sparse_distance_matrix(second, reach, output_type="ndarray")
+    keep = near["v"] - surface.size[one[near["i"]]] - surface.size[other[near["j"]]] <= most
+    return one[near["i"][keep]], other[near["j"][keep]]
+
+
+def _faces_near(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints]:
+    """Faces of edges e that may be `most` from a face of edges f, and the number of their edge."""
+    counts = surface.first[e + 1] - surface.first[e]
+    own, number = number_runs(counts)
+    face, to = surface.first[e][own] + number, f[own]
+    distance = point_segment(surface.centre[face], surface.start[to], surface.end[to])
+    near = distance - surface.size[face] - surface.reach[to] <= most
+    return own[near], face[near]
+
+
+def _measure_proud(surface: _Surface, corners: Array, edge: int, radius: float) -> float:
+    start, end = surface.start[[edge] * 3], surface.end[[edge] * 3]
+    out = float(point_segment(corners, start, end).max()) - radius
+    return min(max(out, 0.0), FACETS * radius)
+
+
+def _name_edges(curves: Curves, edges: tuple[int, int]) -> str:
+    counts = np.cumsum([len(p) for p in curves.polygons])
+    names = []
+    for edge in edges:
+        knot = int(np.searchsorted(counts, edge, side="right"))
+        vertex = edge - (int(counts[knot - 1]) if knot else 0)
+        names.append(f"knot {knot} vertex {vertex}")
+    return " and ".join(names)
+
+
+def _spots(points: Array) -> str:
+    return " and ".join(map(spot, points))

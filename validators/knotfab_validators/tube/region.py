@@ -1,0 +1,125 @@
+"""Where the part may be: the tube inside the scene's region, the part inside the printer's volume."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from knotfab_validators.arrays import Array
+from knotfab_validators.check import Check, at_most, skipped, spot, worst_apart
+from knotfab_validators.files.scene import Pose, Region
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.tube.region_mesh import measure_part_excess, measure_tube_excess
+
+__all__ = ["check_build_volume", "check_region", "measure_excess"]
+
+
+BED_TOLERANCE_MM = 1e-3
+REGION_TOLERANCE_MM = 1e-6  # what rounding may cost on the way from scene to part and back
+
+
+def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
+    """(n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
+
+    In mm, negative inside. For a box the largest excess over its faces; for a cylinder (axis y) the
+    larger one of those over its mantle and its ends. The region's size must be known.
+    """
+    if region.size_mm is None or region.kind == "mesh":
+        raise ValueError("the region's size is left open, or it is a mesh")
+    p = points - np.array(region.center_mm)
+    half = np.array(region.size_mm) / 2
+    if region.kind == "sphere":
+        excess = np.linalg.norm(p, axis=1) - half[0]
+    elif region.kind == "cylinder":
+        around = np.hypot(p[:, 0], p[:, 2]) - half[0]
+        excess = np.maximum(around, np.abs(p[:, 1]) - half[1])
+    else:
+        excess = (np.abs(p) - half).max(axis=1)
+    result: Array = excess + radius_mm
+    return result
+
+
+def check_region(
+    region: Region, pose: Pose | None, curves: Curves | None, mesh: Mesh | None = None
+) -> Check:
+    """`region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
+
+    Box, cylinder and sphere are convex, so that the vertices of centre line or mesh decide; of a
+    region that is a mesh the least distance between centre line and surface does, and a part without
+    a known tube is measured at points 1 mm apart.
+
+    Args:
+        pose: from the coordinates of curves and mesh to the scene's; None: they are the same.
+    """
+    if region.kind == "mesh" and region.surface is None:
+        return skipped("region", "the region's mesh is not given")
+    if region.kind != "mesh" and region.size_mm is None:
+        return skipped("region", "the scene leaves the region's size open")
+    tube = curves is not None and curves.radius_mm is not None
+    if not tube and mesh is None:
+        return skipped("region", "neither the part nor the tube's radius is given")
+    matrix = np.eye(4) if pose is None else np.array(pose, dtype=np.float64)
+    radius = 0.0
+    if tube:
+        assert curves is not None and curves.radius_mm is not None
+        radius, what = curves.radius_mm, "the tube"
+        points, excess = _tube(region, curves, radius, matrix)
+    else:
+        assert mesh is not None
+        what = "the part"
+        points, excess = _part(region, mesh, matrix)
+    worst = worst_apart(excess, points, max(2 * radius, 1.0), REGION_TOLERANCE_MM)
+    return at_most(
+        "region",
+        float(excess[worst[0]]),
+        0.0,
+        "mm",
+        f"how far {what} sticks out of the {region.kind} (negative: inside), nearest to its "
+        f"boundary at {spot(points[worst[0]])} of the scene",
+        tolerance=REGION_TOLERANCE_MM,
+        at=(points[worst] - matrix[:3, 3]) @ matrix[:3, :3],
+    )
+
+
+def _tube(region: Region, curves: Curves, radius: float, matrix: Array) -> tuple[Array, Array]:
+    """Points of the centre lines in the scene, and how far the tube sticks out there."""
+    if region.surface is None:
+        points = move_points(np.concatenate(curves.polygons), matrix)
+        return points, measure_excess(points, region, radius)
+    start, end = (move_points(p, matrix) for p in (curves.edges.start, curves.edges.end))
+    return measure_tube_excess(_place_surface(region), start, end, radius)
+
+
+def _part(region: Region, mesh: Mesh, matrix: Array) -> tuple[Array, Array]:
+    """Points of the part in the scene, and how far it sticks out there."""
+    vertices = move_points(mesh.vertices, matrix)
+    if region.surface is None:
+        return vertices, measure_excess(vertices, region)
+    return measure_part_excess(_place_surface(region), Mesh(vertices, mesh.faces))
+
+
+def _place_surface(region: Region) -> Mesh:
+    """The region's mesh where it stands in the scene."""
+    assert region.surface is not None
+    return Mesh(region.surface.vertices + np.array(region.center_mm), region.surface.faces)
+
+
+def check_build_volume(mesh: Mesh, build_volume_mm: tuple[float, float, float]) -> Check:
+    """`build_volume`: the part lies on the bed's positive octant and inside the printer's volume."""
+    vertices = mesh.vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    excess = np.maximum(vertices - np.array(build_volume_mm), -vertices).max(axis=1)
+    worst = worst_apart(excess, vertices, 1.0, BED_TOLERANCE_MM)
+    size = " x ".join(f"{s:.2f}" for s in high - low)
+    room = " x ".join(f"{s:g}" for s in build_volume_mm)
+    axis = "xyz"[int(np.maximum(high - np.array(build_volume_mm), -low).argmax())]
+    return at_most(
+        "build_volume",
+        float(excess[worst[0]]),
+        0.0,
+        "mm",
+        f"how far the part of {size} mm sticks out of the printer's {room} mm, most along {axis}, "
+        "where its corner lies at the origin",
+        tolerance=BED_TOLERANCE_MM,
+        at=vertices[worst],
+    )

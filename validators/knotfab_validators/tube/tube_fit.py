@@ -1,0 +1,245 @@
+"""Whether part and knots belong together: the part's surface is the tube about the centre lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.check import Check, at_most, skipped, spot, worst_apart
+from knotfab_validators.geometry.curves import CurveEdges, Curves
+from knotfab_validators.geometry.inside import surface_distance, winding_numbers
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.sampling import cut_edges, quarter_triangles
+
+__all__ = ["TubeFit", "check_tube", "tube_fit"]
+
+
+LIMIT = 0.04  # of the radius: facets cost knotfab's own parts about 1 %, twelve flat sides 3.4 %
+REACH = 4.0  # radii; what is farther away is said to be that far, since trees are slow far out
+STEP = 1 / 6  # radii between the samples of the curve that find the nearest edge
+MOST_SAMPLES = 2_000_000  # on absurdly long curves
+RING_STEP = 0.5  # radii between the rings of points on the exact tube
+ANGLES = 8  # points of a ring
+MOST_RINGS = 20_000
+LEVELS = 4  # how often a face that may dip too deep is cut into four
+MOST_CUT = 50_000  # faces
+
+
+@dataclass(frozen=True)
+class TubeFit:
+    """Both in radii, with the places (k, 3), mm, worst first (at least one, well apart).
+
+    `off` is the largest deviation of a point of the mesh from the exact tube; `bare` the largest
+    distance of a point of the exact tube from the mesh. Neither is told apart beyond `REACH`.
+    """
+
+    off: float
+    off_at: Array
+    bare: float
+    bare_at: Array
+
+
+def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
+    """The distances between a part's surface and the exact tube, both ways; the radius must be known.
+
+    The exact tube is all that lies one radius from the centre lines. Where the edges of a centre line
+    meet at an angle it is round outside; the two edges' cylinders, extended until they meet (a mitre),
+    will do as well, and so will the flat disc across an open end instead of the half ball about it.
+
+    From the mesh: every vertex is measured, and faces that could dip deeper than `LIMIT` between
+    their corners are cut into four and measured again (see `_may_dip`). To the mesh: `ANGLES` points
+    on rings half a radius apart, but for those that lie inside the tube where it bends, are measured
+    to the nearest face.
+    """
+    if curves.radius_mm is None:
+        raise ValueError("the tube's radius is not known")
+    line = _Line(curves.edges, curves.radius_mm, _open_ends(curves))
+    points, off = _from_mesh(mesh, line)
+    rings = _on_tube(line)
+    bare = np.minimum(surface_distance(rings, mesh) / line.radius, REACH)
+    if mounted:
+        far = np.flatnonzero(bare > LIMIT)
+        bare[far[winding_numbers(rings[far], mesh) > 0.5]] = 0.0
+    if not len(bare):  # a tube that lies inside itself everywhere: its points do not show
+        bare, rings = np.zeros(1), line.edges.start[:1]
+    apart = 2 * line.radius
+    i, j = worst_apart(off, points, apart, LIMIT), worst_apart(bare, rings, apart, LIMIT)
+    return TubeFit(float(off[i[0]]), points[i], float(bare[j[0]]), rings[j])
+
+
+def check_tube(mesh: Mesh, curves: Curves | None, *, mounted: bool = False) -> Check:
+    """`tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
+
+    What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
+    part has more matter than the tube: then the exact tube must lie on its surface or inside it.
+    """
+    if curves is None or curves.radius_mm is None:
+        lacking = "the knots" if curves is None else "the tube's radius"
+        return skipped("tube", f"not given {lacking}")
+    if not mesh.usable:
+        return skipped("tube", "the mesh has no faces, or coordinates that are not finite")
+    fit = tube_fit(mesh, curves, mounted=mounted)
+    radius = curves.radius_mm
+    if mounted or fit.bare > max(fit.off, LIMIT):
+        measured, at = fit.bare, fit.bare_at
+        what = "the exact tube about the knots has a place that is so far from the surface"
+    else:
+        measured, at = fit.off, fit.off_at
+        what = "largest deviation of the surface from one radius about the knots"
+    detail = f"{what}, at {spot(at[0])}"
+    limit = LIMIT * radius
+    return at_most("tube", measured * radius, limit, "mm", detail, tolerance=1e-9 * radius, at=at)
+
+
+class _Line:
+    """The centre lines, made ready to measure distances from them."""
+
+    def __init__(self, edges: CurveEdges, radius: float, ends: list[tuple[Array, Array]]) -> None:
+        from scipy.spatial import cKDTree
+
+        self.edges, self.radius, self.ends = edges, radius, ends
+        self.edge = edges.end - edges.start
+        self.length = np.linalg.norm(self.edge, axis=1)
+        self.unit = self.edge / self.length[:, None]
+        total = float(self.length.sum())
+        self.step = max(STEP * radius, total / MOST_SAMPLES)
+        self.which, begin, part = cut_edges(edges.start, edges.end, self.step)
+        middle = (begin + part / 2)[:, None] * self.edge[self.which]
+        self.tree = cKDTree(edges.start[self.which] + middle)
+        # each edge's neighbours along its curve; at an open end one is the edge at the other end,
+        # which does no harm: the nearest of three edges is taken
+        count = np.bincount(edges.curve)[edges.curve]
+        first = np.searchsorted(edges.curve, edges.curve)
+        place = np.arange(len(first)) - first
+        self.before, self.after = first + (place - 1) % count, first + (place + 1) % count
+        # how far a mitre reaches past either end of an edge: radius times tan of half the turn
+        cosine = np.einsum("ij,ij->i", self.unit, self.unit[self.after])
+        joined = np.all(edges.end == edges.start[self.after], axis=1)
+        tangent = np.sqrt(np.maximum(1 - cosine, 0.0) / np.maximum(1 + cosine, 1e-3))
+        self.past_end = np.where(joined, radius * tangent, 0.0)
+        self.past_start = np.where(joined[self.before], self.past_end[self.before], 0.0)
+
+    def distance(self, points: Array) -> tuple[Array, Array, Ints]:
+        """Distance (n,) of points (n, 3), at most `REACH` radii, and the number of the edge there.
+
+        Between the two stands the distance from the straight line through that edge for points that
+        may belong to a mitre, and the distance itself for all others.
+
+        The nearest sample's edge and its two neighbours are measured exactly. An edge of another
+        strand that is nearer than all three is so by less than step² / (8 distance), a third of a
+        percent of the radius at the tube's surface.
+        """
+        reach = REACH * self.radius
+        _, sample = self.tree.query(points, distance_upper_bound=reach + self.step)
+        found = np.flatnonzero(sample < len(self.which))
+        best, mitred = np.full(len(points), reach), np.full(len(points), reach)
+        edge = np.zeros(len(points), dtype=np.int64)
+        nearest, p = self.which[sample[found]], points[found]
+        for at in (nearest, self.before[nearest], self.after[nearest]):
+            to = p - self.edges.start[at]
+            along = np.einsum("ij,ij->i", to, self.unit[at])
+            foot = np.clip(along, 0.0, self.length[at])
+            gap = to - foot[:, None] * self.unit[at]
+            far = np.sqrt(np.einsum("ij,ij->i", gap, gap))
+            mitred[found[far < best[found] - 1e-9 * self.radius]] = reach
+            nearer = far < best[found]
+            best[found[nearer]] = far[nearer]
+            edge[found[nearer]] = at[nearer]
+            past_start, past_end = -along, along - self.length[at]
+            mitre = (past_start > 0) & (past_start <= 1.05 * self.past_start[at])
+            mitre |= (past_end > 0) & (past_end <= 1.05 * self.past_end[at])
+            mitre &= far <= best[found] + 1e-9 * self.radius
+            line = np.sqrt(np.maximum(np.einsum("ij,ij->i", to, to) - along**2, 0.0))
+            mitred[found[mitre]] = np.where(
+                np.abs(line - self.radius) < np.abs(mitred[found] - self.radius),
+                line,
+                mitred[found],
+            )[mitre]
+        return best, np.minimum(mitred, best), edge
+
+    def off(self, points: Array, distance: Array, mitred: Array) -> Array:
+        """Deviation (n,) of points from the exact tube, in radii, from their distances."""
+        off = np.minimum(np.abs(distance - self.radius), np.abs(mitred - self.radius))
+        for end, outwards in self.ends:
+            near = np.flatnonzero(distance < 2 * self.radius)
+            near = near[np.abs(points[near] - end).max(axis=1) < 2 * self.radius]
+            to = points[near] - end
+            axial = to @ outwards
+            radial = np.linalg.norm(to - axial[:, None] * outwards, axis=1)
+            disc = np.hypot(axial, np.maximum(radial - self.radius, 0.0))
+            off[near] = np.minimum(off[near], disc)
+        return np.asarray(off / self.radius)
+
+
+def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
+    """The ends of the open curves: point (3,) and unit vector (3,) outwards."""
+    ends = []
+    for polygon, closed in zip(curves.polygons, curves.closed, strict=True):
+        if closed:
+            continue
+        for end, inner in ((polygon[0], polygon[1]), (polygon[-1], polygon[-2])):
+            ends.append((end, (end - inner) / np.linalg.norm(end - inner)))
+    return ends
+
+
+def _from_mesh(mesh: Mesh, line: _Line) -> tuple[Array, Array]:
+    """Points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,)."""
+    distance, mitred, edge = line.distance(mesh.vertices)
+    off = line.off(mesh.vertices, distance, mitred)
+    used = np.flatnonzero(np.bincount(mesh.faces.reshape(-1), minlength=len(off)))
+    points, values = [mesh.vertices[used]], [off[used]]
+    corner, low, at = mesh.vertices[mesh.faces], distance[mesh.faces].min(axis=1), edge[mesh.faces]
+    for _ in range(LEVELS):
+        # only what could be worse than all that is known needs to be looked at more closely
+        deepest = max(LIMIT, *(float(v.max()) for v in values))
+        dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:MOST_CUT]
+        if not len(dips):
+            break
+        corner = quarter_triangles(corner[dips])
+        flat = corner.reshape(-1, 3)
+        distance, mitred, edge = line.distance(flat)
+        points.append(flat)
+        values.append(line.off(flat, distance, mitred))
+        low, at = distance.reshape(-1, 3).min(axis=1), edge.reshape(-1, 3)
+    return np.concatenate(points), np.concatenate(values)
+
+
+def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> Mask:
+    """(m,) whether a face (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
+
+    The distance d from a straight line is convex, curved by at most 1/d across it and not at all along
+    it. So over a triangle whose sides are at most h long across the line it dips by at most
+    h² / 6d below what its corners say: a circle of radius h / sqrt(3) encloses it. Where the corners
+    are nearest to edges that are no neighbours, h is the whole side.
+    """
+    side = np.roll(corner, -1, axis=1) - corner
+    along = np.einsum("mij,mj->mi", side, line.unit[at[:, 0]])
+    square = np.einsum("mij,mij->mi", side, side)
+    jumps = at.max(axis=1) - at.min(axis=1) > 2
+    across = square - np.where(jumps[:, None], 0.0, along**2)
+    lowest = np.maximum(low, 0.5 * line.radius)
+    dip = across.max(axis=1) / (6 * lowest)
+    may: Mask = low - dip < (1 - deep) * line.radius
+    return may
+
+
+def _on_tube(line: _Line) -> Array:
+    """(k, 3) points of the exact tube: rings at even steps along the curves."""
+    total = float(line.length.sum())
+    rings = int(np.clip(np.ceil(total / (RING_STEP * line.radius)), 1, MOST_RINGS))
+    until = np.cumsum(line.length)
+    arc = (np.arange(rings) + 0.5) * (total / rings)
+    at = np.minimum(np.searchsorted(until, arc), len(until) - 1)
+    along = line.unit[at]
+    middle = line.edges.start[at] + (arc - until[at] + line.length[at])[:, None] * along
+    least = np.eye(3)[np.abs(along).argmin(axis=1)]
+    u = np.cross(along, least)
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    v = np.cross(along, u)
+    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    points = (middle[:, None] + line.radius * ring).reshape(-1, 3)
+    distance, _, _ = line.distance(points)
+    return np.ascontiguousarray(points[distance > (1 - 1e-3) * line.radius])
