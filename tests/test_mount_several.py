@@ -10,9 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import test_mount_stand as single
-from knotfab_validators.shadow_checks import shadow_checks
-from knotfab_validators.verify_view import VerifiedView, verify_view
-from knotfab_validators.view import view_geometry
 from setups import OFF, setup
 from test_mount_drawing import texts
 from test_mount_stand import ASKED, EMPTY, ONE, PLA, RADIUS, one
@@ -32,6 +29,9 @@ from knotfab.part.assemble import _posed
 from knotfab.scene.camera import Camera
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, Scene, View
+from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
+from knotfab_validators.shadows.view import view_geometry
 
 AZIMUTHS = (0.0, 90.0)
 VIEWS = tuple(
