@@ -128,7 +128,7 @@ def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
             "name", "simulated", "magnitude", "threshold", "unit", "seconds", "reason",
         }  # fmt: skip
         assert effect["simulated"] == (effect["magnitude"] > effect["threshold"])
-    assert {"perspective", "clearance", "bend", "region", "length", "penumbra"} <= {
+    assert {"clearance", "bend", "region", "length", "penumbra"} <= {
         e["name"] for e in report["effects"]
     }
     timings = report["timings"]

@@ -20,7 +20,7 @@ from examples.paper.losses import (
     squared_curvature,
 )
 from knotfab.effects.region import outside
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 
 from .measure import EPSILONS
@@ -75,7 +75,7 @@ def random_loss(rng: np.random.Generator) -> ValueCase:
     middle = points[0, int(rng.integers(points.shape[1]))]
     shape = str(rng.choice(["box", "cylinder", "sphere"]))
     extents = tuple(float(x) for x in 3 * size * rng.uniform(0.5, 1.5, 3))
-    region = Region(kind=shape, size_mm=extents, center_mm=tuple(middle.tolist()))
+    region = ResolvedRegion(kind=shape, size_mm=extents, center_mm=tuple(middle.tolist()))
 
     def f(k: Tensor) -> Tensor:
         if kind == "length":

@@ -22,7 +22,7 @@ from examples.paper.losses import (
     squared_curvature,
 )
 from knotfab.effects.region import outside
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.network.rigid import rotation
 
@@ -84,7 +84,7 @@ def loss_cases() -> tuple[ValueCase, ...]:
     edge = knot.copy()
     edge[0] = (0.5, 0.0, 0.0)
     bars = box((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))
-    pipe = Region(kind="cylinder", size_mm=(1.5, 4.0, 1.5))
+    pipe = ResolvedRegion(kind="cylinder", size_mm=(1.5, 4.0, 1.5))
     return (
         ValueCase(
             "length",

@@ -26,7 +26,7 @@ from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 __all__ = ["Trial", "curve_distance", "fit", "main", "trial"]
 
@@ -65,7 +65,7 @@ def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int
     waves = np.stack([np.cos(k * s + rng.uniform(0, 2 * np.pi)) for k in range(1, 6)], 1)
     astray = waves @ (rng.normal(size=(5, 3)) * [1.0, 1.0, 3.0])
     astray *= bend_mm / np.linalg.norm(astray, axis=1).max()
-    view = View(frame_width_mm=160.0, frame_height_mm=160.0)
+    view = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0)
     frame = frame_of(camera_of(view, pixels, pixels), torch.float64)
     return Trial(truth, truth + astray, rings_of_sizes((samples,)), frame)
 
@@ -127,7 +127,7 @@ def main() -> None:
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")
     axes = figure.subplots(2, len(shown))
     print("                          off by (mm, rms)   along the view's axis")
-    side = View(frame_width_mm=160.0, frame_height_mm=160.0, azimuth_deg=90.0)
+    side = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0, azimuth_deg=90.0)
     beside = frame_of(camera_of(side, 256, 256), torch.float64)
     ahead = frame_of(
         camera_of(side.model_copy(update={"azimuth_deg": 0.0}), 256, 256), torch.float64

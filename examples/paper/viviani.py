@@ -22,7 +22,7 @@ from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Accuracy, Piece, Scene, View
+from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
 
 __all__ = ["main", "rebuild", "views_of_viviani", "viviani"]
 
@@ -39,11 +39,11 @@ def viviani(a_mm: float, count: int = 600) -> Array:
     return np.column_stack([y, z, x])
 
 
-def views_of_viviani() -> tuple[View, ...]:
+def views_of_viviani() -> tuple[ResolvedView, ...]:
     """From the front (an eight), from the side (an arc) and from above (a circle)."""
     sides = {"front": (0.0, 0.0), "side": (90.0, 0.0), "above": (0.0, 90.0)}
     return tuple(
-        View(
+        ResolvedView(
             name=name,
             picture=f"{name}.png",
             frame_width_mm=_FRAME_MM,
@@ -55,7 +55,7 @@ def views_of_viviani() -> tuple[View, ...]:
     )
 
 
-def draw(points: Array, view: View, path: Path) -> None:
+def draw(points: Array, view: ResolvedView, path: Path) -> None:
     """The tube's shadow in a view, black on white."""
     frame = frame_of(camera_of(view, _PIXELS, _PIXELS), torch.float64)
     p = torch.as_tensor(points)

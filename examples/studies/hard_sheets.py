@@ -19,7 +19,7 @@ from torch import Tensor
 from examples.paper.shaded_render import Shading, render_shaded
 from knotfab.render.frame import frame_of
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 __all__ = [
     "Draw",
@@ -137,7 +137,7 @@ def draw_tube(place: Axes, points: Array, radius: float) -> None:
     points = points[:: max(1, len(points) // 1000)]
     scale = 62.0 / (float(np.abs(points).max()) + radius)
     seen = torch.as_tensor(scale * points @ _TILT.T)
-    view = View(frame_width_mm=150.0, frame_height_mm=150.0)
+    view = ResolvedView(frame_width_mm=150.0, frame_height_mm=150.0)
     frame = frame_of(camera_of(view, 150, 150), torch.float64)
     shading = Shading(lamp_mm=(-150.0, 250.0, 400.0), background=1.0)
     image = render_shaded(seen, seen.roll(-1, 0), frame, max(scale * radius, 0.8), 2.0, shading)

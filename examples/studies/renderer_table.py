@@ -17,7 +17,7 @@ from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 __all__ = ["curve", "main"]
 
@@ -48,7 +48,7 @@ def main() -> None:
     parser.add_argument("--capsules", type=int, default=1000)
     parser.add_argument("--runs", type=int, default=3)
     asked = parser.parse_args()
-    view = View(frame_width_mm=180.0, frame_height_mm=180.0)
+    view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
     camera = camera_of(view, asked.pixels, asked.pixels)
     tau = 1.0
     points = curve(asked.capsules, torch.float32).requires_grad_()

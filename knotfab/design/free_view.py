@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Material, Scene
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.pose import ALL, Bounds, Pose
 
@@ -27,7 +27,8 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
         bend, found = scene.material.min_bend_radius_mm, scene.piece.tube_radius_mm
         if bend != "auto" and found != "auto" and bend <= found + 0.5 * scene.piece.clearance_mm:
             # a limit that came from the radius found: it goes with the radius again
-            update["material"] = scene.material.model_copy(update={"min_bend_radius_mm": "auto"})
+            known = scene.material.model_dump(exclude_unset=True)
+            update["material"] = Material(**{**known, "min_bend_radius_mm": "auto"})
         radius = {"tube_radius_mm": settings.free_radius_mm}
         update["piece"] = scene.piece.model_copy(update=radius)
     return scene.model_copy(update=update), settings

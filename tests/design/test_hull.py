@@ -10,7 +10,7 @@ from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
 from knotfab.design.hull import hull_bounds, inside_hull
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
 
 Mask = NDArray[np.bool_]
@@ -19,7 +19,7 @@ SIDE = 120
 
 
 def shot(azimuth: float, mask: Mask, light: float = 500.0, elevation: float = 0.0) -> Camera:
-    view = View(
+    view = ResolvedView(
         frame_width_mm=120.0,
         frame_height_mm=120.0,
         azimuth_deg=azimuth,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.drawing.dimensions import dimension, fit, length, outlines
-from knotfab.drawing.pages import PAPERS, blank_page
+from knotfab.drawing.dimensions import draw_dimension, fit_scale, length, project_outlines
+from knotfab.drawing.pages import PAPERS, make_page
 from knotfab.geometry.tube import sweep
 
 
@@ -23,7 +23,7 @@ def test_lengths_read_as_on_a_ruler(value: float, text: str) -> None:
     [(50.0, 1), (100.0, 1), (100.1, 1.5), (200, 2), (201, 2.5), (799, 8), (801, 10), (10_001, 150)],
 )
 def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
-    to = fit((-size / 2, 0.0, size / 2, 10.0), (20.0, 30.0, 120.0, 130.0))
+    to = fit_scale((-size / 2, 0.0, size / 2, 10.0), (20.0, 30.0, 120.0, 130.0))
     assert to.ratio == pytest.approx(ratio)
     ends = to(np.array([[-size / 2, 0.0], [size / 2, 10.0]]))
     assert ends.mean(axis=0) == pytest.approx([70.0, 80.0])
@@ -33,10 +33,10 @@ def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
 
 @pytest.mark.parametrize("turn", range(0, 360, 30))
 def test_text_of_a_dimension_can_be_read(turn: int) -> None:
-    _, axes = blank_page(PAPERS["a4"])
+    _, axes = make_page(PAPERS["a4"])
     along = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
     start = np.array([100.0, 150.0])
-    dimension(axes, start, start + 40 * along, (0, 0), "40")
+    draw_dimension(axes, start, start + 40 * along, (0, 0), "40")
     (text,) = axes.texts
     assert -90 < ((text.get_rotation() + 180) % 360) - 180 <= 90
     assert np.linalg.norm(np.array(text.get_position()) - (start + 20 * along)) < 1.0
@@ -45,8 +45,8 @@ def test_text_of_a_dimension_can_be_read(turn: int) -> None:
 
 
 def test_a_short_dimension_has_its_text_beside_it() -> None:
-    _, axes = blank_page(PAPERS["a4"])
-    dimension(axes, (100, 100), (103, 100), (0, 5), "3")
+    _, axes = make_page(PAPERS["a4"])
+    draw_dimension(axes, (100, 100), (103, 100), (0, 5), "3")
     (text,) = axes.texts
     assert text.get_position()[0] > 104 and text.get_position()[1] == pytest.approx(105, abs=1)
 
@@ -60,9 +60,9 @@ def test_the_outline_of_a_ring_has_a_hole_where_one_looks_through() -> None:
         x, y = polygon.T
         return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
-    front = sorted(area(p) for p in outlines([mesh], np.eye(3)))
+    front = sorted(area(p) for p in project_outlines([mesh], np.eye(3)))
     assert front == pytest.approx([-np.pi * 28**2, np.pi * 32**2], rel=3e-3)
-    side = outlines([mesh], np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
+    side = project_outlines([mesh], np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
     assert [area(p) for p in side] == pytest.approx([60 * 4 + np.pi * 4], rel=1e-2)
-    both = outlines([mesh, (mesh[0] + [100.0, 0, 0], mesh[1])], np.eye(3))
+    both = project_outlines([mesh, (mesh[0] + [100.0, 0, 0], mesh[1])], np.eye(3))
     assert len(both) == 4

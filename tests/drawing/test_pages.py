@@ -13,9 +13,9 @@ from knotfab.drawing.pages import (
     OVERLAP_MM,
     PAPERS,
     Tile,
-    facts_page,
-    tile_page,
-    tiles_of,
+    draw_facts,
+    draw_tile,
+    lay_tiles,
     write_pages,
 )
 
@@ -24,10 +24,10 @@ from knotfab.drawing.pages import (
 def test_tiles_cover_and_overlap(name: str) -> None:
     paper = PAPERS[name]
     wide, high = paper.room
-    assert len(tiles_of((0, 0, wide, high), paper)) == 1
-    assert len(tiles_of((0, 0, wide + 0.01, high), paper)) == 2
-    assert len(tiles_of((0, 0, wide, high + 0.01), paper)) == 2
-    tiles = tiles_of((-5, 7, 500, 607), paper)
+    assert len(lay_tiles((0, 0, wide, high), paper)) == 1
+    assert len(lay_tiles((0, 0, wide + 0.01, high), paper)) == 2
+    assert len(lay_tiles((0, 0, wide, high + 0.01), paper)) == 2
+    tiles = lay_tiles((-5, 7, 500, 607), paper)
     assert len(tiles) == 9
     assert [(t.row, t.column) for t in tiles[:4]] == [(0, 0), (0, 1), (0, 2), (1, 0)]
     left = sorted({t.left for t in tiles})
@@ -40,10 +40,10 @@ def test_tiles_cover_and_overlap(name: str) -> None:
 
 def test_crosses_of_neighbours_are_the_same_places_of_the_drawing() -> None:
     paper = PAPERS["a4"]
-    first, second = tiles_of((0, 0, paper.room[0] + 50, 100), paper)
+    first, second = lay_tiles((0, 0, paper.room[0] + 50, 100), paper)
 
     def crosses(tile: Tile) -> set[tuple[float, float]]:
-        _, axes, shift, _ = tile_page(paper, tile, 2, "page", "title", "note", "drill")
+        _, axes, shift, _ = draw_tile(paper, tile, 2, "page", "title", "note", "drill")
         found = set()
         for line in axes.lines:
             x, y = (np.asarray(v, dtype=float) for v in line.get_data())
@@ -58,7 +58,7 @@ def test_crosses_of_neighbours_are_the_same_places_of_the_drawing() -> None:
 def test_pages_are_of_the_papers_size_and_the_same_bytes_again(tmp_path: Path) -> None:
     paper = PAPERS["letter"]
     for name in ("a", "b"):
-        pages = [facts_page(paper, "title", ["a fact"], "page 1 of 1", "drill")]
+        pages = [draw_facts(paper, "title", ["a fact"], "page 1 of 1", "drill")]
         assert write_pages(tmp_path / name, "title", iter(pages)) == 1
     data = (tmp_path / "a").read_bytes()
     assert data == (tmp_path / "b").read_bytes() and b"CreationDate" not in data

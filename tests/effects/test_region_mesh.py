@@ -17,7 +17,7 @@ from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.errors import InputError
 from knotfab.files.stl import write_stl
 from knotfab.scene.load import load_scene, parse_scene
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -41,11 +41,13 @@ WEDGE = prism([(0, 5), (-9, 60), (-60, 60), (-60, -60), (60, -60), (60, 60), (9,
 
 def region(
     folder: Path, mesh: Mesh, center: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> Region:
+) -> ResolvedRegion:
     path = folder / "room.stl"
     write_stl(path, [mesh])
     region_mesh.cache_clear()
-    return Region(kind="mesh", file=str(path), center_mm=center)
+    return ResolvedRegion(
+        kind="mesh", file=str(path), center_mm=center, size_mm=(200.0, 200.0, 200.0)
+    )
 
 
 def test_distances_to_a_box_are_exact_at_faces_edges_and_corners(tmp_path: Path) -> None:

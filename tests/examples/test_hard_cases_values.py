@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from knotfab.search.several import SeveralProblem, Shot, search_several
-from knotfab.start.several import start_of
+from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 
 from examples.hard_cases.pictures import hard_pictures
@@ -17,15 +16,16 @@ from examples.hard_cases.random_cases import KINDS
 from examples.hard_cases.random_values import random_network, round_trip_share
 from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
-from knotfab.design.design import design
-from knotfab.design.prices import SHORT, prices_several
+from knotfab.design.design import design_knots
+from knotfab.design.prices import SHORT, price_limits
 from knotfab.design.radius import template_iou
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
-from knotfab.scene.model import Region, Scene, View
+from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill
+from knotfab.start.start import make_start
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import trace_polygon
 
@@ -132,17 +132,10 @@ def test_several_views_have_their_prices_too(monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.setitem(SHORT, name, value)
     settings = PRESETS["draft"].model_copy(update=few)
     disc = MultiPolygon([Point(0, 0).buffer(40.0)])
-    v, u = np.mgrid[:100, :100] - 49.5
-    mask = np.hypot(u, v) < 40
-    shots = tuple(
-        Shot(View(frame_width_mm=120.0, frame_height_mm=120.0, azimuth_deg=a), mask)
-        for a in (0.0, 90.0)
-    )
-    room = Region(size_mm=(160.0, 160.0, 160.0))
-    problem = SeveralProblem(shots, 0.4, None, 480.0, room)
-    start = start_of(shots, [disc, disc], 5.0, settings)
-    result = search_several(problem, start.curves, start.why, 5.0, settings, repairs=0)
-    [price] = prices_several(problem, start.curves, start.why, result, settings, room)
+    problem = ask_views([disc, disc], 0.0, 90.0, pixels=100, length=480.0)
+    start = make_start(problem, 5.0, settings)
+    result = start_and_search(problem, 5.0, settings, start, repairs=0)
+    [price] = price_limits(problem, start, result, settings, problem.region)
     assert price.limits == ("length",)
     assert price.asked[0] == 480.0 and price.needed[0] > 600.0
     assert price.iou_without > price.iou + 0.05
@@ -166,13 +159,13 @@ def test_a_length_budget_below_need_is_named_with_its_price(
         },
         "views": [{"picture": "heart.png"}],
     }
-    made = design(Scene.model_validate(given), read_target("text:♥"))
+    made = design_knots(Scene.model_validate(given), [read_target("text:♥")])
     [price] = made.binding
     assert price.limits == ("length",) and price.met_without
     assert price.iou_without > price.iou + 0.2
     assert price.needed[0] > 600.0
-    assert made.result.standing.violations == []
-    assert made.result.standing.length_mm <= 600.0
+    assert made.result.feasible
+    assert made.result.feasibility.length_mm <= 600.0
     report: dict[str, object] = {}
     add_binding(report, made)
     told = json.loads(json.dumps(plain(report)))

@@ -14,7 +14,7 @@ from knotfab.mount.rays import free_rays
 from knotfab.mount.struts import GROUND, Candidates, joined, struts
 from knotfab.mount.wall_brace import pegs_on, sites_with
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 E_MPA, RHO = 2300.0, 1.24
 AGREE = 1e-6  # of the largest displacement
@@ -72,7 +72,7 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     flower = np.column_stack([45 * np.cos(t), 45 * np.sin(t), 10 * np.sin(3 * t)])
     inner = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 8 * np.cos(2 * t)])
     knots = Knots((Knot(flower), Knot(inner)), 2.0)
-    camera = camera_of(View(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
+    camera = camera_of(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
     rays = free_rays(knots, camera.eye, camera.receiver, 0.95, 0.4)
     foot = 1.9 * np.linalg.norm(rays.foot - camera.eye, axis=1)
     foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)

@@ -30,7 +30,7 @@ from knotfab.mount.struts import (
 )
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Scene, View
+from knotfab.scene.model import Mount, ResolvedView, Scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.standing import bodies, footprint, margin
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
@@ -40,7 +40,7 @@ from knotfab_validators.shadows.view import view_geometry
 RADIUS = 2.0
 PLA = Stiffness(2300.0, 1.24, 0.04)
 ASKED = StandSettings(4.0, 10.0, 0.8)
-VIEW = View(frame_width_mm=180.0, frame_height_mm=180.0)
+VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 
 
 def ring(radius: float, z: float = 0.0, n: int = 240, wave: float = 15.0) -> np.ndarray:

@@ -17,10 +17,10 @@ from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall import Peg, WallSettings, plan_wall, wall_bodies
 from knotfab.mount.wall_brace import pegs_on, sites_with
-from knotfab.part.clean import as_written
+from knotfab.part.clean import clean_body
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, Scene, View
+from knotfab.scene.model import Mount, Printer, ResolvedView, Scene
 
 RADIUS = 2.0
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
@@ -39,7 +39,7 @@ def knots(*curves: np.ndarray) -> Knots:
 
 
 def camera(tilt: float = 0.0, **keys: float) -> Camera:
-    view = View(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
+    view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0, wall_tilt_deg=tilt, **keys)
     return camera_of(view, 90, 90)
 
 
@@ -205,7 +205,9 @@ def test_a_knot_without_a_free_ray_is_named() -> None:
 
 def scene(**keys: object) -> Scene:
     mount = Mount(kind="wall", **keys)
-    return resolve(Scene(views=(View(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount))
+    return resolve(
+        Scene(views=(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0),), mount=mount)
+    )
 
 
 def barred() -> Knots:
@@ -290,7 +292,7 @@ def test_a_united_body_survives_single_precision() -> None:
     view = camera()
     mount = plan_wall(ONE, view, 0.4, PLA, PLATE)
     vertices, faces = wall_bodies([sweep(ONE.points, RADIUS, 24)], mount, view)[0]
-    body = as_written((vertices - vertices.min(axis=0), faces))
+    body = clean_body((vertices - vertices.min(axis=0), faces))
     assert (body[0].astype(np.float32).astype(np.float64) == body[0]).all()
     _, pairs, _ = predicates.find_self_intersections(body[0], body[1].astype(np.int64))
     assert len(pairs) == 0

@@ -17,7 +17,7 @@ from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.connector import DEEPER_MM, KERF_MM, Piece, cut_body
 from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
-from knotfab.part.plates import APART_MM, Plates, Printable, plates_of
+from knotfab.part.plates import APART_MM, Plates, Printable, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Rules
 from knotfab_validators.files.bad_file import BadFile
@@ -83,7 +83,7 @@ def laid_out(
         Printable(f"knot {k + 1}", body, line_of(c))
         for k, (body, c) in enumerate(zip(tubes, curves, strict=True))
     ]
-    return plates_of(parts, whole, room, 0.4, 0.4, Rules()), whole
+    return lay_on_plates(parts, whole, room, 0.4, 0.4, Rules()), whole
 
 
 # --- cuts ---

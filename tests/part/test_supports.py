@@ -11,7 +11,14 @@ from knotfab.errors import SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.flatter import flatter_depth
-from knotfab.part.orient import AXES, candidates, estimated_cm3, minutes, ranked, within_limits
+from knotfab.part.orient import (
+    AXES,
+    estimate_minutes,
+    estimate_supports_cm3,
+    keeps_limits,
+    propose_turns,
+    rank_turns,
+)
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Estimate, Rules, Strands, estimate, strands_of
 from knotfab_validators.geometry.mesh import Mesh
@@ -153,9 +160,9 @@ def test_an_arch_stands_on_its_feet_or_lies() -> None:
     arch = np.concatenate([there, there[::-1] + [0.0, 12.0, 0.0]])
     turn = Rotation.from_euler("xyz", [20, 10, 60], degrees=True).as_matrix()
     strands = Strands(*_as_rods(arch @ turn.T), (len(arch),), RADIUS)
-    best = ranked(strands, candidates(strands), Rules())[0]
+    best = rank_turns(strands, propose_turns(strands), Rules())[0]
     on_its_back = estimate(strands, turn.T @ np.diag([1.0, -1.0, -1.0]), Rules())
-    assert best.minutes < minutes(on_its_back)
+    assert best.minutes < estimate_minutes(on_its_back)
     assert best.estimate.height_mm < 25.0
 
 
@@ -213,37 +220,43 @@ def test_too_large_for_any_pose() -> None:
 
 def test_what_keeps_the_limit_comes_first() -> None:
     strands = strands_of(knots_of(wave(deep=80.0)))
-    turns = candidates(strands)
-    free = ranked(strands, turns, Rules())
-    limit = 1.0001 * min(estimated_cm3(p.estimate) for p in free)
-    tight = ranked(strands, turns, Rules(max_support_cm3=limit))
-    assert estimated_cm3(tight[0].estimate) <= limit
+    turns = propose_turns(strands)
+    free = rank_turns(strands, turns, Rules())
+    limit = 1.0001 * min(estimate_supports_cm3(p.estimate) for p in free)
+    tight = rank_turns(strands, turns, Rules(max_support_cm3=limit))
+    assert estimate_supports_cm3(tight[0].estimate) <= limit
     assert [p.minutes for p in free] == sorted(p.minutes for p in free)
     # where none keeps it, the least supports come first
-    none = ranked(strands, turns, Rules(max_support_cm3=0.9 * limit))
+    none = rank_turns(strands, turns, Rules(max_support_cm3=0.9 * limit))
     volumes = [p.estimate.support_cm3 for p in none]
     assert volumes == sorted(volumes)
 
 
 def test_limits_are_inclusive() -> None:
     found = Estimate(100.0, 50.0, 5.0, 30.0, 0, 10.0)
-    assert within_limits(found, Rules(max_support_cm3=estimated_cm3(found)))
-    assert not within_limits(found, Rules(max_support_cm3=0.99 * estimated_cm3(found)))
-    assert within_limits(found, Rules())
-    assert within_limits(found, Rules(supports=False, max_bridge_mm=10.0))
-    assert not within_limits(found, Rules(supports=False, max_bridge_mm=9.9))
+    assert keeps_limits(found, Rules(max_support_cm3=estimate_supports_cm3(found)))
+    assert not keeps_limits(found, Rules(max_support_cm3=0.99 * estimate_supports_cm3(found)))
+    assert keeps_limits(found, Rules())
+    assert keeps_limits(found, Rules(supports=False, max_bridge_mm=10.0))
+    assert not keeps_limits(found, Rules(supports=False, max_bridge_mm=9.9))
     falling = Estimate(100.0, 50.0, 5.0, 30.0, 1, 0.0)
-    assert not within_limits(falling, Rules(supports=False))
-    assert within_limits(falling, Rules())
+    assert not keeps_limits(falling, Rules(supports=False))
+    assert keeps_limits(falling, Rules())
 
 
 def test_the_weights_of_a_pose() -> None:
     """0.3 min a cm³, a layer in 4 s, 30 min for what falls, 5 min for what hardly touches the bed."""
     sound = Estimate(10.0, 20.0, 1e9, 45.0, 0, 0.0)
-    assert minutes(sound) == pytest.approx(3.0 + 20 / 0.2 * 4 / 60, abs=1e-6)
-    assert minutes(Estimate(10.0, 20.0, 1e9, 0.0, 0, 0.0)) == pytest.approx(minutes(sound) + 30)
-    assert minutes(Estimate(10.0, 20.0, 0.0, 45.0, 0, 0.0)) == pytest.approx(minutes(sound) + 5)
-    assert minutes(Estimate(10.0, 20.0, 1e9, 10.0, 0, 0.0)) == pytest.approx(minutes(sound))
+    assert estimate_minutes(sound) == pytest.approx(3.0 + 20 / 0.2 * 4 / 60, abs=1e-6)
+    assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 0.0, 0, 0.0)) == pytest.approx(
+        estimate_minutes(sound) + 30
+    )
+    assert estimate_minutes(Estimate(10.0, 20.0, 0.0, 45.0, 0, 0.0)) == pytest.approx(
+        estimate_minutes(sound) + 5
+    )
+    assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 10.0, 0, 0.0)) == pytest.approx(
+        estimate_minutes(sound)
+    )
 
 
 # --- the depth that would do ---
@@ -256,8 +269,8 @@ def test_a_flatter_piece_is_proposed_where_no_pose_keeps_the_limit() -> None:
     def least(share: float) -> float:
         curve = wave(deep=100.0) * [1.0, 1.0, share]
         strands = strands_of(knots_of(curve), most=2000)
-        turns = candidates(strands)
-        return min(estimated_cm3(p.estimate) for p in ranked(strands, turns, Rules()))
+        turns = propose_turns(strands)
+        return min(estimate_supports_cm3(p.estimate) for p in rank_turns(strands, turns, Rules()))
 
     whole = least(1.0)
     assert flatter_depth(knots, 100.0, Rules()) is None

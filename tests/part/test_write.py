@@ -14,7 +14,7 @@ import pytest
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.part.write import pose_of, write_part
+from knotfab.part.write import make_pose, write_part
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
@@ -41,7 +41,7 @@ def model_of(path: Path) -> str:
 def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
     target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
     view = Scene().views[0].model_copy(update={"picture": "picture-front.png"})
-    scene = Scene(views=(view,), pose=pose_of(np.eye(4)))
+    scene = Scene(views=(view,), pose=make_pose(np.eye(4)))
     with OutputFolder(tmp_path / "out") as folder:
         write_part(folder, rings(count), scene, [target], colours, suffix)
         folder.commit()
@@ -54,7 +54,7 @@ def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
     names = {f"part{suffix}.stl", f"part{suffix}.3mf", f"knots{suffix}.json", f"scene{suffix}.toml"}
     assert {p.name for p in out.iterdir()} == {*names, "picture-front.png"}
     assert (out / "picture-front.png").read_bytes() == b"picture"
-    assert load_scene(out / f"scene{suffix}.toml").pose == pose_of(np.eye(4))
+    assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))
     model = model_of(out / f"part{suffix}.3mf")
     assert model.count("<object ") == model.count("<item ") == 1
     assert model.count("<triangle ") == 3 * 2 * 40 * 12

@@ -11,14 +11,14 @@ from knotfab.render.dense import render_dense
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
-VIEW = View(frame_width_mm=120.0, frame_height_mm=90.0)
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
 TILTED = VIEW.model_copy(update={"wall_tilt_deg": 25.0})
 
 
 def _frame(
-    view: View = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
+    view: ResolvedView = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
 ):
     return frame_of(camera_of(view, width, height), dtype)
 
@@ -65,7 +65,7 @@ def test_a_ray_meets_the_capsule_exactly_where_the_distance_is_positive() -> Non
 
 @pytest.mark.parametrize("view", [VIEW, TILTED])
 @pytest.mark.parametrize("tau", [0.3, 2.0])
-def test_tiled_gives_the_dense_image_and_gradient(view: View, tau: float) -> None:
+def test_tiled_gives_the_dense_image_and_gradient(view: ResolvedView, tau: float) -> None:
     frame = _frame(view)
     points = _tangle(60, 1).requires_grad_()
     weights = torch.rand(frame.height, frame.width, dtype=torch.float64)
@@ -108,18 +108,6 @@ def test_winners_of_before_bound_the_image_from_below() -> None:
     stale = render_tiled(moved, moved.roll(-1, 0), frame, 3.0, 1.0, 10.0, won)
     fresh = render_tiled(moved, moved.roll(-1, 0), frame, 3.0, 1.0, 10.0)
     assert bool((stale <= fresh + math.exp(-10)).all())
-
-
-def test_parallel_light_ignores_depth() -> None:
-    from dataclasses import replace
-
-    frame = replace(_frame(), flat_depth=500.0)
-    points = _tangle(20, 9)
-    flat = points.clone()
-    flat[:, 2] = 0.0
-    one = render_tiled(points, points.roll(-1, 0), frame, 3.0, 1.0)
-    other = render_tiled(flat, flat.roll(-1, 0), frame, 3.0, 1.0)
-    assert torch.allclose(one, other)
 
 
 def test_single_precision_keeps_its_digits() -> None:

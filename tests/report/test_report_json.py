@@ -14,11 +14,11 @@ from PIL import Image
 
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
-from knotfab.report.pictures import draw_part, eyes_of, turn_eye
+from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.scene.model import ResolvedView
-from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, unmet
+from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, list_unmet
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def test_the_rule_of_what_passes(states: list[tuple[str, bool]], code: int) -> N
     """A skipped check proves nothing; one that is not required decides nothing."""
     checks = [check(f"c{k}", s, required=needed) for k, (s, needed) in enumerate(states)]
     assert exit_code(checks) == code
-    assert bool(unmet(checks)) == (code != 0)
+    assert bool(list_unmet(checks)) == (code != 0)
     assert assemble(**{**sample(), "checks": checks})["status"] == ("fail" if code else "pass")
 
 
@@ -146,11 +146,11 @@ def test_the_printers_checks_are_checks() -> None:
 
 def test_eyes_are_those_of_all_views_and_others_beside() -> None:
     view = ResolvedView(frame_width_mm=100.0, frame_height_mm=100.0)
-    alone = eyes_of([view])
+    alone = place_eyes([view])
     angles = np.degrees(np.arctan2(alone[:, 0], alone[:, 2]))
     assert angles == pytest.approx([0.0, 30.0, 60.0, 90.0])
     near = view.model_copy(update={"azimuth_deg": 90.0, "light_distance_mm": 300.0})
-    both = eyes_of([view, near])
+    both = place_eyes([view, near])
     assert both[:2] == pytest.approx(np.array([[0.0, 0.0, 500.0], [300.0, 0.0, 0.0]]), abs=1e-9)
     others = np.degrees(np.arctan2(both[2:, 0], both[2:, 2]))
     assert others == pytest.approx([30.0, 60.0])

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
 
-def view(**keys: object) -> View:
-    return View.model_validate({"frame_width_mm": 180.0, "frame_height_mm": 90.0, **keys})
+def view(**keys: object) -> ResolvedView:
+    return ResolvedView.model_validate({"frame_width_mm": 180.0, "frame_height_mm": 90.0, **keys})
 
 
 def camera(**keys: object) -> Camera:

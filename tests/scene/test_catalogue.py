@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from knotfab.design.frames import frame_view
 from knotfab.errors import InputError
 from knotfab.scene.catalogue import materials, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Material, Printer, Scene
+from knotfab.target.read import Target
 
 
 def test_known_names() -> None:
@@ -73,9 +76,9 @@ def test_a_printer_of_ones_own_needs_every_key() -> None:
 
 
 def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
-    scene = resolve(parse_scene("[printer]\nname = 'ender-3'"), [(300, 400)])
+    scene = resolve(parse_scene("[printer]\nname = 'ender-3'"))
     again = parse_scene(dump_scene(scene))
-    assert again == scene == resolve(again, [(300, 400)])
+    assert again == scene == resolve(again)
     assert "build_volume_mm" in dump_scene(scene) and "density_g_cm3" in dump_scene(scene)
 
 
@@ -89,8 +92,10 @@ def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
     ],
 )
 def test_frames_follow_the_picture(keys: str, frame: tuple[float, float]) -> None:
-    view = resolve(parse_scene(f"[[views]]\n{keys}"), [(300, 400)]).views[0]
-    assert (view.frame_width_mm, view.frame_height_mm) == pytest.approx(frame)
+    target = Target("tall", np.ones((400, 300), dtype=bool), b"", 300, 400, ".png")
+    view = frame_view(parse_scene(f"[[views]]\n{keys}").views[0], target)
+    assert view.frame_mm == pytest.approx(frame)
+    assert view.longer_mm == pytest.approx(max(frame))
 
 
 def test_resolve_without_pictures_leaves_frames_open() -> None:

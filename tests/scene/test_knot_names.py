@@ -12,10 +12,10 @@ from knotfab.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
-from knotfab.scene.model import Region
+from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot
 
-UNIT = Limits(1.0, 0.0, 1.0, np.inf, Region())
+UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
 
 
 @pytest.mark.parametrize("name", BRAIDS)

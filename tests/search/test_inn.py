@@ -5,9 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from knotfab.search.inn import circles, keep_largest
+from questions import ask_heart, start_and_search
 
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.effects.base import Decision
 from knotfab.effects.bend import BEND
 from knotfab.errors import InputError, SceneError
@@ -20,14 +19,12 @@ from knotfab.geometry.carry import (
     same_type,
 )
 from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab.problem import Problem, SearchResult
 from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
-from knotfab.search import inn
-from knotfab.search import search as search_module
-from knotfab.search.search import Problem, SearchResult, search
-from knotfab.start.filling import fill
-from knotfab.target.read import read_target
+from knotfab.search import network_search
+from knotfab.search.network_search import keep_largest
+from knotfab.start.circle import start_at_circles
+from knotfab.start.filling import Template
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(
@@ -47,10 +44,7 @@ QUICK = PRESETS["draft"].model_copy(
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    target = read_target("text:♥")
-    scene = resolve(Scene(), [(target.width, target.height)])
-    scene = scene.model_copy(update={"views": (resolve_view(scene.views[0], target),)})
-    return problem_of(scene, target)
+    return ask_heart()
 
 
 def _searched(
@@ -64,8 +58,7 @@ def _searched(
         shares.append(share)
         seen.append(iou or 0.0)
 
-    template = fill(problem.polygon, RADIUS)
-    result = search(problem, template, RADIUS, settings, repairs=repairs, report=report)
+    result = start_and_search(problem, RADIUS, settings, repairs=repairs, report=report)
     return result, shares, seen
 
 
@@ -75,9 +68,12 @@ def _trefoil(count: int, mirror: bool = False) -> np.ndarray:
     return np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), z])
 
 
-def test_circles_are_convex_and_in_planes_of_their_own() -> None:
-    curves = [np.array([[0.0, 0], [40, 0], [40, 90]]), np.array([[1.0, 0], [1, 9], [0, 0]])]
-    found = circles(curves, 2.0, 9.0)
+def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None:
+    curves = (np.array([[0.0, 0], [40, 0], [40, 90]]), np.array([[1.0, 0], [1, 9], [0, 0]]))
+    template = Template(curves, problem.polygons[0], 2.0)
+    start = start_at_circles(replace(problem, clearance=0.5), 2.0, QUICK, template)
+    assert start.far and start.types == ("unknot", "unknot")
+    found = start.curves
     for circle, middle, around in zip(found, ([20, 45], [0.5, 4.5]), (14.0, 8.0), strict=True):
         assert np.ptp(circle[:, 2]) == 0
         np.testing.assert_allclose(np.linalg.norm(circle[:, :2] - middle, axis=1), around)
@@ -163,9 +159,9 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
 @pytest.mark.slow
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
     result, _, seen = _searched(problem, QUICK)
-    assert result.account.certified
-    assert result.account.accepted > 3
-    assert "invertible network" in result.account.template
+    assert result.log.certified
+    assert result.log.accepted > 3
+    assert "invertible network" in result.log.template
     assert result.iou_estimate > max(0.95, seen[0])
     assert [k.type for k in result.knots.knots] == ["unknot"]
 
@@ -174,8 +170,8 @@ def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) 
 def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) -> None:
     circle = QUICK.model_copy(update={"network_start": "circle"})
     result, _, seen = _searched(problem, circle)
-    assert result.account.certified
-    assert "circle" in result.account.template
+    assert result.log.certified
+    assert "circle" in result.log.template
     assert result.depth is None
     assert result.iou_estimate > seen[0] + 0.1
 
@@ -184,8 +180,8 @@ def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) 
 def test_network_then_flow_ends_feasible(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"method": "inn+flow", "network_iterations": 30})
     result, fractions, _ = _searched(problem, settings, repairs=4)
-    assert result.standing.violations == []
-    assert result.account.certified
+    assert result.feasible
+    assert result.log.certified
     assert result.iou_estimate > 0.97
     assert fractions == sorted(fractions)
     assert fractions[-1] <= 1
@@ -205,22 +201,22 @@ def test_what_cannot_be_proved_is_not_called_certified(
 
     def stuck(points: np.ndarray, *_: object) -> Carried:
         tried.append(len(points))
-        return Carried(points, 0.7, 12, 0.1)
+        return Carried(points, 0.7, 12, 3, 0.1)
 
-    monkeypatch.setattr(inn, "carry", stuck)
+    monkeypatch.setattr(network_search, "carry", stuck)
     short = QUICK.model_copy(update={"network_iterations": 3})
     result = _searched(problem, short)[0]
-    assert not result.account.certified
-    assert "no sampling could be certified" in result.account.template
+    assert not result.log.certified
+    assert "no sampling could be certified" in result.log.template
     assert len(tried) >= 3
     assert [b / a for a, b in pairwise(tried)] == [2.0] * (len(tried) - 1)
 
 
 def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    def explode(*_: object) -> None:
+    def explode(*_: object, **__: object) -> None:
         raise AssertionError("a network where none is asked for")
 
-    monkeypatch.setattr(search_module, "warp", explode)
+    monkeypatch.setattr(network_search, "CouplingNetwork", explode)
     flow = QUICK.model_copy(update={"method": "flow", "coarse_iterations": 2})
     flow = flow.model_copy(update={"fine_iterations": 0, "settle_iterations": 0})
     _searched(problem, flow)

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-import torch
-from knotfab.search.feasibility import standing
 from numpy.typing import NDArray
+from questions import ask_views
+from shapely import MultiPolygon, Point
 from torch import Tensor
 
-from knotfab.effects.base import Limits
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings, rings_of_sizes
-from knotfab.problem import Account
-from knotfab.scene.model import Region
-from knotfab.search.repair import about, mended
+from knotfab.effects.base import State
+from knotfab.problem import Problem, Start
+from knotfab.scene.model import ResolvedRegion
+from knotfab.scene.settings import PRESETS
+from knotfab.search.objective import Term, Weights
+from knotfab.search.phases import plan_of, repair_phase
+from knotfab.search.repair import find_stretches, mend_stretches
+from knotfab.search.search import search
+from knotfab.search.state import SearchState, begin
 
 Array = NDArray[np.float64]
 
-COUNT = 240
-RINGS = rings_of_sizes((COUNT,))
+COUNT, RADIUS = 240, 3.0
 EDGE = 2 * np.pi * 30 / COUNT
+DRAFT = PRESETS["draft"]
 
 
-def limits(side: float = 100.0) -> Limits:
-    return Limits(3.0, 0.4, 3.2, 1e4, Region(size_mm=(side, side, side)))
+def room(side: float = 100.0, length: float = 1e4) -> Problem:
+    """A ring's own shadow, and limits that a ring keeps."""
+    band = Point(0, 0).buffer(33.0, quad_segs=64).difference(Point(0, 0).buffer(27.0, quad_segs=64))
+    asked = ask_views([MultiPolygon([band])], 0.0, side_mm=90.0, length=length)
+    return replace(asked, region=ResolvedRegion(size_mm=(side,) * 3))
 
 
 def ring(kink_mm: float) -> Array:
@@ -36,72 +42,102 @@ def ring(kink_mm: float) -> Array:
     return points
 
 
-def stiffness(points: Tensor, near: Neighbours, progress: float) -> Tensor:
+class Stiffness(Term):
     """Smooths a kink, and shrinks a circle if it is let."""
-    bent = points.roll(-1, 0) - 2 * points + points.roll(1, 0)
-    return (bent**2).sum()
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        bent = state.points.roll(-1, 0) - 2 * state.points + state.points.roll(1, 0)
+        return 10.0 * (bent**2).sum()
 
 
-def stiffly(_: Rings) -> Callable[[Tensor, Neighbours, float], Tensor]:
-    return stiffness
+class Nothing(Term):
+    """A slope of zero everywhere."""
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        return 0.0 * state.points.sum()
 
 
-def account() -> Account:
-    return Account(template="a circle", types=("unknot",))
+WITHOUT_LIMITS = Weights(image=0.0, clearance=0.0, bend=0.0, region=0.0, length=0.0)
+
+
+def begun(points: Array, problem: Problem | None = None, term: Term | None = None) -> SearchState:
+    settings = DRAFT.model_copy(update={"settle_edge_radii": EDGE / 0.87 / RADIUS})
+    terms = (term or Stiffness(),)
+    return begin(problem or room(), Start((points,), "a circle"), RADIUS, settings, terms)
+
+
+def mend(state: SearchState, rounds: int) -> int:
+    phase = replace(repair_phase(state.settings, 0), pixels=64, weights=WITHOUT_LIMITS)
+    return mend_stretches(state, phase, rounds)
 
 
 def test_a_kink_is_mended_and_the_far_side_stays() -> None:
-    start, entered = ring(0.6), account()
-    assert standing(start, RINGS, limits()).broken == ["bend"]
-    end, rings, rounds = mended(start, RINGS, stiffly, limits(), EDGE, entered, "cpu", 8)
-    assert standing(end, rings, limits()).violations == []
+    state = begun(ring(0.6))
+    start = state.points
+    assert state.feasibility().broken == ["bend"]
+    rounds = mend(state, 8)
+    assert state.feasibility().violations == []
     assert 1 <= rounds <= 8
-    assert entered.accepted > 0 and entered.certified
-    moved = np.linalg.norm(end - start, axis=1)
+    assert state.log.accepted > 0 and state.log.certified
+    moved = np.linalg.norm(state.points - start, axis=1)
     assert moved[[-1, 0, 1]].max() > 0.1
     assert moved[60:180].max() < 0.005  # more than 30 mm from the kink
 
 
 def test_what_holds_every_limit_is_left_alone() -> None:
-    start, entered = ring(0.0), account()
-    end, _, rounds = mended(start, RINGS, stiffly, limits(), EDGE, entered, "cpu", 8)
-    assert rounds == 0 and entered.accepted == 0
-    assert np.array_equal(end, start)
+    state = begun(ring(0.0))
+    assert mend(state, 8) == 0 and state.log.accepted == 0
+    assert np.array_equal(state.points, ring(0.0))
 
 
 def test_a_stretched_edge_is_cut_before_its_bends_are_judged() -> None:
     """Long edges may turn far by the bend radius, and their mitres stood out of the outline by 0.6 px."""
-    start = ring(0.0)[np.r_[0:COUNT:2][:4].tolist() + list(range(7, COUNT))]
-    rings = rings_of_sizes((len(start),))
-    assert standing(start, rings, limits()).violations == []
-    end, rings, _ = mended(start, rings, stiffly, limits(), EDGE, account(), "cpu", 4)
-    assert len(end) > len(start) and rings.sizes == (len(end),)
-    edges = np.linalg.norm(end[rings.next] - end, axis=1)
+    kept = np.r_[0:COUNT:2][:4].tolist() + list(range(7, COUNT))
+    state, whole = begun(ring(0.0)[kept]), begun(ring(0.0)[kept])
+    assert state.feasibility().violations == []
+    mend(state, 4)
+    assert len(state.points) > len(kept) and state.rings.sizes == (len(state.points),)
+    edges = np.linalg.norm(state.points[state.rings.next] - state.points, axis=1)
     assert edges.max() < 1.31 * EDGE
-    assert standing(end, rings, limits()).violations == []
+    assert state.feasibility().violations == []
+    # but not where the vertices are those of other frames too
+    whole.keep_vertices = True
+    mend(whole, 4)
+    assert len(whole.points) == len(kept)
 
 
-def test_what_the_rounds_do_not_mend_is_returned_as_it_stands() -> None:
-    def nothing(points: Tensor, near: Neighbours, progress: float) -> Tensor:
-        return torch.zeros((), dtype=torch.float64) * points.sum()
-
-    end, rings, rounds = mended(
-        ring(0.6), RINGS, lambda _: nothing, limits(), EDGE, account(), "cpu", 2
-    )
-    assert rounds == 2
-    assert standing(end, rings, limits()).violations
+def test_what_the_rounds_do_not_mend_is_left_as_it_stands() -> None:
+    state = begun(ring(0.6), term=Nothing())
+    assert mend(state, 2) == 2
+    assert state.feasibility().violations
 
 
 def test_the_stretches_are_those_about_the_violations() -> None:
-    kinked = ring(0.6)
-    loose = about(kinked, RINGS, standing(kinked, RINGS, limits()))
-    apart = np.linalg.norm(kinked - kinked[0], axis=1)
+    kinked = begun(ring(0.6))
+    loose = find_stretches(kinked.points, kinked.rings, kinked.feasibility())
+    apart = np.linalg.norm(kinked.points - kinked.points[0], axis=1)
     assert loose[apart < 11.0].all() and not loose[apart > 14.0].any()
     # a region that the ring pokes out of at four places: the furthest alone is let go, for now
-    outside = standing(ring(0.0), RINGS, limits(side=65.9))
-    assert outside.broken == ["region"]
-    loose = about(ring(0.0), RINGS, outside)
+    outside = begun(ring(0.0), room(side=65.9))
+    assert outside.feasibility().broken == ["region"]
+    loose = find_stretches(outside.points, outside.rings, outside.feasibility())
     assert 0 < loose.sum() < COUNT / 4
-    long = Limits(3.0, 0.4, 3.2, 10.0, Region(size_mm=(100.0, 100.0, 100.0)))
-    assert standing(ring(0.0), RINGS, long).broken == ["length"]
-    assert not about(ring(0.0), RINGS, standing(ring(0.0), RINGS, long)).any()
+    long = begun(ring(0.0), room(length=10.0))
+    assert long.feasibility().broken == ["length"]
+    assert not find_stretches(long.points, long.rings, long.feasibility()).any()
+
+
+def test_one_view_is_mended_gently_by_the_search_itself() -> None:
+    """A kink in a ring that draws its picture: the search mends it, and no repair touches the rest."""
+    still = {"coarse_iterations": 0, "fine_iterations": 0, "settle_iterations": 0, "fine_px": 160}
+    settings = DRAFT.model_copy(update={**still, "settle_edge_radii": EDGE / 0.87 / RADIUS})
+    plan = plan_of(settings)
+    start = Start((ring(0.6),), "a circle")
+    result = search(room(), start, RADIUS, settings, plan=plan)
+    assert result.feasible and result.log.certified
+    assert 1 <= result.log.repairs <= plan.mendings
+    assert result.log.resamplings == 0
+    moved = np.linalg.norm(result.knots.points - ring(0.6), axis=1)
+    assert moved[60:180].max() < 0.005 < moved[0]
+    without = search(room(), start, RADIUS, settings, plan=replace(plan, repairs=0))
+    assert not without.feasible and np.array_equal(without.knots.points, ring(0.6))

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.sequence.doubling import doubled
+from knotfab.sequence.doubling import double_vertices
 
 
 def _trefoil(n: int) -> np.ndarray:
@@ -16,8 +16,9 @@ def _trefoil(n: int) -> np.ndarray:
 
 def test_old_vertices_stay_and_new_ones_lie_on_the_curve() -> None:
     points = _trefoil(90)
-    fine, both, verdict = doubled(points, rings_of_sizes((90,)))
-    assert verdict.valid
+    carried, both = double_vertices(points, rings_of_sizes((90,)))
+    fine = carried.points
+    assert carried.reached == 1.0 and carried.least_margin > 0
     assert both.sizes == (180,)
     np.testing.assert_array_equal(fine[::2], points)
     curve = cKDTree(_trefoil(90 * 400))
@@ -28,8 +29,8 @@ def test_old_vertices_stay_and_new_ones_lie_on_the_curve() -> None:
 def test_bends_stay_what_they_are() -> None:
     points = _trefoil(90)
     rings = rings_of_sizes((90,))
-    fine, both, _ = doubled(points, rings)
-    assert bend_radii(fine, both).min() > 0.97 * bend_radii(points, rings).min()
+    carried, both = double_vertices(points, rings)
+    assert bend_radii(carried.points, both).min() > 0.97 * bend_radii(points, rings).min()
 
 
 def test_a_step_that_could_cross_is_not_taken() -> None:
@@ -43,10 +44,11 @@ def test_a_step_that_could_cross_is_not_taken() -> None:
     at = middle + 0.15 * outward
     other = at + 4 * outward * (1 - np.cos(s)) + 4 * np.sin(s) * np.array([0.0, 0.0, 1.0])
     points, rings = np.concatenate([coarse, other]), rings_of_sizes((12, 40))
-    fine, _, verdict = doubled(points, rings)
+    carried, _ = double_vertices(points, rings)
+    fine = carried.points
     # the spline would go 1 mm outwards; the other ring is 0.15 mm away
     gone = float((fine[1] - middle) @ outward)
     assert gone < 0.15
     np.testing.assert_array_equal(fine[:24:2], coarse)
-    assert verdict.valid
-    assert verdict.margin > 0
+    assert carried.reached < 1.0 < carried.steps + carried.refused
+    assert carried.least_margin > 0

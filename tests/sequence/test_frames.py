@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 from knotfab.errors import InputError
 from knotfab.sequence.frames import MOST_FRAMES, read_frames
-from knotfab.sequence.gif import shadows_gif, write_gif
+from knotfab.sequence.gif import write_gif, write_shadows_gif
 
 
 def _bar(at: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
@@ -85,7 +85,7 @@ def test_a_gif_repeats_and_runs_back_where_it_does_not_close(tmp_path: Path) -> 
         _bar(4 + 10 * number).save(files[-1])
     for cyclic, expected in ((True, [4, 14, 24, 34]), (False, [4, 14, 24, 34, 24, 14])):
         path = tmp_path / "out.gif"
-        shadows_gif(path, files, cyclic)
+        write_shadows_gif(path, files, cyclic)
         assert [_left(t.mask) for t in read_frames([str(path)])] == expected
         with Image.open(path) as image:
             assert image.info["loop"] == 0

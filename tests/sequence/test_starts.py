@@ -7,19 +7,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from knotfab.search.feasibility import Standing
 from numpy.typing import NDArray
 from shapely import MultiPolygon, box
 
 from knotfab.effects.base import Limits
+from knotfab.effects.feasibility import Feasibility
 from knotfab.geometry.polylines import rings_of_sizes
-from knotfab.problem import Account, Problem
-from knotfab.scene.model import Region, View
+from knotfab.knots import Knot, Knots
+from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
+from knotfab.scene.model import ResolvedRegion, ResolvedView
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence import starts
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult
 from knotfab.sequence.starts import Following, Likeness
+
+ROOM = ResolvedRegion(size_mm=(200.0, 200.0, 200.0))
 
 
 def _legs(apart: int) -> NDArray[np.bool_]:
@@ -62,21 +65,23 @@ class _Follow:
     ) -> FrameResult:
         asked = int(before[0, 0]), len(anchors) == 2, settings.fine_iterations > 10
         self.asked.append(asked)
-        limits = Limits(2.0, 0.4, 2.2, 1000.0, Region())
+        limits = Limits(2.0, 0.4, 2.2, 1000.0, ROOM)
         at = np.zeros(3)
-        measured = Standing(3.0 if self.sound else 1.0, at, 5.0, at, -1.0, at, 100.0, limits)
-        return FrameResult(before, measured, self.seen.get(asked, 0.5), Account(), -1.0)
+        measured = Feasibility(3.0 if self.sound else 1.0, at, 5.0, at, -1.0, at, 100.0, limits)
+        knots = Knots((Knot(before, "unknot"),), radius)
+        seen = (self.seen.get(asked, 0.5),)
+        return FrameResult(SearchResult(knots, measured, CertificateLog(), {}, None, seen), -1.0)
 
 
 def _following(monkeypatch: pytest.MonkeyPatch, follow: _Follow, closing: bool) -> Following:
     """Of frame 3, after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
     monkeypatch.setattr(starts, "follow", follow)
     monkeypatch.setattr(starts, "opening_iou", lambda *_: 0.99)
-    view = View(frame_width_mm=80.0, frame_height_mm=80.0)
-    polygon = MultiPolygon([box(0, 0, 9, 9)])
-    problem = Problem(view, _legs(10), polygon, 0.4, None, 1000.0, Region(), None)
+    view = ResolvedView(frame_width_mm=80.0, frame_height_mm=80.0)
+    target = TargetView(view, _legs(10), MultiPolygon([box(0, 0, 9, 9)]))
+    problem = Problem((target,), 0.4, None, 1000.0, ROOM)
     known = tuple(np.full((4, 3), float(k)) for k in range(3))
-    back = Anchor(known[0], 5.0) if closing else None
+    back = Anchor(known[0], 5.0, 2.0) if closing else None
     settings = SearchSettings(fine_iterations=10)
     return Following(
         known, (problem,) * 4, rings_of_sizes((4,)), 2.0, settings, 100.0, back, 3.0, "cpu"
@@ -88,7 +93,7 @@ def test_the_first_trial_that_serves_is_taken(monkeypatch: pytest.MonkeyPatch) -
     trial = _following(monkeypatch, follow, closing=True).search(1, lambda *_: None)
     assert follow.asked == [(1, True, False)]
     assert (trial.origin, trial.back is not None) == (1, True)
-    assert trial.found.account.template == "the knot of frame 2"
+    assert trial.found.result.log.template == "the knot of frame 2"
 
 
 def test_closing_is_given_up_before_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,11 +110,11 @@ def test_the_best_of_poor_trials_is_kept(monkeypatch: pytest.MonkeyPatch) -> Non
     follow = _Follow({(0, True, False): 0.7, (2, True, False): 0.9, (2, False, True): 0.8})
     trial = _following(monkeypatch, follow, closing=True).search(0, lambda *_: None)
     assert len(follow.asked) == 5
-    assert (trial.origin, trial.found.iou_estimate) == (2, 0.9)
+    assert (trial.origin, trial.found.result.iou_estimate) == (2, 0.9)
 
 
 def test_a_frame_that_breaks_a_limit_has_all_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     follow = _Follow({(2, True, False): 0.99}, sound=False)
     trial = _following(monkeypatch, follow, closing=True).search(2, lambda *_: None)
     assert len(follow.asked) == 3
-    assert trial.found.iou_estimate == 0.99
+    assert trial.found.result.iou_estimate == 0.99

@@ -13,7 +13,7 @@ from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import nothing
 from knotfab.mount.wall import Peg, WallMount, WallSettings
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Mount, Scene, View
+from knotfab.scene.model import Mount, ResolvedView, Scene
 
 Kind = Literal["none", "plate", "dowel", "stand"]
 OFF = {
@@ -25,7 +25,7 @@ OFF = {
 def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, Scene, Camera]:
     """A ring of 100 mm on a mount of its kind, its frame 160 x 120 mm."""
     keys = {"frame_width_mm": 160.0, "frame_height_mm": 120.0, **view}
-    seen = View(**keys)  # type: ignore[arg-type]
+    seen = ResolvedView(**keys)  # type: ignore[arg-type]
     camera = camera_of(seen, 80, 60)
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     ring = np.stack([50 * np.cos(t), 50 * np.sin(t), 5 * np.sin(2 * t)], axis=1)

@@ -10,7 +10,7 @@ import pytest
 from knotfab.report.of_build import add_slicing
 from knotfab.report.of_slicer import OPENING, PROVEN, check_slicing, print_figures, report_slicing
 from knotfab.report.report_json import plain
-from knotfab.slicer.known_warnings import SlicerWarning, explained, read_warnings
+from knotfab.slicer.known_warnings import SlicerWarning, explain_warning, read_warnings
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
 SAID = """[2024-01-01 05:32:24.0] [0x00] [trace]   Initializing StaticPrintConfigs
@@ -81,7 +81,7 @@ def test_warnings_are_read_whole_and_once() -> None:
     ],
 )
 def test_what_is_known(text: str, known: bool, settled: bool) -> None:
-    found = explained(text)
+    found = explain_warning(text)
     assert (bool(found.explanation), found.settled) == (known, settled)
 
 

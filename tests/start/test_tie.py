@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
+from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from examples.paper.curves import circle
-from knotfab.cli.options import scene_of
-from knotfab.design.design import problem_of, resolve_view
 from knotfab.errors import InputError, SceneError
-from knotfab.scene.catalogue import resolve
+from knotfab.options import BuildOptions
+from knotfab.problem import Problem, Start
+from knotfab.read_options import read_scene
 from knotfab.scene.knot_names import load_knot, parse_knot_name
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Piece, Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.search.search import Problem, search
 from knotfab.start.depth import lift
-from knotfab.start.filling import Template, even_samples, fill, simple_curves
+from knotfab.start.filling import even_samples, fill, simple_curves
+from knotfab.start.start import tie_knot
 from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
-from knotfab.target.read import read_target
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
@@ -157,37 +157,36 @@ def test_a_knot_among_the_strands_is_not_taken_for_proved() -> None:
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    target = read_target("text:♥")
-    scene = resolve(Scene(piece=Piece(knot="left trefoil")), [(target.width, target.height)])
-    scene = scene.model_copy(update={"views": (resolve_view(scene.views[0], target),)})
-    return problem_of(scene, target)
-
-
-@pytest.fixture(scope="module")
-def template(problem: Problem) -> Template:
-    return fill(problem.polygon, 3.0)
+    return ask_heart(Scene(piece=Piece(knot="left trefoil")))
 
 
 @pytest.mark.slow
-def test_the_search_keeps_the_type_and_costs_no_iou(problem: Problem, template: Template) -> None:
+def test_the_search_keeps_the_type_and_costs_no_iou(problem: Problem) -> None:
     assert problem.knot == "left trefoil"
-    tied = search(problem, template, 3.0, QUICK)
-    plain = search(replace(problem, knot="unknot"), template, 3.0, QUICK)
+    tied = start_and_search(problem, 3.0, QUICK)
+    plain = start_and_search(replace(problem, knot="unknot"), 3.0, QUICK)
     assert [k.type for k in tied.knots.knots] == ["left-handed 3_1"]
     assert [k.type for k in plain.knots.knots] == ["unknot"]
-    assert tied.standing.violations == [] and tied.account.certified
-    assert "left-handed 3_1 tied into knot 0" in tied.account.template
+    assert tied.feasible and tied.log.certified
+    assert "left-handed 3_1 tied into knot 0" in tied.log.template
     assert tied.iou_estimate > plain.iou_estimate - 0.005
     curves = Curves((tied.knots.knots[0].points,), ("left-handed 3_1",), (True,), 3.0)
     assert knot_types(curves).knots[0].verdict == "proved"
 
 
 @pytest.mark.slow
-def test_a_flat_piece_holds_a_knot_too(problem: Problem, template: Template) -> None:
+def test_a_flat_piece_holds_a_knot_too(problem: Problem) -> None:
     short = QUICK.model_copy(update={"coarse_iterations": 10, "fine_iterations": 5})
-    flat = search(replace(problem, depth_mm=None, knot="4_1"), template, 3.0, short, repairs=0)
+    flat = start_and_search(replace(problem, depth_mm=None, knot="4_1"), 3.0, short, repairs=0)
     curves = Curves((flat.knots.knots[0].points,), ("4_1",), (True,), 3.0)
     assert knot_types(curves).knots[0].verdict == "proved"
+
+
+def test_a_knot_is_tied_only_where_a_view_sees_the_curve_simple(problem: Problem) -> None:
+    ring = Start((circle(20.0, 60),), "simple from a side that is no view's", facing=None)
+    with pytest.raises(ValueError, match="sees the curve simple"):
+        tie_knot(problem, ring, 2.0)
+    assert tie_knot(replace(problem, knot="unknot"), ring, 2.0) is ring
 
 
 def test_the_scene_names_the_knot(tmp_path: Path) -> None:
@@ -195,13 +194,13 @@ def test_the_scene_names_the_knot(tmp_path: Path) -> None:
     assert scene.piece.knot == "8_19"
     assert 'knot = "8_19"' in dump_scene(scene)
     assert Scene().piece.knot == "unknot"
-    assert scene_of(None, knot="left trefoil")[0].piece.knot == "left trefoil"
+    assert read_scene(BuildOptions(knot="left trefoil"))[0].piece.knot == "left trefoil"
     file = tmp_path / "scene.toml"
     file.write_text('[piece]\nknot = "4_1"\n')
-    assert scene_of(file)[0].piece.knot == "4_1"
-    assert scene_of(file, knot="unknot")[0].piece.knot == "unknot"
+    assert read_scene(BuildOptions(scene=file))[0].piece.knot == "4_1"
+    assert read_scene(BuildOptions(scene=file, knot="unknot"))[0].piece.knot == "unknot"
     for call in (
-        lambda: scene_of(None, knot="slip knot"),
+        lambda: read_scene(BuildOptions(knot="slip knot")),
         lambda: parse_scene("[piece]\nknot = '9_1'"),
     ):
         with pytest.raises(InputError, match="no such name"):

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from command import knotfab
 from PIL import Image, ImageDraw
+from shapely import MultiPolygon
 
 from knotfab.geometry.tube import sweep
+from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
-from knotfab.scene.model import Scene, View
+from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.measure import Measured, facet_error_px, frontier
 from knotfab.tradeoff.points import Point, points
@@ -52,15 +54,15 @@ def test_the_frontier_is_what_nothing_beats() -> None:
 def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
     """r a² / 12 is the polygon of the circle's area against the circle, to second order."""
 
-    class Asked:
-        view = View(wall_distance_mm=1e-9, frame_width_mm=1024.0, frame_height_mm=1024.0)
-
+    view = ResolvedView(wall_distance_mm=1e-9, frame_width_mm=1024.0, frame_height_mm=1024.0)
+    target = TargetView(view, np.ones((2, 2), dtype=bool), MultiPolygon())
+    asked = Problem((target,), 0.4, None, 1e5, ResolvedRegion(size_mm=(1e3, 1e3, 1e3)))
     turn = 2 * np.pi * np.arange(400) / 400
     ring = 100 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     for sides in (12, 48):
         vertices, _ = sweep(ring, 5.0, sides)
         across = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 100, vertices[:, 2])
-        said = facet_error_px(Asked(), 5.0, sides)  # type: ignore[arg-type]
+        said = facet_error_px(asked, 5.0, sides)
         assert across.max() - 5.0 == pytest.approx(said, rel=0.05)
 
 

@@ -11,7 +11,7 @@ from knotfab.scene.catalogue import materials, resolve
 from knotfab.scene.model import Material, Piece, Scene, View
 from knotfab.scene.settings import search_settings
 from knotfab.target.read import read_target
-from knotfab.wire.frame import ENOUGH_IOU, wire_frame
+from knotfab.wire.frame import ENOUGH_IOU, measure_frame
 
 STEEL = materials()["steel-wire-2mm"]
 
@@ -30,7 +30,7 @@ def view(width: float, wall: float = 0.001) -> View:
 
 def test_what_is_thinner_than_the_wire_is_lost() -> None:
     """A bar of 20 px takes a wire of 2 mm from 100 mm on; the other is as wide as it is high, or wider."""
-    small, large = (wire_frame(bars(20), view(w), STEEL) for w in (80.0, 130.0))
+    small, large = (measure_frame(bars(20), view(w), STEEL) for w in (80.0, 130.0))
     assert small.most_iou == pytest.approx(0.5, abs=0.02)
     assert large.most_iou > ENOUGH_IOU
     assert small.enough_mm == pytest.approx(large.enough_mm, rel=1e-3)
@@ -42,7 +42,7 @@ def test_what_is_thinner_than_the_wire_is_lost() -> None:
 
 
 def test_a_wall_far_behind_makes_the_wires_shadow_wider() -> None:
-    near, far = (wire_frame(bars(20), view(130.0, w), STEEL) for w in (0.001, 250.0))
+    near, far = (measure_frame(bars(20), view(130.0, w), STEEL) for w in (0.001, 250.0))
     assert near.enough_mm is not None and far.enough_mm is not None
     assert far.enough_mm == pytest.approx(1.5 * near.enough_mm, rel=1e-3)
 
@@ -50,7 +50,7 @@ def test_a_wall_far_behind_makes_the_wires_shadow_wider() -> None:
 def test_dust_needs_a_frame_that_is_not_sought() -> None:
     mask = np.zeros((1000, 1000), dtype=bool)
     mask[100:900:40, 100:103] = True
-    tiny = wire_frame(mask, view(5.0), STEEL)
+    tiny = measure_frame(mask, view(5.0), STEEL)
     assert tiny.enough_mm is None and "would do" not in tiny.check(STEEL)["detail"]
 
 

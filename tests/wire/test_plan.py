@@ -17,10 +17,10 @@ from knotfab.knots import Knot, Knots
 from knotfab.scene.catalogue import materials
 from knotfab.scene.model import Accuracy, Scene, View
 from knotfab.wire.csv_file import read_bends
-from knotfab.wire.judge import Judge, WireKnot, cast_shadows, wire_checks
+from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
 from knotfab.wire.replay import Deviation, Sensitivity
-from knotfab.wire.template_pdf import Drawing, write_templates
+from knotfab.wire.template_pdf import WireDrawing, write_templates
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
 
@@ -147,7 +147,7 @@ KNOT = WireKnot("b.csv", 100.0, 9, Deviation(1.0, 0.2, 0.5, (0, 0, 0)), 0.5, 1.9
 
 
 def verdicts(knot: WireKnot, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
-    found = wire_checks((knot,), STEEL, 0.5, 2.0, {"near": 0.95, "far": iou}, 0.9, least)
+    found = check_wire((knot,), STEEL, 0.5, 2.0, {"near": 0.95, "far": iou}, 0.9, least)
     return {c["name"]: c["status"] for c in found}
 
 
@@ -193,9 +193,9 @@ def segments(text: str) -> np.ndarray:
     return np.array(pairs, dtype=float)
 
 
-def drawing(size: float = 60.0) -> Drawing:
+def drawing(size: float = 60.0) -> WireDrawing:
     line = np.array([[0, 0], [size, 0], [size, size], [0, size], [0, 0]], dtype=float)
-    return Drawing("test", line, line[1:4], ("1", "2", "3"), 2.0)
+    return WireDrawing("test", line, line[1:4], ("1", "2", "3"), 2.0)
 
 
 @pytest.mark.parametrize(("name", "size"), [("a4", (210, 297)), ("letter", (215.9, 279.4))])

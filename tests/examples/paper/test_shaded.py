@@ -12,9 +12,9 @@ from examples.paper.shaded_render import Shading, capsule_hit, layers_of, render
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import View
+from knotfab.scene.model import ResolvedView
 
-VIEW = View(frame_width_mm=160.0, frame_height_mm=160.0)
+VIEW = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0)
 LAMP = Shading(lamp_mm=(150.0, 200.0, 500.0))
 RADIUS = 6.0
 

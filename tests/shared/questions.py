@@ -1,0 +1,78 @@
+"""What searches are asked in tests: a heart in one view, and plain silhouettes seen from several sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from knotfab.design.question import ask
+from knotfab.problem import Problem, SearchResult, Start, TargetView
+from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
+from knotfab.start.start import make_start
+from knotfab.target.read import read_target
+
+__all__ = ["ask_heart", "ask_views", "draw_mask", "see_from", "start_and_search"]
+
+
+def ask_heart(scene: Scene | None = None) -> Problem:
+    """The problem of a heart in a scene's one view."""
+    return ask(scene or Scene(), [read_target("text:♥")]).problem
+
+
+def draw_mask(polygon: MultiPolygon, side_mm: float, pixels: int = 200) -> NDArray[np.bool_]:
+    """What of a square in the middle of the piece the polygon covers."""
+    at = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side_mm
+    x, y = np.meshgrid(at, -at)
+    return np.asarray(shapely.contains_xy(polygon, x, y))
+
+
+def see_from(azimuth_deg: float, side_mm: float = 100.0, name: str = "front") -> ResolvedView:
+    """A view whose square frame stands for so many mm in the middle of the piece."""
+    frame = 1.2 * side_mm  # on a wall 100 mm behind it, of a light 500 mm before it
+    return ResolvedView(
+        name=name, frame_width_mm=frame, frame_height_mm=frame, azimuth_deg=azimuth_deg
+    )
+
+
+def ask_views(
+    polygons: Sequence[MultiPolygon],
+    *azimuths_deg: float,
+    side_mm: float = 100.0,
+    pixels: int = 200,
+    length: float = 1e5,
+    goals: tuple[float, ...] | None = None,
+) -> Problem:
+    """The problem of these silhouettes, one a view."""
+    views = tuple(
+        TargetView(
+            see_from(azimuth, side_mm, f"v{n}"), draw_mask(polygon, side_mm, pixels), polygon
+        )
+        for n, (azimuth, polygon) in enumerate(zip(azimuths_deg, polygons, strict=True))
+    )
+    room = ResolvedRegion(size_mm=(1.6 * side_mm,) * 3)
+    return Problem(views, 0.4, None, length, room, goals=goals)
+
+
+def start_and_search(
+    problem: Problem,
+    radius: float,
+    settings: SearchSettings,
+    start: Start | None = None,
+    repairs: int | None = None,
+    **more: Any,
+) -> SearchResult:
+    """A search from the problem's own start, or from one that is given; `repairs` of the whole curve."""
+    plan = plan_of(settings, len(problem.views))
+    if repairs is not None:
+        plan = replace(plan, repairs=repairs)
+    start = start or make_start(problem, radius, settings)
+    return search(problem, start, radius, settings, plan=plan, **more)

@@ -1,0 +1,170 @@
+"""The objective: one code for any number of views, summed as it says, and the same at every call."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from questions import ask_views
+from shapely import MultiPolygon, Point, box
+
+from knotfab.effects.base import State
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.problem import Problem, Start
+from knotfab.scene.settings import PRESETS
+from knotfab.search.flow import FlowSettings
+from knotfab.search.objective import Objective, Weights, add_limits
+from knotfab.search.phases import Phase
+from knotfab.search.spill import Spill
+from knotfab.search.state import begin
+
+Array = NDArray[np.float64]
+RADIUS, TAU = 4.0, 2.0
+DRAFT = PRESETS["draft"]
+DISC = MultiPolygon([Point(0, 0).buffer(40.0)])
+SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
+IMAGE_ALONE = Weights(clearance=0.0, bend=0.0, region=0.0, length=0.0)
+
+
+@pytest.fixture(scope="module")
+def both() -> Problem:
+    return ask_views([DISC, SQUARE], 0.0, 90.0)
+
+
+@pytest.fixture(scope="module")
+def points() -> Array:
+    """A long way round in three dimensions, with tight bends."""
+    t = 2 * np.pi * np.arange(160) / 160
+    around = 30.0 + 10.0 * np.cos(12 * t)
+    return np.column_stack(
+        [around * np.cos(2 * t), 35.0 * np.sin(t), around * np.sin(2 * t) + 3.0 * np.cos(t)]
+    )
+
+
+def near_of(points: Array) -> Neighbours:
+    return find_neighbours(points, objective_of_one(points).rings, 16.0, 6)
+
+
+def objective_of_one(points: Array) -> Objective:
+    return objective_at(ask_views([DISC], 0.0), points)
+
+
+def objective_at(
+    problem: Problem, points: Array, weights: Weights | None = None, spill: bool = False
+) -> Objective:
+    """The objective of a coarse phase at one closed polyline, with every limit simulated."""
+    state = begin(problem, Start((points,), "for its slope alone"), RADIUS, DRAFT)
+    for decision in state.effects.values():
+        decision.simulated = True
+    phase = Phase(96, FlowSettings(), weights or Weights(), (TAU, TAU), spill)
+    return state.objective(phase)
+
+
+def value_and_slope(objective: Objective, points: Array) -> tuple[float, Array]:
+    x = torch.tensor(points, requires_grad=True)
+    loss = objective(x, near_of(points), 0.0)
+    (gradient,) = torch.autograd.grad(loss, x)
+    return float(loss.detach()), np.asarray(gradient.numpy())
+
+
+def test_of_several_views_it_is_the_sum_of_each_ones_picture_and_the_limits_once(
+    both: Problem, points: Array
+) -> None:
+    whole = value_and_slope(objective_at(both, points), points)
+    pictures = [
+        value_and_slope(objective_at(replace(both, views=(v,)), points, IMAGE_ALONE), points)
+        for v in both.views
+    ]
+    limits = value_and_slope(objective_at(both, points, Weights(image=0.0)), points)
+    assert min(limits[0], *(p[0] for p in pictures)) > 1.0  # each has a say
+    parts = [*pictures, limits]
+    assert whole[0] == pytest.approx(sum(p[0] for p in parts), rel=1e-6)
+    assert whole[1] == pytest.approx(sum(p[1] for p in parts), abs=1e-5)
+    # neither view is deaf: the first pulls across x, the second across z
+    assert np.abs(pictures[0][1][:, 0]).max() > 1e-3 < np.abs(pictures[1][1][:, 2]).max()
+
+
+def test_a_view_given_twice_counts_twice_and_its_limits_once(both: Problem, points: Array) -> None:
+    one = replace(both, views=both.views[:1])
+    twice = replace(both, views=2 * both.views[:1])
+    loss = {
+        n: value_and_slope(objective_at(p, points), points)[0] for n, p in ((1, one), (2, twice))
+    }
+    image = value_and_slope(objective_at(one, points, IMAGE_ALONE), points)[0]
+    assert loss[2] - loss[1] == pytest.approx(image, rel=1e-6)
+
+
+def test_the_limits_are_those_of_the_effects(both: Problem, points: Array) -> None:
+    objective = objective_at(both, points, Weights(image=0.0))
+    state = State.at(torch.tensor(points), objective.following, objective.rings, near_of(points))
+    terms = float(add_limits(state, objective.limits, objective.effects, objective.weights))
+    assert value_and_slope(objective, points)[0] == pytest.approx(terms, rel=1e-12)
+
+
+def test_what_stands_outside_adds_its_spill(both: Problem, points: Array) -> None:
+    off = points + np.array([0.0, 30.0, 0.0])
+    plain, pulled = (objective_at(both, off, spill=spill) for spill in (False, True))
+    state = State.at(torch.tensor(off), plain.following, plain.rings, near_of(off))
+    spill = sum(float(Spill.of(v, RADIUS)(state, Weights())) for v in both.views)
+    assert spill > 10.0
+    more = value_and_slope(pulled, off)[0] - value_and_slope(plain, off)[0]
+    assert more == pytest.approx(spill, rel=1e-6)
+
+
+def test_a_call_changes_nothing(both: Problem, points: Array) -> None:
+    objective = objective_at(both, points, spill=True)
+    objective.find_winners(points, 0.0)
+    effects = {name: replace(d, seconds=0.0) for name, d in objective.effects.items()}
+    before = vars(objective) | {"_won": deepcopy(objective._won)}
+    shares = objective.shares.copy()
+    first = value_and_slope(objective, points)
+    away = value_and_slope(objective, points + 1.0)
+    again = value_and_slope(objective, points)
+    assert first[0] == again[0] != away[0]
+    np.testing.assert_array_equal(first[1], again[1])
+    after = vars(objective)
+    assert after.keys() == before.keys()
+    for name in set(after) - {"_won"}:
+        assert after[name] is before[name], name
+    assert (objective.shares == shares).all()
+    assert {name: replace(d, seconds=0.0) for name, d in objective.effects.items()} == effects
+    torch.testing.assert_close(before["_won"], after["_won"], rtol=0, atol=0)
+
+
+def test_vertices_that_are_held_feel_nothing_and_the_others_what_they_felt(
+    both: Problem, points: Array
+) -> None:
+    objective = objective_at(both, points)
+    loose = np.arange(len(points)) < 40
+    held = Objective(
+        objective.images,
+        objective.rings,
+        objective.limits,
+        objective.effects,
+        objective.weights,
+        objective.tau,
+        loose=loose,
+    )
+    free, alone = value_and_slope(objective, points), value_and_slope(held, points)
+    assert alone[0] == pytest.approx(free[0], rel=1e-12)
+    assert np.abs(alone[1][~loose]).max() == 0.0
+    assert alone[1][loose] == pytest.approx(free[1][loose], abs=1e-9)
+
+
+def test_a_view_sees_along_its_axes(both: Problem) -> None:
+    for target, towards in zip(both.views, ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]), strict=True):
+        axes = target.axes
+        assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        assert axes[2] == pytest.approx(towards, abs=1e-12)
+        assert axes[1] == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)
+        # what is moved along them moves so in the picture: to the right, and up against v
+        image = target.image_at(RADIUS, 96)
+        moved = torch.tensor(np.vstack([np.zeros(3), axes[:2]])).float()
+        middle, right, up = image.frame.pixels(image.frame.local(moved)).tolist()
+        assert right[0] - middle[0] == pytest.approx(middle[1] - up[1], rel=1e-4)
+        assert right[0] > middle[0] and abs(right[1] - middle[1]) < 1e-4
