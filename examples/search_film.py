@@ -22,7 +22,7 @@ from torch import Tensor
 from examples.measurement import paint_comparison, read_question
 from examples.side_view import beside, side_view
 from knotfab.effects.base import State
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.problem import Problem
 from knotfab.render.frame import Frame
 from knotfab.render.picture import picture_at
@@ -68,13 +68,15 @@ class Watch(Term):
         return state.points.new_zeros(())
 
 
-def watch_search(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
+def watch_search(
+    problem: Problem, radius: float, every: int = EVERY
+) -> tuple[list[Array], Polylines]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
     start, watch = make_start(problem, radius, _SETTINGS), Watch(every)
     # the same vertices from the first picture to the last, and no repair after the last phase
     plan = replace(plan_of(_SETTINGS), keep_vertices=True, repairs=0, mendings=0)
     result = search(problem, start, radius, _SETTINGS, terms=(watch,), plan=plan)
-    rings = rings_of_sizes(tuple(len(c) for c in start.curves))
+    rings = polylines_of_sizes(tuple(len(c) for c in start.curves))
     return [np.concatenate(start.curves), *watch.seen, result.knots.points], rings
 
 
@@ -94,7 +96,7 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
 
 
 def _shadow(
-    points: Array, rings: Rings, frame: Frame, radius: float, wanted: NDArray[np.bool_]
+    points: Array, rings: Polylines, frame: Frame, radius: float, wanted: NDArray[np.bool_]
 ) -> Image.Image:
     """The tube's shadow: black where it is wanted, red where not, blue where it is missing."""
     p = torch.as_tensor(points, dtype=torch.float32)

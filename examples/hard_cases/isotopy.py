@@ -16,7 +16,7 @@ from examples.hard_cases.crossing import linking_number, passes_through
 from examples.hard_cases.curves import HardKnot
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
@@ -61,7 +61,7 @@ def fuzz(case: HardKnot, steps: int, seed: int) -> Fuzzed:
     """`steps` adversarial steps from the case's polygons, a fresh start every so many."""
     rng = np.random.default_rng(seed)
     start = case.make()
-    rings = rings_of_sizes(tuple(len(p) for p in start))
+    rings = polylines_of_sizes(tuple(len(p) for p in start))
     accepted = crossing = faults = changed = 0
     for first in range(0, steps, RUN):
         x = np.concatenate(start)
@@ -81,7 +81,7 @@ def fuzz(case: HardKnot, steps: int, seed: int) -> Fuzzed:
     return Fuzzed(case.name, steps, accepted, crossing, faults, changed)
 
 
-def _step(x: Array, rings: Rings, rng: np.random.Generator) -> Array:
+def _step(x: Array, rings: Polylines, rng: np.random.Generator) -> Array:
     """One adversarial step (N, 3)."""
     n = len(x)
     size = float(np.ptp(x, axis=0).max())

@@ -17,7 +17,7 @@ from examples.measurement import Stopwatch, read_question
 from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
 from knotfab.design.free_view import start_pose
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.posed_frame import Sheet, posed_frame
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
@@ -60,7 +60,7 @@ def recoveries(seeds: int = 3) -> None:
     print("knot          unknowns  start  found   light   wall  radius  CPU seconds")
     print("                         deg    deg     %       %      %")
     for name, points in knots.items():
-        rings = rings_of_sizes((len(points),))
+        rings = polylines_of_sizes((len(points),))
         for seed in range(seeds):
             rng = np.random.default_rng(seed)
             pose = rng.uniform(-20, 20, 3)

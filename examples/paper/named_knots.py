@@ -16,7 +16,7 @@ import knotfab.scene
 from examples.measurement import Stopwatch
 from examples.paper.curves import closed_braid
 from examples.paper.tighten import tighten
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample
 from knotfab.scene.knot_names import BRAIDS
 
@@ -33,7 +33,7 @@ SPACING = 0.8  # of the points that are written, in tube radii
 def row(name: str) -> list[list[float]]:
     """The points to write of one knot, turned to its principal axes without mirroring."""
     tight = tighten(closed_braid(BRAIDS[name])[0])
-    points, _, verdict = resample(tight.points, rings_of_sizes((len(tight.points),)), SPACING)
+    points, _, verdict = resample(tight.points, polylines_of_sizes((len(tight.points),)), SPACING)
     if not verdict.valid:
         raise SystemExit(f"{name}: the samples are too coarse")
     points -= points.mean(axis=0)

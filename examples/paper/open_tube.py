@@ -92,7 +92,7 @@ def sweep_open(
 
 
 def _cap(radius: float, sides: int, cap: Cap) -> tuple[list[tuple[float, float]], float]:
-    """Rings of a cap as (share of the section, height), outwards, and the height of its tip."""
+    """Polylines of a cap as (share of the section, height), outwards, and the height of its tip."""
     if cap == "flat":
         return [], 0.0
     count = max(1, sides // 4)

@@ -22,7 +22,7 @@ from examples.paper.curves import torus_knot
 from examples.paper.shaded_render import Shading, render_shaded
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
@@ -45,7 +45,7 @@ class Trial:
 
     truth: Array  # (n, 3) mm
     start: Array
-    rings: Rings
+    rings: Polylines
     frame: Frame
 
     def shaded(self, points: Tensor, tau: float) -> Tensor:
@@ -67,7 +67,7 @@ def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int
     astray *= bend_mm / np.linalg.norm(astray, axis=1).max()
     view = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0)
     frame = frame_of(camera_of(view, pixels, pixels), torch.float64)
-    return Trial(truth, truth + astray, rings_of_sizes((samples,)), frame)
+    return Trial(truth, truth + astray, polylines_of_sizes((samples,)), frame)
 
 
 def fit(at: Trial, render: Render, iterations: int = 150, waves: int = 6) -> Array:

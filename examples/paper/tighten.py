@@ -14,7 +14,7 @@ from knotfab.effects.clearance import CLEARANCE
 from knotfab.errors import SceneError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
 from knotfab.render.threads import one_thread
 from knotfab.scene.model import Region
@@ -57,7 +57,7 @@ def tighten(points: Array) -> Tight:
     limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
     clearance, bend = CLEARANCE.term, BEND.term
     assert clearance is not None and bend is not None
-    rings = rings_of_sizes((len(points),))
+    rings = polylines_of_sizes((len(points),))
 
     def shorten(n: int, first: float, last: float, edge: float, pull: float) -> float:
         nonlocal points, rings

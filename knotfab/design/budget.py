@@ -9,10 +9,10 @@ import numpy as np
 
 from knotfab.scene.settings import SearchSettings
 
-__all__ = ["within"]
+__all__ = ["scale_to_budget"]
 
 
-def within(
+def scale_to_budget(
     seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
 ) -> SearchSettings:
     """The settings with their iterations scaled to the seconds, by one short run.

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from knotfab.design.budget import within
+from knotfab.design.budget import scale_to_budget
 from knotfab.design.fineness import VERIFIED_PX, fine_enough
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
-from knotfab.design.prices import Price, price_limits
+from knotfab.design.prices import LimitPrice, price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
@@ -59,7 +59,7 @@ class Design:
     settings: SearchSettings
     region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
     unmet: Feasibility | None = None
-    binding: tuple[Price, ...] = ()
+    binding: tuple[LimitPrice, ...] = ()
     bounds: tuple[HullBound, ...] = ()
     start_ious: tuple[float, ...] = ()
 
@@ -102,7 +102,7 @@ def design_knots(
                 plan = replace(plan_of(few, len(problem.views)), repairs=0)
                 search(problem, start, radius, few, pose=moved, plan=plan, device=device)
 
-            settings = within(budget_s - (time.perf_counter() - begun), settings, trial)
+            settings = scale_to_budget(budget_s - (time.perf_counter() - begun), settings, trial)
     with progress.stage("search"):
         if settings.free_view:
             pose, settings = start_pose(scene, problem, radius, settings)
@@ -116,7 +116,7 @@ def design_knots(
     if settings.free_view:
         radius = result.knots.radius_mm
         question = question.seen_from(result.views, targets)
-    binding: tuple[Price, ...] = ()
+    binding: tuple[LimitPrice, ...] = ()
     floor = _floor(question, settings, radius)
     if unmet is not None or result.iou_estimate < floor:
         with progress.stage("limits"):

@@ -80,11 +80,11 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     views = []
     for view, extent, target, side in zip(scene.views, extents, targets, longer, strict=True):
         millimetres = round(height * side, 4)
-        views.append(_sized(view, target, millimetres, -extent.up * millimetres))
+        views.append(_resize_frame(view, target, millimetres, -extent.up * millimetres))
     return scene.model_copy(update={"views": tuple(views)})
 
 
-def _sized(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
+def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
     pixel = longer_mm / max(target.width, target.height)
     return view.model_copy(
         update={

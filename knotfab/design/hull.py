@@ -48,11 +48,11 @@ def inside_hull(points: Array, cameras: Sequence[Camera], masks: Sequence[Mask])
         left = np.flatnonzero(inside)
         if len(left) == 0:
             break
-        inside[left] = _drawn(camera, mask, points[left])
+        inside[left] = _look_up(camera, mask, points[left])
     return inside
 
 
-def _drawn(camera: Camera, mask: Mask, points: Array) -> Mask:
+def _look_up(camera: Camera, mask: Mask, points: Array) -> Mask:
     p = camera.projection
     h = points @ p[:, :3].T + p[:, 3]
     before = h[:, 2] > 0
@@ -83,7 +83,7 @@ def hull_bounds(
     for camera, mask in zip(cameras, masks, strict=True):
         # half a step, as it is seen where the frame stands
         cells = int(np.ceil(0.5 * step / min(np.linalg.norm(camera.du), np.linalg.norm(camera.dv))))
-        wide.append(_widened(mask, cells))
+        wide.append(_widen(mask, cells))
     return tuple(
         _bound(
             camera,
@@ -95,7 +95,7 @@ def hull_bounds(
     )
 
 
-def _widened(mask: Mask, cells: int) -> Mask:
+def _widen(mask: Mask, cells: int) -> Mask:
     around = np.add.outer(np.arange(-cells, cells + 1) ** 2, np.arange(-cells, cells + 1) ** 2)
     return np.asarray(binary_dilation(mask, around <= cells * cells))
 

@@ -13,7 +13,7 @@ from knotfab.scene.model import ResolvedRegion
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 
-__all__ = ["SHORT", "Price", "binding_limits", "price_limits"]
+__all__ = ["SHORT", "LimitPrice", "binding_limits", "price_limits"]
 
 SHORT: dict[str, Any] = {
     "method": "flow",
@@ -38,7 +38,7 @@ _KEYS = {  # of a limit: its key, its name, and what the knots found without it 
 
 
 @dataclass(frozen=True)
-class Price:
+class LimitPrice:
     """One limit that binds (or several together), and the IoU with it and without it.
 
     `needed` is what the knots have that were found without it, in mm: their tightest bend, closest
@@ -57,11 +57,11 @@ class Price:
     def sentence(self) -> str:
         """For a reader."""
         named = " and ".join(
-            f"{_KEYS[limit][1]} ({key} = {_said(asked)} mm)"
+            f"{_KEYS[limit][1]} ({key} = {_word(asked)} mm)"
             for limit, key, asked in zip(self.limits, self.keys, self.asked, strict=True)
         )
         found = " and ".join(
-            _KEYS[limit][2].format(_said(needed))
+            _KEYS[limit][2].format(_word(needed))
             for limit, needed in zip(self.limits, self.needed, strict=True)
         )
         rest = "" if self.met_without else "; another limit is broken then"
@@ -76,9 +76,9 @@ class Price:
         return {**asdict(self), "sentence": self.sentence}
 
 
-def _said(value: object) -> str:
+def _word(value: object) -> str:
     if isinstance(value, tuple):
-        return " x ".join(_said(v) for v in value)
+        return " x ".join(_word(v) for v in value)
     return f"{value:.4g}" if isinstance(value, float | int) else str(value)
 
 
@@ -122,7 +122,7 @@ def price_limits(
     roomy: ResolvedRegion,
     device: str = "cpu",
     iou: float | None = None,
-) -> tuple[Price, ...]:
+) -> tuple[LimitPrice, ...]:
     """What each limit that binds costs in IoU, dearest first; where none does alone, all together.
 
     The IoU is that of the view that is drawn worst.
@@ -135,7 +135,7 @@ def price_limits(
     candidates = binding_limits(problem, result, roomy)
     here = result.iou_estimate if iou is None else iou
 
-    def price(names: tuple[str, ...], free: Problem) -> Price:
+    def price(names: tuple[str, ...], free: Problem) -> LimitPrice:
         other = search(free, start, radius, short, device=device)
         return _price(names, problem, other, result, here)
 
@@ -156,7 +156,7 @@ def _price(
     other: SearchResult,
     result: SearchResult,
     here: float,
-) -> Price:
+) -> LimitPrice:
     radius = result.knots.radius_mm
     points = np.concatenate([k.points for k in other.knots.knots])
     extents = tuple((np.ptp(points, axis=0) + 2 * radius).round(2).tolist())
@@ -173,7 +173,7 @@ def _price(
         "region": extents,
         "length": other.feasibility.length_mm,
     }
-    return Price(
+    return LimitPrice(
         names,
         tuple(_KEYS[name][0] for name in names),
         tuple(asked[name] for name in names),

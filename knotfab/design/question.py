@@ -91,7 +91,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         _require_several(scene)
         scene = framed_alike(scene, targets)
     scene, views = resolve(scene), _frame_views(scene, targets)
-    seen = [TargetView(v, t.mask, _traced(v, t)) for v, t in zip(views, targets, strict=True)]
+    seen = [TargetView(v, t.mask, _trace(v, t)) for v, t in zip(views, targets, strict=True)]
     thinnest = scene.printer.min_tube_radius_mm
     bounds: tuple[HullBound, ...] = ()
     if several:
@@ -100,7 +100,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [
-            replace(s, left=_left_by_others(s.view, t, b))
+            replace(s, left=_crop_to_hull(s.view, t, b))
             for s, t, b in zip(seen, targets, bounds, strict=True)
         ]
     bend = scene.material.min_bend_radius_mm
@@ -160,7 +160,7 @@ def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView,
     return tuple(views)
 
 
-def _traced(view: ResolvedView, target: Target) -> MultiPolygon:
+def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
     """The silhouette's polygon.
 
     Raises:
@@ -189,7 +189,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
     return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
 
 
-def _left_by_others(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:
+def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:
     """What of the silhouette lies in the hull's shadow, as `silhouette_polygon` gives it."""
     cell = max(1.0, max(target.mask.shape) / max(bound.covered.shape))
     wide = binary_dilation(bound.covered, np.ones((3, 3)))  # an edge where nothing is missing stays

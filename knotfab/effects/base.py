@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion, ResolvedView
 
-__all__ = ["Decision", "Effect", "Limits", "Situation", "State"]
+__all__ = ["Decision", "Effect", "EffectContext", "Limits", "State"]
 
 Array = NDArray[np.float64]
 
@@ -35,13 +35,13 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Situation:
+class EffectContext:
     """What an effect's magnitude is judged from: views, limits and the curves at the start."""
 
     views: tuple[ResolvedView, ...]
     limits: Limits
     points: Array  # (N, 3) mm
-    rings: Rings
+    rings: Polylines
     tolerance_px: float  # of the accuracy setting
 
 
@@ -53,12 +53,12 @@ class State:
     edge: Tensor  # [N, 3] to the next vertex
     after: Tensor  # [N, 3] the next vertex's edge
     following: Tensor  # [N] index of the next vertex
-    rings: Rings
+    rings: Polylines
     near: Neighbours
     spacing: float  # mean edge, mm
 
     @classmethod
-    def at(cls, points: Tensor, following: Tensor, rings: Rings, near: Neighbours) -> State:
+    def at(cls, points: Tensor, following: Tensor, rings: Polylines, near: Neighbours) -> State:
         """The state of closed polylines whose vertices are `points` [N, 3]."""
         edge = points[following] - points
         spacing = float(edge.detach().norm(dim=-1).mean())
@@ -74,8 +74,8 @@ class Effect:
 
     name: str
     unit: str
-    magnitude: Callable[[Situation], float]
-    threshold: Callable[[Situation], float]
+    magnitude: Callable[[EffectContext], float]
+    threshold: Callable[[EffectContext], float]
     reason: str  # of its being simulated
     term: Term | None = None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.effects.base import Effect, Limits, Situation, State
+from knotfab.effects.base import Effect, EffectContext, Limits, State
 from knotfab.geometry.measures import bend_radii
 
 __all__ = ["BEND"]
@@ -13,7 +13,7 @@ __all__ = ["BEND"]
 _OVERSHOOT = 1.06
 
 
-def magnitude(situation: Situation) -> float:
+def magnitude(situation: EffectContext) -> float:
     """Curvature of the tightest bend at the start, in units of what is allowed."""
     tightest = float(bend_radii(situation.points, situation.rings).min())
     return situation.limits.bend_radius / max(tightest, 1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.effects.base import Effect, Limits, Situation, State
+from knotfab.effects.base import Effect, EffectContext, Limits, State
 from knotfab.geometry.measures import strand_gap
 from knotfab.geometry.neighbours import closest_parameters
 from knotfab.geometry.polylines import dot
@@ -16,7 +16,7 @@ __all__ = ["CLEARANCE"]
 _OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the safe side
 
 
-def magnitude(situation: Situation) -> float:
+def magnitude(situation: EffectContext) -> float:
     """How far the closest strands are from what is required, mm; negative when there is room."""
     limits = situation.limits
     reach = 3.0 * limits.separation

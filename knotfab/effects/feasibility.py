@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from knotfab.effects.base import Limits
 from knotfab.effects.region import tube_outside
 from knotfab.geometry.measures import bend_radii, strand_gap
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 
 __all__ = ["Feasibility", "measure_feasibility"]
 
@@ -71,7 +71,7 @@ def _place(point: Array) -> str:
     return "(" + ", ".join(f"{c:.1f}" for c in point) + ") mm"
 
 
-def measure_feasibility(points: Array, rings: Rings, limits: Limits) -> Feasibility:
+def measure_feasibility(points: Array, rings: Polylines, limits: Limits) -> Feasibility:
     """Measure every hard limit of the search on the polygons themselves."""
     bends = bend_radii(points, rings)
     worst_bend = int(np.argmin(bends))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from torch import Tensor
 
-from knotfab.effects.base import Effect, Limits, Situation, State
+from knotfab.effects.base import Effect, EffectContext, Limits, State
 
 __all__ = ["LENGTH"]
 
 _GROWTH = 1.25  # a flow seldom lengthens a filling template by more
 
 
-def magnitude(situation: Situation) -> float:
+def magnitude(situation: EffectContext) -> float:
     """Expected length of the finished knots over the budget, mm; negative when below."""
     points, rings = situation.points, situation.rings
     length = float(np.linalg.norm(points[rings.next] - points, axis=1).sum())

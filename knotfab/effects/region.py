@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotfab.effects.base import Effect, Limits, Situation, State
+from knotfab.effects.base import Effect, EffectContext, Limits, State
 from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.scene.model import ResolvedRegion
 
@@ -56,7 +56,7 @@ def tube_outside(
     return some, outside(torch.as_tensor(some), region, hypot(radius, longest / 4)).numpy()
 
 
-def magnitude(situation: Situation) -> float:
+def magnitude(situation: EffectContext) -> float:
     """How far the tube would stick out, mm, had the flow carried it its usual way further."""
     limits = situation.limits
     start = outside(torch.as_tensor(situation.points), limits.region, limits.radius)

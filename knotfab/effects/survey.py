@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knotfab.effects.base import Decision, Effect, Situation
+from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.effects.bend import BEND
 from knotfab.effects.clearance import CLEARANCE
 from knotfab.effects.length import LENGTH
@@ -14,7 +14,7 @@ __all__ = ["EFFECTS", "survey"]
 EFFECTS: tuple[Effect, ...] = (CLEARANCE, BEND, REGION, LENGTH, PENUMBRA)
 
 
-def survey(situation: Situation) -> dict[str, Decision]:
+def survey(situation: EffectContext) -> dict[str, Decision]:
     """Each effect's magnitude against its threshold, by name: simulated only where it is larger."""
     decisions = {}
     for effect in EFFECTS:

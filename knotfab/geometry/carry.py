@@ -17,9 +17,9 @@ from scipy.interpolate import CubicSpline
 
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Rings, dot, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
 
-__all__ = ["Carried", "Curves", "carry", "even_parameters", "refined", "same_type"]
+__all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters", "space_evenly"]
 
 Array = NDArray[np.float64]
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
@@ -55,7 +55,7 @@ class Curves:
         return [np.asarray(s(w)) for s, w in zip(self.splines, where, strict=True)]
 
 
-def refined(where: Parameters, periods: Sequence[float]) -> Parameters:
+def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters:
     """A parameter in the middle between every two: twice as many."""
     out = []
     for w, period in zip(where, periods, strict=True):
@@ -64,7 +64,7 @@ def refined(where: Parameters, periods: Sequence[float]) -> Parameters:
     return tuple(out)
 
 
-def even_parameters(
+def space_evenly(
     where: Parameters, image: Sequence[Array], periods: Sequence[float], edge_mm: float
 ) -> Parameters:
     """Parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
@@ -85,7 +85,7 @@ def _on_polygon(polygon: Array, where: Array, period: float, wanted: Array) -> A
     )
 
 
-def same_type(
+def certify_same_type(
     old: Sequence[Array],
     old_where: Parameters,
     new: Sequence[Array],
@@ -104,13 +104,13 @@ def same_type(
         both = both[np.diff(both, append=both[0] + period) > 1e-9 * period]
         start.append(_on_polygon(p, at_p, period, both))
         end.append(_on_polygon(q, at_q, period, both))
-    rings = rings_of_sizes(tuple(len(p) for p in start))
+    rings = polylines_of_sizes(tuple(len(p) for p in start))
     points = np.concatenate(start)
     step = np.concatenate(end) - points
     return _verdict(points, step, rings)
 
 
-def _reach(points: Array, rings: Rings, step: Array) -> float:
+def _reach(points: Array, rings: Polylines, step: Array) -> float:
     """How far pairs of segments must be known for a certificate of `step`, and of a few like it."""
     edge = points[rings.next] - points
     after = edge + step[rings.next] - step
@@ -131,7 +131,7 @@ class Carried:
 
 def carry(
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     path: Path,
     longest: float,
     shortest: float = 1e-4,
@@ -168,6 +168,6 @@ def carry(
     return Carried(here, share, steps, refused, float(least))
 
 
-def _verdict(points: Array, step: Array, rings: Rings) -> Certificate:
+def _verdict(points: Array, step: Array, rings: Polylines) -> Certificate:
     near = find_neighbours(points, rings, _reach(points, rings, step), _SKIP)
     return certify(points, step, rings, near)

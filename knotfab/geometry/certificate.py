@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.geometry.neighbours import Neighbours, closest_parameters
-from knotfab.geometry.polylines import Rings, dot
+from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Certificate", "certify", "step_limits"]
 
@@ -32,7 +32,7 @@ class Certificate:
     margin: float
 
 
-def _gap_bound(points: Array, rings: Rings, i: Index, j: Index) -> Array:
+def _gap_bound(points: Array, rings: Polylines, i: Index, j: Index) -> Array:
     """A lower bound of the distance of segments i and j: that of their middles less their halves."""
     edge = points[rings.next] - points
     half = 0.5 * np.sqrt(dot(edge, edge))
@@ -41,14 +41,14 @@ def _gap_bound(points: Array, rings: Rings, i: Index, j: Index) -> Array:
     return np.asarray(np.sqrt(dot(apart, apart)) - half[i] - half[j])
 
 
-def _exact_gap(points: Array, rings: Rings, i: Index, j: Index) -> Array:
+def _exact_gap(points: Array, rings: Polylines, i: Index, j: Index) -> Array:
     u, v = points[rings.next[i]] - points[i], points[rings.next[j]] - points[j]
     s, t = closest_parameters(points[i], u, points[j], v)
     apart = points[i] + s[:, None] * u - points[j] - t[:, None] * v
     return np.asarray(np.sqrt(dot(apart, apart)))
 
 
-def _relative(step: Array, rings: Rings, i: Index, j: Index) -> Array:
+def _relative(step: Array, rings: Polylines, i: Index, j: Index) -> Array:
     """The largest relative displacement between the ends of segments i and those of j."""
     ends_i, ends_j = (step[i], step[rings.next[i]]), (step[j], step[rings.next[j]])
     worst = np.zeros(len(i))
@@ -58,7 +58,7 @@ def _relative(step: Array, rings: Rings, i: Index, j: Index) -> Array:
     return np.asarray(np.sqrt(worst))
 
 
-def certify(points: Array, step: Array, rings: Rings, near: Neighbours) -> Certificate:
+def certify(points: Array, step: Array, rings: Polylines, near: Neighbours) -> Certificate:
     """Whether moving `points` (N, 3) by `step` along straight lines keeps the knot type.
 
     `near` may be older than `points`: what it leaves out is covered by a bound on the motion since.
@@ -91,7 +91,7 @@ def _scale(points: Array) -> float:
     return float(np.abs(points).max())
 
 
-def _far_margin(points: Array, step: Array, rings: Rings, i: Index, j: Index) -> float:
+def _far_margin(points: Array, step: Array, rings: Polylines, i: Index, j: Index) -> float:
     """The least (distance - relative displacement) of segment pairs (i, j), as a lower bound."""
     if len(i) == 0:
         return np.inf
@@ -103,7 +103,9 @@ def _far_margin(points: Array, step: Array, rings: Rings, i: Index, j: Index) ->
     return float(slack.min())
 
 
-def _near_margin(points: Array, step: Array, old: Array, new: Array, rings: Rings, k: int) -> float:
+def _near_margin(
+    points: Array, step: Array, old: Array, new: Array, rings: Polylines, k: int
+) -> float:
     """The same for segments `k` steps apart on one ring.
 
     A run of edges that all keep a positive component along one direction, before and after, is monotone
@@ -121,7 +123,7 @@ def _near_margin(points: Array, step: Array, old: Array, new: Array, rings: Ring
     return _far_margin(points, step, rings, rest, rings.ahead(k)[rest])
 
 
-def step_limits(points: Array, rings: Rings, near: Neighbours, largest: float) -> Array:
+def step_limits(points: Array, rings: Polylines, near: Neighbours, largest: float) -> Array:
     """[N] how far each vertex may go so that strands in `near` cannot meet: 0.45 of their gap."""
     gap = np.full(len(points), largest / 0.45)
     distance = _gap_bound(points, rings, near.i, near.j)

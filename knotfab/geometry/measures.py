@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.geometry.neighbours import closest_parameters, find_neighbours
-from knotfab.geometry.polylines import Rings, dot
+from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Curvature", "StrandGap", "bend_radii", "measure_curvature", "strand_gap"]
 
@@ -24,7 +24,7 @@ class StrandGap:
     j: int
 
 
-def bend_radii(points: Array, rings: Rings) -> Array:
+def bend_radii(points: Array, rings: Polylines) -> Array:
     """[N] min(adjacent edges) / (2 tan(theta / 2)) at each vertex (Rawdon's MinRad), mm."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     one, two = np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)
@@ -34,7 +34,7 @@ def bend_radii(points: Array, rings: Rings) -> Array:
 
 
 def strand_gap(
-    points: Array, rings: Rings, separation: float, reach: float, straight: float = np.inf
+    points: Array, rings: Polylines, separation: float, reach: float, straight: float = np.inf
 ) -> StrandGap:
     """Least distance of centre lines over pairs further than pi (r + c/2) along the curve.
 

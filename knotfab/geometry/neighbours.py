@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.geometry.polylines import Rings, dot
+from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Neighbours", "closest_parameters", "find_neighbours", "segment_distance"]
 
@@ -31,7 +31,7 @@ class Neighbours:
         return float(np.sqrt(dot(points - self.points, points - self.points).max()))
 
 
-def find_neighbours(points: Array, rings: Rings, reach: float, skip: int) -> Neighbours:
+def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) -> Neighbours:
     """All segment pairs with middles within `reach` and at least `skip` steps apart."""
     middle = 0.5 * (points + points[rings.next])
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray").astype(np.int64)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "dot", "rings_of_sizes"]
+__all__ = ["Polylines", "dot", "polylines_of_sizes"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -19,7 +19,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Rings:
+class Polylines:
     """How the rows of an (N, 3) array form closed polylines: `sizes` rows each, in order."""
 
     sizes: tuple[int, ...]
@@ -45,7 +45,7 @@ class Rings:
         return np.split(rows, np.cumsum(self.sizes)[:-1])
 
 
-def rings_of_sizes(sizes: tuple[int, ...]) -> Rings:
+def polylines_of_sizes(sizes: tuple[int, ...]) -> Polylines:
     """The index arithmetic of closed polylines with these numbers of vertices."""
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     size = np.repeat(np.asarray(sizes, dtype=np.int64), sizes)
@@ -53,4 +53,6 @@ def rings_of_sizes(sizes: tuple[int, ...]) -> Rings:
     ring = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
     rows = np.arange(len(start), dtype=np.int64)
     inside = rows - start
-    return Rings(sizes, start, size, ring, start + (inside + 1) % size, start + (inside - 1) % size)
+    return Polylines(
+        sizes, start, size, ring, start + (inside + 1) % size, start + (inside - 1) % size
+    )

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 
 __all__ = ["resample", "subdivide"]
 
@@ -27,7 +27,9 @@ def _at(points: Array, parameter: Array, where: Array) -> Array:
     return np.stack([np.interp(where, parameter, closed[:, k]) for k in range(3)], axis=1)
 
 
-def resample(points: Array, rings: Rings, edge_mm: float) -> tuple[Array, Rings, Certificate]:
+def resample(
+    points: Array, rings: Polylines, edge_mm: float
+) -> tuple[Array, Polylines, Certificate]:
     """Even vertices about `edge_mm` apart on the cubic spline through the old ones.
 
     The straight-line motion from the old polygons to the new, matched by arc length and refined to the
@@ -38,21 +40,21 @@ def resample(points: Array, rings: Rings, edge_mm: float) -> tuple[Array, Rings,
     for smooth in (True, False):
         fresh, old_union, new_union = [], [], []
         for part in rings.split(points):
-            new, old_at, new_at = _evened(part, edge_mm, smooth)
+            new, old_at, new_at = _resample_one(part, edge_mm, smooth)
             fresh.append(new)
             old_union.append(old_at)
             new_union.append(new_at)
-        both = rings_of_sizes(tuple(len(u) for u in old_union))
+        both = polylines_of_sizes(tuple(len(u) for u in old_union))
         start = np.concatenate(old_union)
         step = np.concatenate(new_union) - start
         near = find_neighbours(start, both, 3.0 * edge_mm, 6)
         verdict = certify(start, step, both, near)
         if verdict.valid:
-            return np.concatenate(fresh), rings_of_sizes(tuple(len(p) for p in fresh)), verdict
+            return np.concatenate(fresh), polylines_of_sizes(tuple(len(p) for p in fresh)), verdict
     return points, rings, verdict
 
 
-def _evened(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
+def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
     """One ring resampled: new vertices, and old and new positions at the vertices of both."""
     arc = _arc(part)
     count = max(12, round(arc[-1] / edge_mm))
@@ -71,7 +73,7 @@ def _evened(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Ar
     return fresh, _at(part, arc, union), _at(fresh, where, union)
 
 
-def subdivide(points: Array, rings: Rings, edge_mm: float) -> tuple[Array, Rings]:
+def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, Polylines]:
     """New vertices on edges that are longer than `edge_mm`: the same curves, so nothing to certify."""
     fresh = []
     for part in rings.split(points):
@@ -82,4 +84,4 @@ def subdivide(points: Array, rings: Rings, edge_mm: float) -> tuple[Array, Rings
             first
         ]
         fresh.append(part[first] + share[:, None] * edge[first])
-    return np.concatenate(fresh), rings_of_sizes(tuple(len(p) for p in fresh))
+    return np.concatenate(fresh), polylines_of_sizes(tuple(len(p) for p in fresh))

@@ -30,7 +30,7 @@ Faces = NDArray[np.int32]
 def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
     """The tube of `radius_mm` around the closed polyline `points`, as a watertight mesh.
 
-    Rings have `sides` corners on a circle that is larger than the tube's by sqrt(a / sin a),
+    Polylines have `sides` corners on a circle that is larger than the tube's by sqrt(a / sin a),
     a = 2 pi / sides, so that the section has the tube's area. What the frame lacks to close is
     first reduced by the section's own symmetry, to half a corner at most, and the rest is spread
     evenly along the length.
@@ -48,7 +48,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
-    p = _checked(points, radius_mm, sides, least=3)
+    p = _check_points(points, radius_mm, sides, least=3)
     edges = np.roll(p, -1, axis=0) - p
     lengths = np.sqrt(np.einsum("ij,ij->i", edges, edges))
     _require_room(p, edges, lengths, radius_mm)
@@ -140,7 +140,7 @@ def tube_manifold(
     return solid
 
 
-def _checked(points: Array, radius_mm: float, sides: int, least: int) -> Array:
+def _check_points(points: Array, radius_mm: float, sides: int, least: int) -> Array:
     """The points as (n, 3) float64, of which there are at least `least`."""
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < least or not np.isfinite(p).all():

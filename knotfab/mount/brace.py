@@ -136,7 +136,7 @@ def brace(
             for n in range(len(best))
         ]
     )
-    return _pruned(knots, sites, best, len(given), shown_by, stiffness, limit, thinnest)
+    return _prune(knots, sites, best, len(given), shown_by, stiffness, limit, thinnest)
 
 
 class _Search:
@@ -257,7 +257,7 @@ def _gains(
     return gains
 
 
-def _pruned(
+def _prune(
     knots: Knots,
     sites: Sites,
     members: Candidates,

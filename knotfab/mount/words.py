@@ -103,12 +103,12 @@ def _reach(mounted: Mounted, place: Placement) -> str:
     """Between which places a piece that hangs free must be."""
     points = np.concatenate([vertices for vertices, _ in mounted.bodies]) - place.middle
     (x0, y0, z0), (x1, y1, z1) = (f(points @ place.wall.T, axis=0) for f in (np.min, np.max))
-    up = f"from {_signed(y0, 'below')} to {_signed(y1, 'above')}"
-    across = f"from {_signed(x0, 'left of')} to {_signed(x1, 'right of')}"
+    up = f"from {_sign(y0, 'below')} to {_sign(y1, 'above')}"
+    across = f"from {_sign(x0, 'left of')} to {_sign(x1, 'right of')}"
     return f"{up}, and {across}, the frame's middle, {length(z0)} to {length(z1)} mm off the wall"
 
 
-def _signed(value: float, way: str) -> str:
+def _sign(value: float, way: str) -> str:
     other = {"below": "above", "above": "below", "left of": "right of", "right of": "left of"}
     usual = value < 0 if way in ("below", "left of") else value > 0
     return f"{length(abs(value))} mm {way if usual else other[way]}"

@@ -71,14 +71,14 @@ def part_of(
     with progress.stage("mount"):
         mounted = mount_piece(scene, made.knots, tubes, cameras, masks)
     with progress.stage("part"):
-        mounted, pose, plates = _posed(made, mounted, printing, cameras, masks)
+        mounted, pose, plates = _choose_poses(made, mounted, printing, cameras, masks)
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [clean_body(body) for body in bodies]
     return Part(bodies, pose, mounted, plates)
 
 
-def _posed(
+def _choose_poses(
     made: Design,
     mounted: Mounted,
     printing: bool,
@@ -103,7 +103,7 @@ def _posed(
     except SceneError as error:
         if mounted.upright is not None and not mounted.must_be_upright:
             lying = replace(mounted, upright=None)
-            return _posed(made, lying, printing, cameras, masks)
+            return _choose_poses(made, lying, printing, cameras, masks)
         if not can_be_split(mounted):
             raise
         too_large = error

@@ -32,7 +32,7 @@ def clean_body(body: Mesh) -> Mesh:
     solid = _manifold(body)
     rounded = body
     for tolerance in TOLERANCES_MM:
-        rounded = _rounded(solid.simplify(tolerance))
+        rounded = _round_solid(solid.simplify(tolerance))
         if _is_clean(rounded):
             break
     return rounded
@@ -49,7 +49,7 @@ def _manifold(body: Mesh) -> Manifold:
     )
 
 
-def _rounded(solid: Manifold) -> Mesh:
+def _round_solid(solid: Manifold) -> Mesh:
     mesh = solid.to_mesh64()
     vertices = np.asarray(mesh.vert_properties[:, :3]).astype(np.float32).astype(np.float64)
     return vertices, np.array(mesh.tri_verts, dtype=np.int32)

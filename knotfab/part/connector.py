@@ -56,7 +56,7 @@ def cut_body(
 
     solid = _manifold(body)
     slices = [
-        _placed(
+        _place(
             Manifold.cylinder(KERF_MM, radius + 0.45 * gap_mm, -1, SIDES, True),
             cut.point,
             cut.along,
@@ -79,8 +79,8 @@ def cut_body(
         pinned, holed = (before, after) if cut.side > 0 else (after, before)
         outward = cut.along * cut.side
         pin, hole = _connector(cut, radius)
-        found[pinned] = found[pinned] + _placed(pin, cut.point, outward)
-        found[holed] = found[holed] - _placed(hole, cut.point, outward)
+        found[pinned] = found[pinned] + _place(pin, cut.point, outward)
+        found[holed] = found[holed] - _place(hole, cut.point, outward)
     pieces = []
     for number, (part, cut) in enumerate(zip(found, cuts, strict=True)):
         last = cuts[(number + 1) % len(cuts)].vertex
@@ -133,7 +133,7 @@ def _in_order(
     return [order[k] for k in range(len(cuts))] if len(order) == len(cuts) else None
 
 
-def _placed(solid: Manifold, point: Array, axis: Array) -> Manifold:
+def _place(solid: Manifold, point: Array, axis: Array) -> Manifold:
     """A solid about the z axis, moved to `point` with its z along `axis`."""
     other = np.eye(3)[int(np.abs(axis).argmin())]
     x = np.cross(other, axis)

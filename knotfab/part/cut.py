@@ -102,7 +102,7 @@ def find_cuts(
             "cut there are pieces that do not fit either",
             "Use a larger printer or a smaller frame",
         )
-    return [_cut(line, vertex, places[vertex]) for vertex in sorted(best[2])]
+    return [_cut_line(line, vertex, places[vertex]) for vertex in sorted(best[2])]
 
 
 def _places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
@@ -149,7 +149,7 @@ def _tangents(points: Array) -> Array:
     return np.asarray(along / np.linalg.norm(along, axis=1)[:, None])
 
 
-def _cut(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
+def _cut_line(line: Line, vertex: int, place: tuple[int, float, float]) -> Cut:
     along = _tangents(line.points)[vertex]
     return Cut(vertex, line.points[vertex], along, place[0], place[1], PIN_RADII * line.radius)
 

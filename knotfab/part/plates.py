@@ -130,7 +130,7 @@ def lay_on_plates(
         counts.append(len(cuts))
         pins += cuts
     to_part: Array = np.linalg.inv(part_pose.matrix).astype(np.float64)
-    return Plates(_packed(posed, clear, to_part), counts, pins, poses)
+    return Plates(_pack(posed, clear, to_part), counts, pins, poses)
 
 
 def _cut_to_fit(
@@ -159,9 +159,7 @@ def _cut_to_fit(
     raise last
 
 
-def _packed(
-    posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Array
-) -> list[Plate]:
+def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Array) -> list[Plate]:
     """Rows of bodies, the deepest first, on as few plates as that takes."""
     order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
     plates: list[Plate] = []

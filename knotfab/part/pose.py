@@ -115,7 +115,7 @@ def choose_pose(
     if rules is not None and upright is None:
         strands = strands_of(knots)
         order = rank_turns(strands, propose_turns(strands), rules)
-        return _weighed(knots, tubes, points, room, order, rules, frame_mm)
+        return _weigh(knots, tubes, points, room, order, rules, frame_mm)
     tried: list[tuple[Array, Array]] = []  # turns, and the sizes they give
     sides = ORIENTATIONS if upright is None else (upright,)
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
@@ -126,7 +126,7 @@ def choose_pose(
     raise _too_large([size for _, size in tried], room, fixed, frame_mm, fixed_mm is not None)
 
 
-def _weighed(
+def _weigh(
     knots: Knots,
     tubes: Sequence[Mesh],
     points: Array,

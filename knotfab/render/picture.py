@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.posed_frame import Sheet
 from knotfab.render.tiled import render_tiled
@@ -30,7 +30,7 @@ class ViewImage:
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
 
-    def iou(self, points: NDArray[np.float64], rings: Rings, radius: float) -> float:
+    def iou(self, points: NDArray[np.float64], rings: Polylines, radius: float) -> float:
         """IoU of the tube's hard silhouette about points (N, 3) with the target's; `radius` in mm."""
         return iou_of(points, rings, self.frame, self.target, radius)
 
@@ -91,7 +91,7 @@ def grid_at(
 
 
 def iou_of(
-    points: NDArray[np.float64], rings: Rings, frame: Frame, target: torch.Tensor, radius: float
+    points: NDArray[np.float64], rings: Polylines, frame: Frame, target: torch.Tensor, radius: float
 ) -> float:
     """IoU of the tube's hard silhouette with the target's, both at half coverage."""
     p = torch.as_tensor(points, dtype=target.dtype, device=target.device)

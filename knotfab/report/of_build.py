@@ -93,13 +93,13 @@ def report_of(
 ) -> Record:
     """The report of a build: what was made, and what the validators' `verdict` says of its files."""
     from knotfab.geometry.measures import bend_radii, measure_curvature
-    from knotfab.geometry.polylines import rings_of_sizes
+    from knotfab.geometry.polylines import polylines_of_sizes
     from knotfab_validators.tube.thickness import thickness
 
     scene, result = made.scene, made.result
     knots = []
     for knot in placed.knots:
-        rings = rings_of_sizes((len(knot.points),))
+        rings = polylines_of_sizes((len(knot.points),))
         bend = float(bend_radii(knot.points, rings).min())
         curved = measure_curvature(knot.points, placed.radius_mm)
         knots.append(

@@ -53,7 +53,7 @@ def render_html(
         lstrip_blocks=True,
     )
     environment.filters["number"] = _number
-    environment.filters["fixed"] = _fixed
+    environment.filters["fixed"] = _format_fixed
     environment.filters["percent"] = _percent
     environment.filters["duration"] = _duration
     environment.filters["flat"] = _flat
@@ -99,7 +99,7 @@ def _number(value: object, digits: int = DIGITS) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _fixed(value: object, places: int) -> str:
+def _format_fixed(value: object, places: int) -> str:
     """A number with so many decimals, for columns that are compared."""
     return f"{value:.{places}f}" if isinstance(value, float | int) and isfinite(value) else "–"
 

@@ -75,7 +75,7 @@ def material_of(text: str) -> Material:
     return material
 
 
-def _filled(own: Named, kind: Kind) -> Named:
+def _fill_in(own: Named, kind: Kind) -> Named:
     """`own` with the data file's figures wherever the scene did not give a key itself."""
     written = {key: getattr(own, key) for key in own.model_fields_set if key != "name"}
     keys = set(type(own).model_fields) - {"name"}
@@ -97,7 +97,7 @@ def _filled(own: Named, kind: Kind) -> Named:
     return type(own)(**{**base.model_dump(), **written})
 
 
-def _limited(printer: Printer) -> Printer:
+def _limit_supports(printer: Printer) -> Printer:
     """The printer with its limit for supports as a number: there is no more room than it has."""
     if printer.max_support_cm3 != "auto":
         return printer
@@ -116,8 +116,8 @@ def resolve(scene: Scene) -> Scene:
             own file of that name is wrong.
     """
     update: dict[str, Any] = {
-        "printer": _limited(_filled(scene.printer, "printer")),
-        "material": _filled(scene.material, "material"),
+        "printer": _limit_supports(_fill_in(scene.printer, "printer")),
+        "material": _fill_in(scene.material, "material"),
     }
     wire = update["material"]
     if wire.process == "wire" and scene.piece.tube_radius_mm == "auto":

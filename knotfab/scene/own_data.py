@@ -40,7 +40,7 @@ def is_file_name(text: str) -> bool:
 
 
 @cache
-def _supplied(kind: Kind) -> dict[str, dict[str, Any]]:
+def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
     """Content of each data file that comes along, by its name; the title is left out."""
     files = resources.files("knotfab.scene").joinpath("data", f"{kind}s").iterdir()
     found: dict[str, dict[str, Any]] = {}
@@ -63,7 +63,7 @@ def _own_files(kind: Kind) -> dict[str, Path]:
 
 def known_names(kind: Kind) -> list[str]:
     """The names of all printers or materials that have a file."""
-    return sorted({*_supplied(kind), *_own_files(kind)})
+    return sorted({*_list_supplied(kind), *_own_files(kind)})
 
 
 def load_named(kind: Kind, name: str) -> Printer | Material | None:
@@ -75,7 +75,7 @@ def load_named(kind: Kind, name: str) -> Printer | Material | None:
     own = _own_files(kind).get(name)
     if own is not None:
         return load_file(kind, own)
-    table = _supplied(kind).get(name)
+    table = _list_supplied(kind).get(name)
     return None if table is None else MODELS[kind](name=name, **table)
 
 
@@ -119,7 +119,7 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
     model = MODELS[kind]
     lacking = [k for k in model.model_fields if k not in table and k not in USUAL | {"name"}]
     if lacking:
-        example = _supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]
+        example = _list_supplied(kind)["prusa-mk4" if kind == "printer" else "pla"]
         lines = ", ".join(f"{key} = {_toml(example[key])}" for key in lacking)
         raise InputError(
             what, f"it lacks {', '.join(lacking)}", f"Add what it lacks, such as {lines}."

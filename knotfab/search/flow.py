@@ -12,7 +12,7 @@ from torch import Tensor
 
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Rings, dot
+from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Between", "FlowResult", "FlowSettings", "flow"]
 
@@ -47,7 +47,7 @@ class FlowResult:
     losses: list[float] = field(default_factory=list)
 
 
-def _precondition(gradient: Array, rings: Rings, sigma: float) -> Array:
+def _precondition(gradient: Array, rings: Polylines, sigma: float) -> Array:
     """H1 gradient: each ring's rows divided by 1 + (sigma omega)^2 in frequency, sigma in samples."""
     out = []
     for part in rings.split(gradient):
@@ -57,7 +57,7 @@ def _precondition(gradient: Array, rings: Rings, sigma: float) -> Array:
     return np.concatenate(out)
 
 
-def _along(points: Array, rings: Rings) -> Array:
+def _along(points: Array, rings: Polylines) -> Array:
     """Tangential motion of each vertex to the middle of its two neighbours."""
     ahead, behind = points[rings.next] - points, points - points[rings.previous]
     tangent = ahead + behind
@@ -68,7 +68,7 @@ def _along(points: Array, rings: Rings) -> Array:
 
 def flow(
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     objective: Loss,
     radius: float,
     settings: FlowSettings,

@@ -9,9 +9,16 @@ import torch
 from numpy.typing import NDArray
 
 from knotfab.effects.base import Decision, Limits
-from knotfab.geometry.carry import Curves, Parameters, carry, even_parameters, refined, same_type
+from knotfab.geometry.carry import (
+    Curves,
+    Parameters,
+    carry,
+    certify_same_type,
+    refine_parameters,
+    space_evenly,
+)
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Rings, dot, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
 from knotfab.problem import Report
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
@@ -69,12 +76,12 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     where = _descend(state, curves, mapped, report)
     for refinement in range(_REFINEMENTS + 1):
         start = curves.at(where)
-        rings = rings_of_sizes(tuple(len(w) for w in where))
+        rings = polylines_of_sizes(tuple(len(w) for w in where))
         joined = np.concatenate(start)
-        begun = same_type(template, curves.knots, start, where, curves.periods)
-        finer = refined(where, curves.periods)
+        begun = certify_same_type(template, curves.knots, start, where, curves.periods)
+        finer = refine_parameters(where, curves.periods)
         coarse, fine = rings.split(mapped(joined)), mapped.images(curves, finer)
-        ended = same_type(coarse, where, fine, finer, curves.periods)
+        ended = certify_same_type(coarse, where, fine, finer, curves.periods)
         if begun.valid and ended.valid:
             way = carry(joined, rings, mapped, _EDGE * state.radius)
             if way.reached == 1.0:
@@ -162,13 +169,13 @@ def _sample(
     state: SearchState, curves: Curves, mapped: _Map, where: Parameters, edge_mm: float
 ) -> Parameters:
     """Even samples on the images of the curves, which the state then holds; their parameters."""
-    where = even_parameters(where, mapped.images(curves, where), curves.periods, edge_mm)
-    state.rings = rings_of_sizes(tuple(len(w) for w in where))
+    where = space_evenly(where, mapped.images(curves, where), curves.periods, edge_mm)
+    state.rings = polylines_of_sizes(tuple(len(w) for w in where))
     state.points = np.concatenate(mapped.images(curves, where))
     return where
 
 
-def _near(points: Array, rings: Rings, limits: Limits) -> Neighbours:
+def _near(points: Array, rings: Polylines, limits: Limits) -> Neighbours:
     """Everything that the clearance term can feel before the list is made anew."""
     edge = points[rings.next] - points
     longest = float(np.sqrt(dot(edge, edge).max()))

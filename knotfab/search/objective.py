@@ -12,7 +12,7 @@ from torch import Tensor
 
 from knotfab.effects.base import Decision, Limits, State
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.render.frame import Frame, Number
 from knotfab.render.picture import CUTOFF, ViewImage
 from knotfab.render.tiled import render_tiled, winners
@@ -58,7 +58,7 @@ class Objective:
     """
 
     images: tuple[ViewImage, ...]
-    rings: Rings
+    rings: Polylines
     limits: Limits
     effects: dict[str, Decision]
     weights: Weights

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.frame import Frame
 from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
@@ -253,7 +253,7 @@ class Fit:
 
 def fit_view(
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     sheet: Sheet,
     target: Tensor,
     start: ViewNumbers,
@@ -294,7 +294,7 @@ def _render(pose: Pose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) 
 def _polish(
     pose: Pose,
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     sheet: Sheet,
     distance: Tensor,
     sharpness: float,

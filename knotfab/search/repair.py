@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.effects.feasibility import Feasibility
 from knotfab.geometry.measures import bend_radii
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.geometry.resample import subdivide
 from knotfab.search.flow import FlowSettings
 from knotfab.search.phases import Phase, Plan
@@ -73,7 +73,7 @@ def _cut_long_edges(state: SearchState, edge_mm: float) -> None:
         state.points, state.rings = subdivide(state.points, state.rings, edge_mm)
 
 
-def find_stretches(points: Array, rings: Rings, feasibility: Feasibility) -> NDArray[np.bool_]:
+def find_stretches(points: Array, rings: Polylines, feasibility: Feasibility) -> NDArray[np.bool_]:
     """[N] True near a violated bend, the narrowest violated gap or the place furthest outside."""
     limits = feasibility.limits
     places = [points[bend_radii(points, rings) < limits.bend_radius]]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.effects.base import Decision, Limits, Situation
+from knotfab.effects.base import Decision, EffectContext, Limits
 from knotfab.effects.feasibility import Feasibility, measure_feasibility
 from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
 from knotfab.problem import CertificateLog, Problem, Start
 from knotfab.render.picture import ViewImage
@@ -43,7 +43,7 @@ class SearchState:
     radius: float
     settings: SearchSettings
     points: Array
-    rings: Rings
+    rings: Polylines
     log: CertificateLog
     effects: dict[str, Decision]
     terms: tuple[Term, ...] = ()
@@ -72,7 +72,7 @@ class SearchState:
         """Every effect judged on the polylines as they are."""
         views = tuple(v.view for v in self.problem.views)
         tolerance = self.settings.tolerance_px
-        return survey(Situation(views, self.limits, self.points, self.rings, tolerance))
+        return survey(EffectContext(views, self.limits, self.points, self.rings, tolerance))
 
     def simulate(self, broken: list[str]) -> None:
         """A violation calls for what the bound beforehand did not: from here on these are simulated."""
@@ -141,7 +141,7 @@ def begin(
         radius,
         settings,
         np.concatenate(start.curves),
-        rings_of_sizes(tuple(len(c) for c in start.curves)),
+        polylines_of_sizes(tuple(len(c) for c in start.curves)),
         log or CertificateLog(start.why, start.types),
         {},
         terms,

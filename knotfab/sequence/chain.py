@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 from knotfab.design.design import Design, design_knots
 from knotfab.design.question import Question, ask, opening_iou, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Problem
 from knotfab.progress import Progress
@@ -106,13 +106,13 @@ def chain(
     # the region as it was asked for: a mesh lies where the scene says, not yet beside the result
     within = first.scene.model_copy(update={"region": question.problem.region})
     with progress.stage("search"):
-        problems = [ask(_renamed(within, t), [t]).problem for t in targets]
+        problems = [ask(_rename_view(within, t), [t]).problem for t in targets]
         outlines = [
             outline_motion(p, q)
             for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
         ]
     start = first.knots.points
-    rings = rings_of_sizes((len(start),))
+    rings = polylines_of_sizes((len(start),))
     with progress.stage("search"):
         log = first.result.log
         ended = finish(start, rings, problems[0], radius, first.settings, [], log, device)
@@ -159,7 +159,7 @@ def chain(
         fine = ended.points
 
 
-def _renamed(scene: ResolvedScene, target: Target) -> ResolvedScene:
+def _rename_view(scene: ResolvedScene, target: Target) -> ResolvedScene:
     """A resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
         update={"name": target.name, "picture": f"picture-{target.name}{target.suffix}"}
@@ -174,7 +174,7 @@ def _design_of(
 
     `own_floor`: the IoU required follows from the frame's own picture, as it does for a single one.
     """
-    scene = _renamed(first.scene, target)
+    scene = _rename_view(first.scene, target)
     opened = opening_iou(problem.polygons[0], first.knots.radius_mm)
     if own_floor:
         floor = first.settings.floor(opened)

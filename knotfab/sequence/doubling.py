@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.geometry.carry import Carried, Curves, carry
-from knotfab.geometry.polylines import Rings, rings_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 
 __all__ = ["double_vertices"]
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _SHORTEST = 1 / 32  # of the way to the spline
 
 
-def double_vertices(points: Array, rings: Rings) -> tuple[Carried, Rings]:
+def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:
     """Closed polylines with a vertex more on each edge (2 N, 3), and the certificate of the way there.
 
     The new vertices begin in the middles of the edges, which changes nothing, and move to the spline.
@@ -35,6 +35,6 @@ def double_vertices(points: Array, rings: Rings) -> tuple[Carried, Rings]:
     start[::2], start[1::2] = points, 0.5 * (points + points[rings.next])
     step = np.zeros_like(start)
     step[1::2] = np.concatenate(curves.at(between)) - start[1::2]
-    both = rings_of_sizes(tuple(2 * n for n in rings.sizes))
+    both = polylines_of_sizes(tuple(2 * n for n in rings.sizes))
     whole = carry(start, both, lambda at, share: start + share * step, np.inf, _SHORTEST, 1.0)
     return whole, both

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
@@ -58,7 +58,7 @@ def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
 
 def follow(
     before: Array,
-    rings: Rings,
+    rings: Polylines,
     problems: tuple[Problem, Problem],
     radius: float,
     settings: SearchSettings,
@@ -105,7 +105,7 @@ def follow(
 
 def finish(
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     problem: Problem,
     radius: float,
     settings: SearchSettings,

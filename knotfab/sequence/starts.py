@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.design.question import opening_iou
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
@@ -49,7 +49,7 @@ class Following:
 
     known: tuple[Array, ...]
     problems: tuple[Problem, ...]  # of the frames before, and of this one
-    rings: Rings
+    rings: Polylines
     radius: float
     settings: SearchSettings
     taut_mm: float

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.geometry.carry import Carried, carry
-from knotfab.geometry.polylines import Rings
+from knotfab.geometry.polylines import Polylines
 from knotfab.sequence.registration import register
 
 __all__ = ["transport"]
@@ -20,7 +20,7 @@ _SHORTEST = 1e-3  # of the way
 
 def transport(
     points: Array,
-    rings: Rings,
+    rings: Polylines,
     old: MultiPolygon,
     new: MultiPolygon,
     light_mm: float,

@@ -138,7 +138,7 @@ class _Job:
         try:
             gcode = read_gcode(self.folder / written)
         except BadGcode as error:
-            return NotSliced("crashed", f"exit code 0, but {error}", said=_quoted(ended))
+            return NotSliced("crashed", f"exit code 0, but {error}", said=_quote(ended))
         return Sliced(
             program=gcode.program,
             version=gcode.version,
@@ -164,7 +164,7 @@ class _Job:
         except OSError as error:
             reason = f"{Path(self.program).name} cannot be started ({error.strerror})"
             return NotSliced("missing", reason, REMEDY)
-        said = _quoted(ended)
+        said = _quote(ended)
         if ended.stopped:
             late = f"no answer in {self.timeout_s:g} s; a build can do without: --skip slicer"
             reason = late if ended.stopped == OUT_OF_TIME else ended.stopped
@@ -187,7 +187,7 @@ class _Job:
         return {**kept, "HOME": home, "XDG_CONFIG_HOME": home, "LANG": "C.UTF-8"}
 
 
-def _quoted(ended: Ended) -> str:
+def _quote(ended: Ended) -> str:
     """What the program said beside its progress, in one line."""
     said = [*read_warnings(ended.err), *read_warnings(ended.out)]
     text = "; ".join(" ".join(warning.text.split()) for warning in said)

@@ -62,7 +62,7 @@ class _Other:
         return np.asarray(new[at[..., 0], at[..., 1]])
 
 
-def _other(target: TargetView, points: Array, radius: float) -> _Other:
+def _look_from(target: TargetView, points: Array, radius: float) -> _Other:
     """The view's grids, with all samples at all depths (n, levels, 3) looked up."""
     cell_mm = _CELL * radius * target.view.magnification
     wanted, camera = grid_at(target.view, target.mask, cell_mm, _MARGIN, more=4)
@@ -85,7 +85,7 @@ def _other(target: TargetView, points: Array, radius: float) -> _Other:
     )
 
 
-def _best(gain: Array, first: int, last: int | None) -> list[int]:
+def _find_levels(gain: Array, first: int, last: int | None) -> list[int]:
     """Levels of the nodes about len(gain) samples, from `first` to `last`, that draw most.
 
     `gain` (n, levels): what each sample draws at each level that it sweeps over.
@@ -109,32 +109,32 @@ def _best(gain: Array, first: int, last: int | None) -> list[int]:
     return path[::-1]
 
 
-def _swept(nodes: list[int], samples: Index) -> list[tuple[int, int]]:
+def _sweeps_of(nodes: list[int], samples: Index) -> list[tuple[int, int]]:
     return [(nodes[n], nodes[(n + 1) % len(nodes)]) for n in samples.tolist()]
 
 
-def _depths(others: list[_Other]) -> list[int]:
+def _find_depths(others: list[_Other]) -> list[int]:
     """The level at each node of a closed curve: node n comes before sample n."""
     spill = np.sum([o.spill for o in others], axis=0)
     count = len(spill)
     begin = int(spill[[-1, 0]].sum(0).argmin())
-    nodes = _best(-spill, begin, begin)[:-1]
+    nodes = _find_levels(-spill, begin, begin)[:-1]
     every = np.arange(count)
     for other in others:
-        other.draw(every, _swept(nodes, every), 1)
+        other.draw(every, _sweeps_of(nodes, every), 1)
     stretch = min(_STRETCH, count - 1)
     for turn in range(_PASSES):
         for start in range(turn * stretch // _PASSES, count, stretch):
             samples = (start + np.arange(stretch)) % count
             for other in others:
-                other.draw(samples, _swept(nodes, samples), -1)
+                other.draw(samples, _sweeps_of(nodes, samples), -1)
             gain = np.sum([o.gains(samples) for o in others], axis=0) - spill[samples]
             last = (start + stretch) % count
-            found = _best(gain, nodes[samples[0]], nodes[last])
+            found = _find_levels(gain, nodes[samples[0]], nodes[last])
             for n, level in zip(samples.tolist(), found, strict=False):
                 nodes[n] = level
             for other in others:
-                other.draw(samples, _swept(nodes, samples), 1)
+                other.draw(samples, _sweeps_of(nodes, samples), 1)
     return nodes
 
 
@@ -174,7 +174,7 @@ def deep_curves(
         middle = fine[np.rint(at + 0.5 * len(fine) / count).astype(int) % len(fine)]
         where = np.repeat(middle[:, None], len(depths), axis=1)
         points = placed(where, np.broadcast_to(depths, where.shape[:2]))
-        nodes = _depths([_other(target, points, radius) for target in rest])
+        nodes = _find_depths([_look_from(target, points, radius) for target in rest])
         nearest = np.rint(np.arange(len(fine)) * count / len(fine)).astype(int) % count
         # at each node its own level, and the sweeps between them as steep as the samples allow
         deep = gaussian_filter1d(depths[nodes][nearest], 2.0, mode="wrap")

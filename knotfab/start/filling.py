@@ -1,6 +1,6 @@
 """The filling template: concentric insets of the silhouette, joined into one simple closed curve a piece.
 
-Rings lie one projected tube width apart, so the planar tube covers the picture. Being simple and
+Polylines lie one projected tube width apart, so the planar tube covers the picture. Being simple and
 planar, every curve is an unknot, and the curves together an unlink, by inspection.
 """
 
@@ -121,7 +121,7 @@ def _closest(one: Array, other: Array, radius: float) -> tuple[float, int, int]:
     return shortest, best, int(index[best])
 
 
-def _open(points: Array, at: int, gap: int) -> Array:
+def _cut_open(points: Array, at: int, gap: int) -> Array:
     """The closed polyline cut open around vertex `at`, `gap` steps wide."""
     gap = max(1, min(gap, len(points) // 3))
     start = at + (gap + 1) // 2
@@ -130,7 +130,7 @@ def _open(points: Array, at: int, gap: int) -> Array:
 
 def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -> Array:
     """Both closed polylines joined by two parallel strands."""
-    a, b = _open(one, at, gap), _open(other, to, gap)
+    a, b = _cut_open(one, at, gap), _cut_open(other, to, gap)
     straight = np.linalg.norm(a[-1] - b[0]) + np.linalg.norm(b[-1] - a[0])
     turned = np.linalg.norm(a[-1] - b[-1]) + np.linalg.norm(b[0] - a[0])
     if turned < straight:

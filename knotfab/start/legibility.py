@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-__all__ = ["legibility", "stretched"]
+__all__ = ["legibility", "stretch_mask"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 _GRID = 64
 
 
-def stretched(mask: Mask) -> Mask:
+def stretch_mask(mask: Mask) -> Mask:
     """The mask cropped to its bounding box and stretched to the estimate's grid."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     at = (np.arange(_GRID) + 0.5) / _GRID

@@ -10,7 +10,7 @@ from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import Template, even_samples, simple_curves
-from knotfab.start.legibility import stretched
+from knotfab.start.legibility import stretch_mask
 
 __all__ = ["lift_template"]
 
@@ -32,7 +32,7 @@ def lift_template(
         radius,
         light,
         extent,
-        stretched(target.mask),
+        stretch_mask(target.mask),
         1 if flat else settings.depth_candidates,
         settings.seed,
     )

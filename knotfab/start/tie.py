@@ -108,18 +108,18 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> T
     tied = Tied(curves, component, np.zeros(3), 0.0)
     for factor in factors:
         knot = load_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
-        tied, plain = _tied(tied, plain, _poses(knot, room.unit), factor.name, room)
+        tied, plain = _tie_one(tied, plain, _poses(knot, room.unit), factor.name, room)
     return tied
 
 
-def _tied(tied: Tied, plain: Flags, poses: _Poses, name: str, room: Room) -> tuple[Tied, Flags]:
+def _tie_one(tied: Tied, plain: Flags, poses: _Poses, name: str, room: Room) -> tuple[Tied, Flags]:
     """The knot in the best of its places where the construction holds."""
     curve = tied.curves[tied.component]
     rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
     for site in sorted(_sites(curve, rest, plain, poses, room), key=lambda s: s.cost):
         if room.outside(site.points) > 0:
             continue
-        made = _spliced(curve, rest, plain, site, room)
+        made = _splice(curve, rest, plain, site, room)
         if made is None:
             continue
         fresh, kept = made
@@ -265,7 +265,7 @@ def _places(
             return
 
 
-def _spliced(
+def _splice(
     curve: Array, rest: list[Array], plain: Flags, site: _Site, room: Room
 ) -> tuple[Array, Flags] | None:
     """The curve with the knot in it, and which vertices are the template's; None: not proved."""
@@ -301,8 +301,12 @@ def _spliced(
         eye + (feet - eye) * ((light - side * z) / (light - feet[:, 2]))[:, None]
         for z in (below, level)
     )
-    first = _rounded(np.stack([strand[-1], feet[0], low[0], top[0], corners[0], knot[0]]), step)
-    second = _rounded(np.stack([knot[-1], corners[1], top[1], low[1], feet[1], strand[0]]), step)
+    first = _round_corners(
+        np.stack([strand[-1], feet[0], low[0], top[0], corners[0], knot[0]]), step
+    )
+    second = _round_corners(
+        np.stack([knot[-1], corners[1], top[1], low[1], feet[1], strand[0]]), step
+    )
     fresh = np.concatenate([strand, first[1:-1], knot, second[1:-1]])
     kept = np.zeros(len(fresh), dtype=bool)
     kept[: len(strand)] = np.roll(plain, -site.vertex)[cut : len(curve) - cut + 1]
@@ -318,7 +322,7 @@ def _edges(shadow: Array) -> NDArray[np.object_]:
     return np.asarray(shapely.linestrings(np.stack([shadow, _next(shadow)], axis=1)))
 
 
-def _rounded(corners: Array, step: float) -> Array:
+def _round_corners(corners: Array, step: float) -> Array:
     """The polyline with its corners cut three times (Chaikin 1974), evenly sampled, both ends kept.
 
     Each corner is replaced within the triangle of it and the middles of its two edges.

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
@@ -56,12 +56,12 @@ def start_between_views(
     found: list[Start] = []
     shared = len(views) > 2
     for (one, other), mirrored in product(pairs, (False, True)):
-        laid = _laid(views, one, other, radius, mirrored)
+        laid = _lay_sheet(views, one, other, radius, mirrored)
         if laid is None:
             continue
         shared = True
         curves = [even_samples(c, step) for c in laid[0]]
-        if not facing_only and simple_curves([_seen(c, laid[1]) for c in curves]):
+        if not facing_only and simple_curves([_project(c, laid[1]) for c in curves]):
             found.append(Start(tuple(curves), _BETWEEN, facing=None))
     if not shared:
         raise _nothing(radius)
@@ -79,7 +79,7 @@ def start_between_views(
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:
     """IoU of the tube about the start's curves with each view's picture, on a coarse image."""
     points = np.concatenate(start.curves)
-    rings = rings_of_sizes(tuple(len(c) for c in start.curves))
+    rings = polylines_of_sizes(tuple(len(c) for c in start.curves))
     images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     return tuple(image.iou(points, rings, radius) for image in images)
 
@@ -92,12 +92,12 @@ def _nothing(radius: float) -> SceneError:
     )
 
 
-def _seen(points: Array, seen: Array) -> Array:
+def _project(points: Array, seen: Array) -> Array:
     """(n, 2) parallel projection onto the rows of `seen` (2, 3)."""
     return np.asarray(points @ seen.T)
 
 
-def _laid(
+def _lay_sheet(
     views: Sequence[TargetView], one: int, other: int, radius: float, mirrored: bool
 ) -> tuple[list[Array], Array] | None:
     """The filled sheet in the scene, and the (2, 3) projection in which it is to be simple."""
@@ -140,7 +140,7 @@ def _laid(
             curves.append(even_samples(points, 0.25 * radius))
         for sigma in (2.0, 1.0):
             rounded = [smooth_closed(c, sigma) for c in curves]
-            if simple_curves([_seen(c, seen) for c in rounded]):
+            if simple_curves([_project(c, seen) for c in rounded]):
                 return rounded, seen
         first = first or (curves, seen)
     return first

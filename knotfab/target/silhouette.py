@@ -61,7 +61,7 @@ def resample_mask(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
     return np.asarray(np.clip(down @ narrow, 0.0, 1.0), dtype=np.float32)
 
 
-def _scaled(width: int, height: int, longer: int) -> tuple[int, int]:
+def _scale(width: int, height: int, longer: int) -> tuple[int, int]:
     scale = longer / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
@@ -69,7 +69,7 @@ def _scaled(width: int, height: int, longer: int) -> tuple[int, int]:
 def sample_1024(mask: Mask) -> Mask:
     """The mask with 1024 px on its longer side, larger or smaller, by nearest sampling."""
     height, width = mask.shape
-    columns, rows = _scaled(width, height, LONGER_SIDE)
+    columns, rows = _scale(width, height, LONGER_SIDE)
     # In whole numbers, so that a centre between two pixels falls on the same side everywhere.
     u = (2 * np.arange(columns) + 1) * width // (2 * columns)
     v = (2 * np.arange(rows) + 1) * height // (2 * rows)
@@ -162,7 +162,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     from shapely import MultiPolygon
 
     height, width = mask.shape
-    w, h = _scaled(width, height, min(LONGER_SIDE, max(width, height)))
+    w, h = _scale(width, height, min(LONGER_SIDE, max(width, height)))
     coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
     traced = _trace(coverage)

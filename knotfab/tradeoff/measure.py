@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from knotfab.errors import SceneError
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import Problem, Start
@@ -53,7 +53,7 @@ class Measured:
 
 def true_iou(problem: Problem, knots: Knots, device: str = "cpu") -> float:
     """IoU of the round tube's silhouette, at 1024 px, with the picture that it draws worst."""
-    rings = rings_of_sizes(tuple(len(k.points) for k in knots.knots))
+    rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
     images = [v.image_at(knots.radius_mm, YARDSTICK_PX, device) for v in problem.views]
     return min(image.iou(knots.points, rings, knots.radius_mm) for image in images)
 

@@ -43,13 +43,15 @@ def exit_code(checks: Iterable[Mapping[str, Any]]) -> int:
     Raises:
         ValueError: a check has no known status.
     """
-    states = [(bool(check["required"]), str(check["status"])) for check in _known(checks)]
+    states = [(bool(check["required"]), str(check["status"])) for check in _list_known(checks)]
     return exit_code_of(states)
 
 
 def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The required checks that did not pass: a skipped one proves nothing."""
-    return [check for check in _known(checks) if check["required"] and check["status"] != "pass"]
+    return [
+        check for check in _list_known(checks) if check["required"] and check["status"] != "pass"
+    ]
 
 
 def explain_unprinted(checks: Iterable[Record], skip: Collection[str]) -> None:
@@ -65,7 +67,7 @@ def verdict_without_part(why: str) -> Record:
     return {"status": "fail", "exit_code": 1, "checks": [part], "views": [], "seconds": {}}
 
 
-def _known(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _list_known(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     found = list(checks)
     for check in found:
         if check["status"] not in STATES:

@@ -11,7 +11,7 @@ from examples.paper.curves import torus_knot
 from knotfab.design.design import design_knots
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, Start
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
@@ -141,7 +141,7 @@ def test_pose_and_light_distance_are_found_again(share: float) -> None:
     truth = ViewNumbers(400.0, 100.0, 3.0, 8.0, -14.0, 11.0)
     start = ViewNumbers(400.0 * share, 100.0, 3.0, 20.0, -2.0, -1.0)
     assert _angle_deg(start, truth) > 15
-    rings = rings_of_sizes((len(TREFOIL),))
+    rings = polylines_of_sizes((len(TREFOIL),))
     bounds = Bounds(("azimuth", "elevation", "roll", "light"))
     found = fit_view(TREFOIL, rings, sheet, _shadow(TREFOIL, truth, sheet), start, bounds, 60)
     assert _angle_deg(found.numbers, truth) < 0.5
@@ -196,7 +196,7 @@ def problem() -> Problem:
 
 # strands near each other, so that every limit has a slope
 TIGHT = 0.25 * TREFOIL
-NEAR = find_neighbours(TIGHT, rings_of_sizes((len(TIGHT),)), 40.0, 6)
+NEAR = find_neighbours(TIGHT, polylines_of_sizes((len(TIGHT),)), 40.0, 6)
 
 
 def _state(problem: Problem, points: np.ndarray, pose: Pose | None = None) -> SearchState:
@@ -298,7 +298,7 @@ def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None
     assert found.numbers is not None and found.numbers.radius_mm == knots.radius_mm
     assert found.numbers.light_distance_mm == view.light_distance_mm != 500.0
     image = replace(problem.views[0], view=view).image_at(knots.radius_mm, 160)
-    rings = rings_of_sizes(tuple(len(k.points) for k in knots.knots))
+    rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
     iou = image.iou(knots.points, rings, knots.radius_mm)
     assert iou == pytest.approx(found.iou_estimate, abs=0.001)
     assert fixed.numbers is None and fixed.views == (problem.views[0].view,)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import closest_parameters, find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
 
 
@@ -17,7 +17,7 @@ def _circle(n: int, radius: float = 10.0, z: float = 0.0) -> np.ndarray:
 
 
 def test_no_motion_is_an_isotopy() -> None:
-    points, rings = _circle(60), rings_of_sizes((60,))
+    points, rings = _circle(60), polylines_of_sizes((60,))
     near = find_neighbours(points, rings, 5.0, 6)
     assert certify(points, np.zeros_like(points), rings, near).valid
 
@@ -25,7 +25,7 @@ def test_no_motion_is_an_isotopy() -> None:
 def test_a_strand_may_not_pass_through_another() -> None:
     # two circles one above the other; the upper falls through the lower
     points = np.concatenate([_circle(60), _circle(60, z=2.0)])
-    rings = rings_of_sizes((60, 60))
+    rings = polylines_of_sizes((60, 60))
     near = find_neighbours(points, rings, 8.0, 6)
     step = np.zeros_like(points)
     step[60:, 2] = -1.5
@@ -38,21 +38,21 @@ def test_a_strand_may_not_pass_through_another() -> None:
 
 def test_both_moving_together_is_no_crossing() -> None:
     points = np.concatenate([_circle(60), _circle(60, z=0.5)])
-    rings = rings_of_sizes((60, 60))
+    rings = polylines_of_sizes((60, 60))
     near = find_neighbours(points, rings, 60.0, 6)
     step = np.full_like(points, 9.0)
     assert certify(points, step, rings, near).valid
 
 
 def test_an_old_neighbour_list_is_refused() -> None:
-    points, rings = _circle(60), rings_of_sizes((60,))
+    points, rings = _circle(60), polylines_of_sizes((60,))
     near = find_neighbours(points, rings, 3.0, 6)
     far = points + 5.0 * points / 10.0
     assert "too old" in certify(far, np.zeros_like(points), rings, near).reason
 
 
 def test_folding_back_is_refused() -> None:
-    points, rings = _circle(60), rings_of_sizes((60,))
+    points, rings = _circle(60), polylines_of_sizes((60,))
     near = find_neighbours(points, rings, 8.0, 6)
     step = np.zeros_like(points)
     step[7] = 1.2 * (points[9] - points[7])
@@ -86,7 +86,7 @@ def test_random_certified_steps_never_change_the_linking_number(seed: int, size:
     n = 24
     one = _circle(n, 5.0)
     other = _circle(n, 5.0)[:, [0, 2, 1]] + np.array([5.0, 0.0, 0.0])
-    points, rings = np.concatenate([one, other]), rings_of_sizes((n, n))
+    points, rings = np.concatenate([one, other]), polylines_of_sizes((n, n))
     before = _linking(points + rng.normal(size=3) * 1e-6, n)
     for _ in range(6):
         near = find_neighbours(points, rings, 40.0, 6)
@@ -99,7 +99,7 @@ def test_random_certified_steps_never_change_the_linking_number(seed: int, size:
 
 def test_limited_steps_cannot_meet_and_pass() -> None:
     points = np.concatenate([_circle(60), _circle(60, z=1.0)])
-    rings = rings_of_sizes((60, 60))
+    rings = polylines_of_sizes((60, 60))
     near = find_neighbours(points, rings, 8.0, 6)
     limit = step_limits(points, rings, near, 5.0)
     assert limit.max() <= 0.45 * 1.0 + 1e-9
@@ -120,7 +120,7 @@ def test_closest_parameters_against_a_grid() -> None:
 def test_resampling_is_even_and_certified() -> None:
     t = np.sort(np.random.default_rng(3).uniform(0, 2 * np.pi, 150))
     points = np.column_stack([10 * np.cos(t), 10 * np.sin(t), 3 * np.sin(3 * t)])
-    fresh, rings, verdict = resample(points, rings_of_sizes((150,)), 0.3)
+    fresh, rings, verdict = resample(points, polylines_of_sizes((150,)), 0.3)
     assert verdict.valid
     edges = np.linalg.norm(fresh[rings.next] - fresh, axis=1)
     assert edges.max() / edges.min() < 1.02
@@ -136,7 +136,7 @@ def test_resampling_too_coarsely_is_refused() -> None:
             np.column_stack([10 * np.cos(t), 10 * np.sin(t), wave + 0.2]),
         ]
     )
-    rings = rings_of_sizes((400, 400))
+    rings = polylines_of_sizes((400, 400))
     same, same_rings, verdict = resample(points, rings, 3.0)
     assert not verdict.valid
     assert same is points
@@ -145,7 +145,7 @@ def test_resampling_too_coarsely_is_refused() -> None:
 
 def test_subdividing_leaves_the_curve_as_it_is() -> None:
     # long edges that no certified resampling would take (the drawn cat once ended infeasible on them)
-    points, rings = _circle(12, 10.0), rings_of_sizes((12,))
+    points, rings = _circle(12, 10.0), polylines_of_sizes((12,))
     fine, fine_rings = subdivide(points, rings, 1.0)
     edges = np.linalg.norm(fine[fine_rings.next] - fine, axis=1)
     assert edges.max() < 1.5

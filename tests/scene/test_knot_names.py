@@ -10,7 +10,7 @@ from examples.paper.curves import closed_braid
 from knotfab.effects.base import Limits
 from knotfab.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
 from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot
@@ -21,7 +21,7 @@ UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
 @pytest.mark.parametrize("name", BRAIDS)
 def test_every_named_knot_is_that_knot_and_fits_its_tube(name: str) -> None:
     points = load_knot(name)
-    rings = rings_of_sizes((len(points),))
+    rings = polylines_of_sizes((len(points),))
     assert strand_gap(points, rings, UNIT.separation, 4.0).gap > 2.0
     assert bend_radii(points, rings).min() > 0.95
     sentence, verdict = judge_type(points, promise=parse_knot_name(name).promise)

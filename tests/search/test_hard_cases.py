@@ -12,7 +12,7 @@ from examples.hard_cases.curves import HardKnot, circle, hard_knots
 from examples.hard_cases.isotopy import fuzz, types_of
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.search.flow import FlowSettings, flow
 
 
@@ -27,7 +27,7 @@ def test_adversarial_steps_never_change_the_type(case: HardKnot) -> None:
 def test_the_judge_sees_a_strand_pass_through_another() -> None:
     # the fuzz is worth nothing if its own judge cannot tell
     rings = [circle(7), circle(8) + (2.3, 0.0, 0.1)]
-    points, sizes = np.concatenate(rings), rings_of_sizes((7, 8))
+    points, sizes = np.concatenate(rings), polylines_of_sizes((7, 8))
     step = np.zeros_like(points)
     step[7:] = (-1.0, 0.0, -0.2)
     assert passes_through(points, step, sizes.next)
@@ -41,7 +41,7 @@ def test_the_judge_sees_a_strand_pass_through_another() -> None:
 
 def test_strands_that_touch_cannot_be_moved_together() -> None:
     points = np.concatenate([circle(10), circle(10)])
-    rings = rings_of_sizes((10, 10))
+    rings = polylines_of_sizes((10, 10))
     near = find_neighbours(points, rings, 10.0, 2)
     step = np.zeros_like(points)
     for size in (0.0, 1e-300, 1e-9, 1.0):
@@ -51,7 +51,7 @@ def test_strands_that_touch_cannot_be_moved_together() -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_step_that_is_not_finite_is_refused(bad: float) -> None:
-    points, rings = circle(10), rings_of_sizes((10,))
+    points, rings = circle(10), polylines_of_sizes((10,))
     step = np.zeros_like(points)
     step[3, 1] = bad
     verdict = certify(points, step, rings, find_neighbours(points, rings, 10.0, 2))
@@ -62,7 +62,7 @@ def test_a_flow_that_is_pulled_through_itself_stops_short() -> None:
     # two rings, one pulled to a place on the other side of the other: it must stay linked
     one = circle(24, 10.0)
     two = one[:, [0, 2, 1]] + (10.0, 0.0, 0.0)
-    points, rings = np.concatenate([one, two]), rings_of_sizes((24, 24))
+    points, rings = np.concatenate([one, two]), polylines_of_sizes((24, 24))
     goal = torch.as_tensor(np.concatenate([one, two + (30.0, 0.0, 0.0)]))
 
     def pull(p: Tensor, near: Neighbours, progress: float) -> Tensor:
@@ -78,7 +78,7 @@ def test_a_flow_that_is_pulled_through_itself_stops_short() -> None:
 
 
 def test_a_flat_or_infinite_slope_moves_nothing() -> None:
-    points, rings = circle(24, 10.0), rings_of_sizes((24,))
+    points, rings = circle(24, 10.0), polylines_of_sizes((24,))
 
     def nothing(p: Tensor, near: Neighbours, progress: float) -> Tensor:
         return 0.0 * p.sum()

@@ -14,11 +14,11 @@ from knotfab.geometry.carry import (
     Carried,
     Curves,
     carry,
-    even_parameters,
-    refined,
-    same_type,
+    certify_same_type,
+    refine_parameters,
+    space_evenly,
 )
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, SearchResult
 from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.search import network_search
@@ -84,10 +84,10 @@ def test_splines_pass_through_their_polygons_and_parameters_even_out() -> None:
     curves = Curves.through([_trefoil(60), 3 * _trefoil(40)])
     for at, polygon in zip(curves.at(curves.knots), (_trefoil(60), 3 * _trefoil(40)), strict=True):
         np.testing.assert_allclose(at, polygon, atol=1e-12)
-    where = even_parameters(curves.knots, curves.at(curves.knots), curves.periods, 0.2)
+    where = space_evenly(curves.knots, curves.at(curves.knots), curves.periods, 0.2)
     edges = np.linalg.norm(np.diff(curves.at(where)[1], axis=0), axis=1)
     assert abs(edges / 0.2 - 1).max() < 0.05
-    finer = refined(where, curves.periods)
+    finer = refine_parameters(where, curves.periods)
     for coarse, fine, period in zip(where, finer, curves.periods, strict=True):
         assert len(fine) == 2 * len(coarse)
         assert (np.diff(fine) > 0).all()
@@ -100,8 +100,10 @@ def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -
 
     def agrees(count: int) -> bool:
         where = (np.linspace(0, curves.periods[0], count, endpoint=False),)
-        finer = refined(where, curves.periods)
-        return same_type(curves.at(where), where, curves.at(finer), finer, curves.periods).valid
+        finer = refine_parameters(where, curves.periods)
+        return certify_same_type(
+            curves.at(where), where, curves.at(finer), finer, curves.periods
+        ).valid
 
     assert agrees(60)
     assert not agrees(5)  # cannot be knotted: a trefoil takes six edges
@@ -110,14 +112,14 @@ def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -
 def test_a_trefoil_and_its_mirror_do_not_agree() -> None:
     where, periods = (np.arange(90.0),), (90.0,)
     one, other = [_trefoil(90)], [_trefoil(90, mirror=True)]
-    assert same_type(one, where, one, where, periods).valid
-    verdict = same_type(one, where, other, where, periods)
+    assert certify_same_type(one, where, one, where, periods).valid
+    verdict = certify_same_type(one, where, other, where, periods)
     assert not verdict.valid
     assert "pass through" in verdict.reason
 
 
 def test_carrying_proves_a_motion_and_refuses_a_crossing() -> None:
-    knot, rings = _trefoil(120), rings_of_sizes((120,))
+    knot, rings = _trefoil(120), polylines_of_sizes((120,))
 
     def turned(points: np.ndarray, share: float) -> np.ndarray:
         c, s = np.cos(3 * share), np.sin(3 * share)
@@ -150,9 +152,9 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
 
     fine = ring(161, 0.1)
     coarse = ring(9, -0.1)  # vertices where the map stands still
-    both = rings_of_sizes((len(fine), len(coarse)))
+    both = polylines_of_sizes((len(fine), len(coarse)))
     assert carry(np.concatenate([fine, coarse]), both, waved, 0.5).reached < 0.5
-    even = rings_of_sizes((len(fine), len(fine)))
+    even = polylines_of_sizes((len(fine), len(fine)))
     assert carry(np.concatenate([fine, ring(161, -0.1)]), even, waved, 0.5).reached == 1
 
 

@@ -10,20 +10,20 @@ from questions import ask_heart, start_and_search
 
 from knotfab.design.region import depth_extent
 from knotfab.effects import survey as survey_module
-from knotfab.effects.base import Limits, Situation
+from knotfab.effects.base import EffectContext, Limits
 from knotfab.effects.feasibility import measure_feasibility
 from knotfab.effects.penumbra import magnitude
 from knotfab.effects.survey import survey
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.measures import bend_radii
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS, search_settings
 from knotfab.search.phases import plan_of
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import fill
-from knotfab.start.legibility import legibility, stretched
+from knotfab.start.legibility import legibility, stretch_mask
 from knotfab.start.start import make_start
 
 QUICK = PRESETS["draft"].model_copy(
@@ -97,12 +97,12 @@ def test_effects_not_called_for_run_no_code(
         start_and_search(tight, 4.0, QUICK, repairs=0)
 
 
-def _situation(problem: Problem, **limits: Any) -> Situation:
+def _situation(problem: Problem, **limits: Any) -> EffectContext:
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     points = np.column_stack([50 * np.cos(t), 50 * np.sin(t), 10 * np.sin(t)])
     base = problem.limits(2.0)
     views = tuple(v.view for v in problem.views)
-    return Situation(views, replace(base, **limits), points, rings_of_sizes((200,)), 0.25)
+    return EffectContext(views, replace(base, **limits), points, polylines_of_sizes((200,)), 0.25)
 
 
 def test_magnitudes_follow_the_scene(problem: Problem) -> None:
@@ -133,7 +133,7 @@ def test_penumbra_is_the_makers_rule() -> None:
     )  # fmt: skip
     limits = Limits(2.0, 0.4, 2.2, 1e5, ResolvedRegion(size_mm=(200.0, 200.0, 200.0)))
     flat = np.array([[10.0, 0, 0], [0, 10, 0], [-10, 0, 0]])
-    found = magnitude(Situation((view,), limits, flat, rings_of_sizes((3,)), 0.25))
+    found = magnitude(EffectContext((view,), limits, flat, polylines_of_sizes((3,)), 0.25))
     # the tube reaches its radius further towards the lamp
     assert found == pytest.approx(5.0 * (300.0 + 2.0) / (1000.0 - 2.0))
 
@@ -142,7 +142,7 @@ def test_bend_radius_of_a_regular_polygon_is_its_inradius() -> None:
     n = 30
     t = np.arange(n) * 2 * np.pi / n
     polygon = np.column_stack([np.cos(t), np.sin(t), 0 * t]) * 7.0
-    found = bend_radii(polygon, rings_of_sizes((n,)))
+    found = bend_radii(polygon, polylines_of_sizes((n,)))
     np.testing.assert_allclose(found, 7.0 * np.cos(np.pi / n), rtol=1e-12)
 
 
@@ -150,7 +150,7 @@ def test_feasibility_finds_each_violation(problem: Problem) -> None:
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.column_stack([40 * np.cos(t), 40 * np.sin(t), 0 * t])
     both = np.concatenate([ring, ring + [0, 0, 4.3]])
-    rings = rings_of_sizes((400, 400))
+    rings = polylines_of_sizes((400, 400))
     limits = replace(problem.limits(2.0), region=ResolvedRegion(size_mm=(100.0, 100.0, 100.0)))
     assert "within 4.300 mm" in measure_feasibility(both, rings, limits).violations[0]
     assert measure_feasibility(both, rings, replace(limits, clearance=0.2)).violations == []
@@ -162,7 +162,7 @@ def test_feasibility_finds_each_violation(problem: Problem) -> None:
 
 def test_depth_keeps_the_picture_and_lowers_legibility(problem: Problem) -> None:
     template = fill(problem.polygons[0], 3.0)
-    target = stretched(problem.views[0].mask)
+    target = stretch_mask(problem.views[0].mask)
     light = problem.views[0].view.light_distance_mm
     choice = choose_depth(template.curves, 3.0, light, 90.0, target, 12, 0)
     joined = np.concatenate(choice.depths)

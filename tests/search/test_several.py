@@ -20,7 +20,7 @@ from knotfab.design.question import _left_by_others, ask
 from knotfab.effects.base import State
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
 from knotfab.request import Request
@@ -58,7 +58,7 @@ def scene_views() -> tuple[View, View]:
 
 def term_at(term: Term, points: Tensor, weights: Weights | None = None) -> Tensor:
     """A term at the vertices of one closed polyline [N, 3]."""
-    rings = rings_of_sizes((len(points),))
+    rings = polylines_of_sizes((len(points),))
     near = find_neighbours(points.detach().numpy(), rings, 12.0, 6)
     state = State.at(points, torch.as_tensor(rings.next), rings, near)
     return term(state, weights or Weights())

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from knotfab.geometry.measures import bend_radii
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.sequence.doubling import double_vertices
 
 
@@ -16,7 +16,7 @@ def _trefoil(n: int) -> np.ndarray:
 
 def test_old_vertices_stay_and_new_ones_lie_on_the_curve() -> None:
     points = _trefoil(90)
-    carried, both = double_vertices(points, rings_of_sizes((90,)))
+    carried, both = double_vertices(points, polylines_of_sizes((90,)))
     fine = carried.points
     assert carried.reached == 1.0 and carried.least_margin > 0
     assert both.sizes == (180,)
@@ -28,7 +28,7 @@ def test_old_vertices_stay_and_new_ones_lie_on_the_curve() -> None:
 
 def test_bends_stay_what_they_are() -> None:
     points = _trefoil(90)
-    rings = rings_of_sizes((90,))
+    rings = polylines_of_sizes((90,))
     carried, both = double_vertices(points, rings)
     assert bend_radii(carried.points, both).min() > 0.97 * bend_radii(points, rings).min()
 
@@ -43,7 +43,7 @@ def test_a_step_that_could_cross_is_not_taken() -> None:
     s = np.linspace(0, 2 * np.pi, 40, endpoint=False)[:, None]
     at = middle + 0.15 * outward
     other = at + 4 * outward * (1 - np.cos(s)) + 4 * np.sin(s) * np.array([0.0, 0.0, 1.0])
-    points, rings = np.concatenate([coarse, other]), rings_of_sizes((12, 40))
+    points, rings = np.concatenate([coarse, other]), polylines_of_sizes((12, 40))
     carried, _ = double_vertices(points, rings)
     fine = carried.points
     # the spline would go 1 mm outwards; the other ring is 0.15 mm away

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from knotfab.effects.base import State
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.search.objective import Term, Weights
 from knotfab.sequence.motion import Anchor, Tautness, measure, outline_motion
 
@@ -56,7 +56,7 @@ def test_measure_holds_and_refuses() -> None:
 
 def _pull(term: Term, points: Tensor) -> Tensor:
     """A term at the vertices of one closed polyline [N, 3]."""
-    rings = rings_of_sizes((len(points),))
+    rings = polylines_of_sizes((len(points),))
     near = find_neighbours(points.detach().numpy(), rings, 5.0, 6)
     return term(State.at(points, torch.as_tensor(rings.next), rings, near), Weights())
 

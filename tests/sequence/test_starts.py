@@ -12,7 +12,7 @@ from shapely import MultiPolygon, box
 
 from knotfab.effects.base import Limits
 from knotfab.effects.feasibility import Feasibility
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knot, Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
 from knotfab.scene.model import ResolvedRegion, ResolvedView
@@ -84,7 +84,7 @@ def _following(monkeypatch: pytest.MonkeyPatch, follow: _Follow, closing: bool) 
     back = Anchor(known[0], 5.0, 2.0) if closing else None
     settings = SearchSettings(fine_iterations=10)
     return Following(
-        known, (problem,) * 4, rings_of_sizes((4,)), 2.0, settings, 100.0, back, 3.0, "cpu"
+        known, (problem,) * 4, polylines_of_sizes((4,)), 2.0, settings, 100.0, back, 3.0, "cpu"
     )
 
 

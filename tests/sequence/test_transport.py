@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely import MultiPolygon, affinity
 
-from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.sequence import transport as module
 from knotfab.sequence.registration import register
 from knotfab.sequence.transport import transport
@@ -41,7 +41,7 @@ def test_registration_takes_one_picture_to_the_other(kind: str) -> None:
 def test_a_knot_goes_along_and_keeps_its_depth() -> None:
     old, new = BODY, affinity.translate(BODY, 8.0, 0.0)
     points, light = _ring(17.0), 500.0
-    found = transport(points, rings_of_sizes((120,)), old, new, light, 2.0, 20.0)
+    found = transport(points, polylines_of_sizes((120,)), old, new, light, 2.0, 20.0)
     assert found.reached == 1.0
     assert found.least_margin > 0
     np.testing.assert_allclose(found.points[:, 2], points[:, 2], atol=1e-9)
@@ -54,7 +54,7 @@ def test_a_knot_goes_along_and_keeps_its_depth() -> None:
 def test_no_vertex_goes_further_than_allowed() -> None:
     points = _ring(17.0)
     new = affinity.translate(BODY, 12.0, 0.0)
-    found = transport(points, rings_of_sizes((120,)), BODY, new, 500.0, 2.0, 3.0)
+    found = transport(points, polylines_of_sizes((120,)), BODY, new, 500.0, 2.0, 3.0)
     assert np.linalg.norm(found.points - points, axis=1).max() <= 3.0 + 1e-9
 
 
@@ -68,7 +68,7 @@ def test_strands_that_would_cross_stop_the_transport(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(module, "register", lambda *_: Through())
     t = np.linspace(0, 2 * np.pi, 160, endpoint=False)
     loop = np.stack([30 * np.cos(t), 3 * np.sin(t), np.zeros(160)], axis=1)
-    found = transport(loop, rings_of_sizes((160,)), BODY, BODY, 500.0, 1.0, 50.0)
+    found = transport(loop, polylines_of_sizes((160,)), BODY, BODY, 500.0, 1.0, 50.0)
     assert 0 < found.reached < 0.5
     assert found.refused > 0
     assert found.least_margin > 0

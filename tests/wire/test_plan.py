@@ -29,7 +29,7 @@ POINT = 72 / 25.4
 
 
 def ring_scene(folder: Path, count: int) -> tuple[Knots, Scene, Path]:
-    """Rings of 2 mm wire before a far light, and their own shadow as the picture."""
+    """Polylines of 2 mm wire before a far light, and their own shadow as the picture."""
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 3 * np.cos(2 * t)])
     view = View(
