@@ -9,16 +9,11 @@ from scipy.interpolate import CubicSpline
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["resample", "subdivide"]
 
 Array = NDArray[np.float64]
-
-
-def _arc(points: Array) -> Array:
-    """[n + 1] arc length at each vertex of a closed polyline, the closing one included."""
-    edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    return np.concatenate([[0.0], np.cumsum(edges)])
 
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:
@@ -56,14 +51,14 @@ def resample(
 
 def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Array, Array]:
     """One ring resampled: new vertices, and old and new positions at the vertices of both."""
-    arc = _arc(part)
+    arc = arc_lengths(part)
     count = max(12, round(arc[-1] / edge_mm))
     where = np.linspace(0.0, arc[-1], count + 1)
     if smooth:
         spline = CubicSpline(arc, np.concatenate([part, part[:1]]), bc_type="periodic")
         # even in the new polygon's own length, not only in the old one's
         for _ in range(2):
-            at = _arc(spline(where[:-1]))
+            at = arc_lengths(spline(where[:-1]))
             where = np.interp(np.linspace(0.0, at[-1], count + 1), at, where)
         fresh = np.asarray(spline(where[:-1]))
     else:

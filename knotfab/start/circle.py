@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 from shapely import MultiPolygon
 
 from knotfab.errors import SceneError
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
-from knotfab.start.filling import Template, even_samples
+from knotfab.start.filling import Template
 
 __all__ = ["start_at_circles"]
 
@@ -99,7 +100,7 @@ def _facing(
     points = centre + wide * np.cos(t)[:, None] * right + high * np.sin(t)[:, None] * up
     others = [n for n in range(len(axes)) if n != facing]
     depth = _bent(points, t, towards, [axes[n] for n in others], [polygons[n] for n in others])
-    return even_samples(points + depth[:, None] * towards, settings.edge_radii * radius)
+    return sample_evenly(points + depth[:, None] * towards, settings.edge_radii * radius)
 
 
 def _outline(polygon: MultiPolygon) -> Array:

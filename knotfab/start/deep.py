@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter1d, uniform_filter
 
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
-from knotfab.start.filling import even_samples, fill, simple_curves, smooth_closed
+from knotfab.start.filling import fill, simple_curves, smooth_closed
 
 __all__ = ["deep_curves"]
 
@@ -167,7 +168,7 @@ def deep_curves(
 
     curves, flats = [], []
     for curve in fill(views[facing].left or views[facing].polygon, radius, 1).curves:
-        fine = even_samples(curve, 0.25 * radius)
+        fine = sample_evenly(curve, 0.25 * radius)
         every = round(_STEP / 0.25)
         count = max(4, len(fine) // every)
         at = np.arange(count) * len(fine) / count
@@ -178,8 +179,8 @@ def deep_curves(
         nearest = np.rint(np.arange(len(fine)) * count / len(fine)).astype(int) % count
         # at each node its own level, and the sweeps between them as steep as the samples allow
         deep = gaussian_filter1d(depths[nodes][nearest], 2.0, mode="wrap")
-        solid = smooth_closed(even_samples(placed(fine, deep), 0.25 * radius), 1.0)
-        solid = even_samples(solid, step)
+        solid = smooth_closed(sample_evenly(placed(fine, deep), 0.25 * radius), 1.0)
+        solid = sample_evenly(solid, step)
         curves.append(solid)
         along = solid @ np.stack([right, up, towards]).T
         flats.append(along[:, :2] / (1.0 - along[:, 2:] / light))

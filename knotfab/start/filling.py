@@ -16,7 +16,9 @@ from scipy.spatial import cKDTree
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["Template", "even_samples", "fill", "rings_of", "simple_curves", "smooth_closed"]
+from knotfab.geometry.sampling import sample_evenly
+
+__all__ = ["Template", "fill", "rings_of", "simple_curves", "smooth_closed"]
 
 Array = NDArray[np.float64]
 
@@ -91,15 +93,6 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
         middle = piece.representative_point() if piece.is_empty else piece.centroid
         rings.append(middle.buffer(radius * 0.35).exterior)
     return rings
-
-
-def even_samples(points: Array, step: float) -> Array:
-    """Even samples of a closed polyline, about `step` apart."""
-    closed = np.concatenate([points, points[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    count = max(8, round(arc[-1] / step))
-    at = np.arange(count) * (arc[-1] / count)
-    return np.stack([np.interp(at, arc, closed[:, k]) for k in range(closed.shape[1])], axis=1)
 
 
 def _turning(points: Array) -> Array:
@@ -218,14 +211,14 @@ def fill(
     parts = [part for piece in _polygons(polygon) for part in _without_noise(piece, radius)]
     for piece in parts:
         rings = [
-            even_samples(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
+            sample_evenly(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
         ]
         curves.extend(_join(rings, radius, step))
     if knots is not None:
         curves = _join(curves, radius, step, knots, keep=True)
     smoothed = curves
     for sigma in (2.0, 1.0, 0.5):
-        trial = [smooth_closed(even_samples(c, step), sigma * radius * 0.4 / step) for c in curves]
+        trial = [smooth_closed(sample_evenly(c, step), sigma * radius * 0.4 / step) for c in curves]
         if simple_curves(trial):
             smoothed = trial
             break

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import choose_depth, lift
-from knotfab.start.filling import Template, even_samples, simple_curves
+from knotfab.start.filling import Template, simple_curves
 from knotfab.start.legibility import stretch_mask
 
 __all__ = ["lift_template"]
@@ -38,7 +39,7 @@ def lift_template(
     )
     step = settings.edge_radii * radius
     parts = [
-        even_samples(lift(c, d, light), step)
+        sample_evenly(lift(c, d, light), step)
         for c, d in zip(template.curves, depth.depths, strict=True)
     ]
     shadows = [p[:, :2] / (1.0 - p[:, 2:] / light) for p in parts]

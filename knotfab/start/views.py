@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.deep import deep_curves
-from knotfab.start.filling import even_samples, fill, simple_curves, smooth_closed
+from knotfab.start.filling import fill, simple_curves, smooth_closed
 from knotfab.start.sheet import laid_on, sheet_of
 
 __all__ = ["start_between_views", "start_ious"]
@@ -60,7 +61,7 @@ def start_between_views(
         if laid is None:
             continue
         shared = True
-        curves = [even_samples(c, step) for c in laid[0]]
+        curves = [sample_evenly(c, step) for c in laid[0]]
         if not facing_only and simple_curves([_project(c, laid[1]) for c in curves]):
             found.append(Start(tuple(curves), _BETWEEN, facing=None))
     if not shared:
@@ -130,14 +131,14 @@ def _lay_sheet(
     for spread in _SPREADS:
         curves = []
         for curve in filled.curves:
-            plane = laid_on(sheet, even_samples(curve, 0.1 * radius), radius, spread * radius)
+            plane = laid_on(sheet, sample_evenly(curve, 0.1 * radius), radius, spread * radius)
             points = plane @ solve.T
             for _ in range(_ROUNDS):
                 # what a light throws to the plane through the origin stands nearer to its axis before it
                 near = [1.0 - points @ d / light for d, light in lights]
                 scaled = plane * np.column_stack([near[0], near[1], 0.5 * (near[0] + near[1])])
                 points = scaled @ solve.T
-            curves.append(even_samples(points, 0.25 * radius))
+            curves.append(sample_evenly(points, 0.25 * radius))
         for sigma in (2.0, 1.0):
             rounded = [smooth_closed(c, sigma) for c in curves]
             if simple_curves([_project(c, seen) for c in rounded]):

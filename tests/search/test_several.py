@@ -21,6 +21,7 @@ from knotfab.effects.base import State
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
 from knotfab.request import Request
@@ -32,7 +33,7 @@ from knotfab.search.chamfer import TENSION, Chamfer
 from knotfab.search.objective import Term, Weights
 from knotfab.search.spill import Spill
 from knotfab.start.deep import deep_curves
-from knotfab.start.filling import even_samples, fill, simple_curves
+from knotfab.start.filling import fill, simple_curves
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.start.start import make_start
 from knotfab.start.views import start_between_views, start_ious
@@ -139,7 +140,7 @@ FORKED = MultiPolygon([LEGS.geoms[0].difference(box(-5, 20, 5, 41))])
 @pytest.mark.parametrize("radius", [1.6, 3.0])
 def test_pictures_with_holes_and_gaps_have_a_sheet_without_a_crossing(radius: float) -> None:
     sheet = sheet_of(HOLED, FORKED, radius)
-    plane = [even_samples(c, 0.1 * radius) for c in fill(sheet.shape, radius, 1).curves]
+    plane = [sample_evenly(c, 0.1 * radius) for c in fill(sheet.shape, radius, 1).curves]
     for spread in (1.0, 4.0):
         laid = [laid_on(sheet, c, radius, spread * radius) for c in plane]
         assert simple_curves([np.column_stack([c[:, 0] + c[:, 1], c[:, 2]]) for c in laid])

@@ -6,7 +6,8 @@ import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from knotfab.design.radius import template_iou
-from knotfab.start.filling import even_samples, fill, rings_of, simple_curves
+from knotfab.geometry.sampling import sample_evenly
+from knotfab.start.filling import fill, rings_of, simple_curves
 from knotfab.target.silhouette import trace_polygon
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
@@ -53,7 +54,7 @@ def test_a_piece_smaller_than_the_tube_still_gets_a_loop() -> None:
 def test_even_samples_are_even_and_stay_on_the_curve() -> None:
     rng = np.random.default_rng(0)
     polygon = rng.normal(size=(40, 3))
-    samples = even_samples(polygon, 0.05)
+    samples = sample_evenly(polygon, 0.05)
     closed = np.concatenate([polygon, polygon[:1]])
     a, e = closed[:-1], np.diff(closed, axis=0)
     for p in samples[::17]:

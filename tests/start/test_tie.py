@@ -14,6 +14,7 @@ from shapely import MultiPolygon, Point, box
 
 from examples.paper.curves import circle
 from knotfab.errors import InputError, SceneError
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.options import BuildOptions
 from knotfab.problem import Problem, Start
 from knotfab.read_options import read_scene
@@ -22,7 +23,7 @@ from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Piece, Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import lift
-from knotfab.start.filling import even_samples, fill, simple_curves
+from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
 from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
 from knotfab_validators.geometry.curves import Curves
@@ -49,7 +50,7 @@ def lifted(polygon: MultiPolygon, wave: float, radius: float = 2.5) -> tuple[Arr
     parts = []
     for curve in fill(polygon, radius).curves:
         depth = 20.0 * np.sin(np.arange(len(curve)) * wave)
-        parts.append(even_samples(lift(curve, depth, LIGHT), 0.4 * radius))
+        parts.append(sample_evenly(lift(curve, depth, LIGHT), 0.4 * radius))
     return tuple(parts)
 
 
@@ -133,7 +134,7 @@ def test_a_strand_in_the_way_of_every_knot_forbids_it() -> None:
     planar = fill(DISC, 2.5).curves[0]
     before = lifted(DISC, 0.02)
     hoods = tuple(
-        even_samples(lift(planar, np.full(len(planar), z), LIGHT), 1.0) for z in (60.0, -60.0)
+        sample_evenly(lift(planar, np.full(len(planar), z), LIGHT), 1.0) for z in (60.0, -60.0)
     )
     # the hoods' shadows lie on the template's own: not simple from the light, so nothing is proved
     with pytest.raises(SceneError, match="no place"):
