@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import knotfab.pipeline as building
-from knotfab.cli.options import CHECKS
 from knotfab.design.design import Design
+from knotfab.verify.checks import CHECKS
 
 pytestmark = pytest.mark.build
 
