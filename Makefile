@@ -1,12 +1,12 @@
 # Two commands set everything up on a fresh Debian or Ubuntu with python3 and make:
 #   make demo    the main job on a picture of the project's own
-#   make test    all tests, linters and the type checker
+#   make test    all tests, linters and the type checker; make test-quick: those of a minute
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
+.PHONY: demo test test-quick lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -43,9 +43,15 @@ lint: $(DONE)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# two files at a time, each on one thread: two cores are what is counted on
+# two workers, each on one thread: two cores are what is counted on; tests/conftest.py says who gets what
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
+
 test: system slicer $(DONE) lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(PYTEST)
+
+# in the middle of a change: without whole builds and what else takes seconds (about a minute)
+test-quick: $(DONE)
+	$(PYTEST) -m "not build and not slow"
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)

@@ -7,32 +7,34 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image
+from torch import Tensor
 
-from examples.questions import cast_shadow
+from examples.measurement import paint_comparison, read_question
 from examples.side_view import beside, side_view
-from knotfab.design.question import ask
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Rings
+from knotfab.effects.base import State
+from knotfab.geometry.polylines import Rings, rings_of_sizes
 from knotfab.problem import Problem
-from knotfab.render.threads import one_thread
-from knotfab.scene.model import Scene
+from knotfab.render.frame import Frame
+from knotfab.render.picture import picture_at
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import PRESETS
-from knotfab.search.flow import Between, flow
-from knotfab.search.phases import three_phases
-from knotfab.search.state import begin
+from knotfab.search.objective import Term, Weights
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
 from knotfab.sequence.gif import write_gif
 from knotfab.start.start import make_start
-from knotfab.target.read import read_target
 
-__all__ = ["film", "watched"]
+__all__ = ["film", "watch_search"]
 
 Array = NDArray[np.float64]
 
@@ -52,59 +54,60 @@ _SETTINGS = PRESETS["draft"].model_copy(
 )
 
 
-@one_thread()
-def watched(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
+class Watch(Term):
+    """A term that adds nothing to the objective, and keeps the vertices of every so many calls."""
+
+    def __init__(self, every: int) -> None:
+        self.every, self.calls = every, 0
+        self.seen: list[Array] = []
+
+    def __call__(self, state: State, weights: Weights) -> Tensor:
+        if self.calls % self.every == 0:
+            self.seen.append(state.points.detach().numpy().copy())
+        self.calls += 1
+        return state.points.new_zeros(())
+
+
+def watch_search(problem: Problem, radius: float, every: int = EVERY) -> tuple[list[Array], Rings]:
     """The vertices [(N, 3) mm] of every so many iterations of the flow, from the template on."""
-    state = begin(problem, make_start(problem, radius, _SETTINGS), radius, _SETTINGS)
-    limits, seen = state.limits, list[Array]()
-    for phase in three_phases(_SETTINGS):
-        objective = state.objective(phase)
-        update = state.between(objective, phase)
-
-        def watch(
-            x: Array, near: Neighbours, iteration: int, progress: float, update: Between = update
-        ) -> None:
-            if iteration % every == 0:
-                seen.append(x)
-            update(x, near, iteration, progress)
-
-        state.points = flow(
-            state.points,
-            state.rings,
-            objective,
-            radius,
-            phase.walk,
-            separation=limits.separation,
-            between=watch,
-        ).points
-    return [*seen, state.points], state.rings
+    start, watch = make_start(problem, radius, _SETTINGS), Watch(every)
+    # the same vertices from the first picture to the last, and no repair after the last phase
+    plan = replace(plan_of(_SETTINGS), keep_vertices=True, repairs=0, mendings=0)
+    result = search(problem, start, radius, _SETTINGS, terms=(watch,), plan=plan)
+    rings = rings_of_sizes(tuple(len(c) for c in start.curves))
+    return [np.concatenate(start.curves), *watch.seen, result.knots.points], rings
 
 
 def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Image]:
     """The pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
-    stages, rings = watched(problem, radius, every)
-    image = problem.views[0].image_at(radius, PANEL)
+    stages, rings = watch_search(problem, radius, every)
+    (view,) = problem.views
+    frame, target, _ = picture_at(view.view, view.mask, PANEL)
     reach = 1.05 * max(float(np.linalg.norm(p, axis=1).max()) for p in stages) + radius
+    wanted = target.numpy() > 0.5
     found = []
     for points in stages:
-        left = _shadow(*cast_shadow(points, rings, radius, image))
+        left = _shadow(points, rings, frame, radius, wanted)
         right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
         found.append(beside(left, right))
     return found + found[-1:] * LAST
 
 
-def _shadow(cast: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> Image.Image:
-    """The tube's shadow: black where it is wanted, orange where not, blue where it is missing."""
-    image = np.full((*wanted.shape, 3), 255, dtype=np.uint8)
-    image[wanted & cast] = (30, 30, 34)
-    image[cast & ~wanted] = (224, 122, 62)
-    image[wanted & ~cast] = (120, 170, 214)
-    return Image.fromarray(image)
+def _shadow(
+    points: Array, rings: Rings, frame: Frame, radius: float, wanted: NDArray[np.bool_]
+) -> Image.Image:
+    """The tube's shadow: black where it is wanted, red where not, blue where it is missing."""
+    p = torch.as_tensor(points, dtype=torch.float32)
+    with torch.no_grad():
+        cast = (
+            render_tiled(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
+        )
+    return Image.fromarray(paint_comparison(cast, wanted))
 
 
 def main(source: str, path: Path) -> None:
     """Write the film of the search for one picture."""
-    question = ask(Scene(), [read_target(source)])
+    question = read_question(source)
     radius = round(SHARE * question.views[0].frame_width_mm, 3)
     pictures = film(question.with_depth(radius).problem, radius)
     write_gif(path, pictures, 80)

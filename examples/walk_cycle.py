@@ -8,10 +8,7 @@ DIR/zoetrope.png. `--draw` stops at the frames.
 from __future__ import annotations
 
 import argparse
-import os
-import resource
 import sys
-import time
 from collections.abc import Sequence
 from math import cos, dist, pi, sin
 from pathlib import Path
@@ -19,6 +16,7 @@ from typing import Any
 
 from PIL import Image
 
+from examples.measurement import Stopwatch
 from examples.pictures import Canvas, Point
 from knotfab.scene.model import Scene
 
@@ -159,15 +157,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("swing, of the frame: " + ", ".join(f"{k} {v:.2f}" for k, v in swung.items()))
     if given.draw:
         return 0
-    begun, before = time.perf_counter(), os.times()
+    watch = Stopwatch()
     code, report = _built(frames, given.out / "parts")
-    seconds, after = time.perf_counter() - begun, os.times()
     _print_table(report)
     searched = sum(report["timings"][k] for k in ("radius", "template", "search"))
     print(
-        f"{seconds:.0f} s in all: search {searched:.0f} s, beside it verification; CPU seconds: "
-        f"{after.user - before.user:.0f} of the search and the parts, "
-        f"{resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime:.0f} of the verification"
+        f"{watch.wall_s:.0f} s in all: search {searched:.0f} s, beside it verification; CPU seconds: "
+        f"{watch.cpu_s:.0f} of the search and the parts, "
+        f"{watch.children_s:.0f} of the verification"
     )
     if code == 0:
         from examples.walk_film import walk_film, zoetrope_picture

@@ -192,10 +192,10 @@ def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Pa
         InputError: the folder cannot be written.
     """
     from knotfab.files.folder import OutputFolder
-    from knotfab.part.write import posed_scene, write_part
+    from knotfab.part.write import pose_scene, write_part
 
     with OutputFolder(Path(folder)) as staged:
-        write_part(staged, part, posed_scene(part), targets)
+        write_part(staged, part, pose_scene(part), targets)
         staged.commit()
     return Path(folder)
 

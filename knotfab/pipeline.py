@@ -14,7 +14,7 @@ from knotfab.flatten import flatten
 from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.prefetch import prefetch_modeller
 from knotfab.part.assemble import Part, part_of
-from knotfab.part.write import COLOURED, posed_scene, write_part, write_unbuilt
+from knotfab.part.write import COLOURED, pose_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.of_bounds import add_bounds
@@ -27,7 +27,7 @@ from knotfab.report.of_build import (
     report_of,
 )
 from knotfab.report.of_slicer import check_slicing
-from knotfab.report.pictures import draw_part, eyes_of, pictures_of
+from knotfab.report.pictures import draw_part, find_pictures, place_eyes
 from knotfab.report.posing import add_posing
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
@@ -37,12 +37,10 @@ from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target, read_targets
-from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted, refused
+from knotfab.verify.checks import PRINTER_CHECKS, exit_code, explain_unprinted, verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["build", "run_build"]
-
-_RESERVE_S = 5.0  # of a time budget, for what follows the search
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
@@ -78,9 +76,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             )
             target = targets[0]
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
-            left = None
-            if request.time_budget_s is not None:
-                left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
+            left = request.search_budget_s(progress.total)
             if request.printing and request.scene.mount.kind != "none":
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
@@ -94,7 +90,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             except SceneError as error:
                 return _reject_unbuilt(folder, request, made, targets, progress, str(error))
             with progress.stage("part"):
-                scene = posed_scene(part)
+                scene = pose_scene(part)
                 write_part(folder, part, scene, targets, request.colours)
             slicings = _begin_slicing(folder, scene, request, slicer)
             with progress.stage("verify"):
@@ -138,7 +134,7 @@ def _finish(
     """Write the report, and move the whole to where its checks say that it belongs."""
     write_report_json(folder.file("report.json"), report)
     title = " and ".join(target.name for target in targets)
-    write_report_html(folder.file("report.html"), report, pictures_of(folder.work), title)
+    write_report_html(folder.file("report.html"), report, find_pictures(folder.work), title)
     code = exit_code(report["checks"])
     if code == 0:
         folder.commit()
@@ -193,7 +189,7 @@ def _own_checks(made: Design, part: Part, warnings: list[str]) -> list[dict[str,
 def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, eyes_of(scene.views))
+    draw_part(seen, faces, path, place_eyes(scene.views))
 
 
 def _reject_unbuilt(
@@ -206,7 +202,7 @@ def _reject_unbuilt(
 ) -> Outcome:
     """Report knots about which no tube can be swept, or whose part fits no pose of the printer."""
     write_unbuilt(folder, made, targets)
-    verdict = refused(why)
+    verdict = verdict_without_part(why)
     verdict["checks"] += [check_certificate(made), check_limits(made)]
     report = report_of(request, made, made.knots, [], verdict, progress)
     add_binding(report, made)

@@ -12,6 +12,8 @@ from knotfab.target.read import Target
 
 __all__ = ["Outcome", "Request", "require_device"]
 
+_RESERVE_S = 5.0  # of a time budget, for what follows the search
+
 
 @dataclass(frozen=True)
 class Request:
@@ -34,6 +36,12 @@ class Request:
     colours: bool = False  # whether part-colours.3mf is written
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
+
+    def search_budget_s(self, spent_s: float) -> float | None:
+        """Seconds that are left for the search after `spent_s`; None without a time budget."""
+        if self.time_budget_s is None:
+            return None
+        return max(1.0, self.time_budget_s - spent_s - _RESERVE_S)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""What all tests share: the locale, and how they are dealt out to several workers."""
 
 import locale
 from collections.abc import Iterator
@@ -12,3 +12,34 @@ def _same_locale() -> Iterator[None]:
     before = locale.setlocale(locale.LC_ALL)
     yield
     locale.setlocale(locale.LC_ALL, before)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole builds first, then what is slow, so that no worker is left with a long test at the end.
+
+    For `--dist loadgroup`: the tests of a file go to one worker, since they share modules, caches and
+    fixtures. Builds and slow tests that share no fixture are dealt out one by one.
+    """
+    ranks: dict[str, int] = {}
+    groups = []
+    for item in items:
+        rank = (
+            0 if item.get_closest_marker("build") else 1 if item.get_closest_marker("slow") else 2
+        )
+        file = item.nodeid.partition("::")[0]
+        alone = rank < 2 and not _shares_a_fixture(item)
+        group = item.nodeid if alone else file
+        if not alone:
+            item.add_marker(pytest.mark.xdist_group(group))
+        ranks[group] = min(rank, ranks.get(group, rank))
+        groups.append(group)
+    order = sorted(range(len(items)), key=lambda k: ranks[groups[k]])
+    items[:] = [items[k] for k in order]
+
+
+def _shares_a_fixture(item: pytest.Item) -> bool:
+    """Whether a test uses a fixture that is made once for its file."""
+    info = getattr(item, "_fixtureinfo", None)
+    defined = info.name2fixturedefs.values() if info is not None else ()
+    return any(d[-1].scope in ("class", "module") for d in defined)

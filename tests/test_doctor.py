@@ -21,6 +21,7 @@ def by_name(findings: list[Finding]) -> dict[str, Finding]:
     return {finding.name: finding for finding in findings}
 
 
+@pytest.mark.slow
 def test_this_machine() -> None:
     findings = examine()
     found = by_name(findings)

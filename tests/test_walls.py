@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import picture, square
+from imports import imports_of
 
 import knotfab_fixtures
 import knotfab_validators
@@ -21,26 +21,6 @@ WALLS = {
     ),
     knotfab_fixtures: ("knotfab", "knotfab_validators", "torch"),
 }  # fmt: skip
-
-
-def imports_of(source: str) -> set[str]:
-    """Every absolute name that a file imports, wherever in it the import stands."""
-    found = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-        elif (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name | ast.Attribute)
-            and (getattr(node.func, "id", None) or getattr(node.func, "attr", None))
-            in ("import_module", "__import__")
-            and node.args
-            and isinstance(node.args[0], ast.Constant)
-        ):
-            found.add(str(node.args[0].value))
-    return found
 
 
 def behind(name: str, banned: tuple[str, ...]) -> bool:
@@ -130,7 +110,6 @@ except SystemExit as left:
         ["build", "good.png", "--scene", "missing.toml"],
         ["build", "good.png", "--scene", "search.toml"],
         ["build", "--sequence", "good.png"],
-        ["build", "--sequence", "good.png", "good.png", "--mount", "wall"],
         ["build"],
         ["tradeoff", "missing.png"],
         ["tradeoff", "blank.png", "--accuracy", "draft"],

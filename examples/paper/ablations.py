@@ -23,13 +23,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
+from examples.paper.camera import PaperCamera, camera_around
+from examples.paper.losses import Region, box, squared_curvature
+from examples.paper.optimise import PaperView, iou, search_paper
+from examples.paper.ring import Curve, circle, even_ring
+from examples.paper.settings import PAPER, PaperSettings
 from examples.pictures import pictures
-from knotfab.paper.camera import PaperCamera, camera_around
-from knotfab.paper.losses import Region, box, squared_curvature
-from knotfab.paper.optimise import PaperView, iou, search_paper
-from knotfab.paper.render import render
-from knotfab.paper.ring import Curve, circle, even_ring
-from knotfab.paper.settings import PAPER, PaperSettings
+from knotfab.render.outlines import render_outlines
 from knotfab.target.silhouette import resample_mask
 
 __all__ = ["ABLATIONS", "Row", "main"]
@@ -85,7 +85,7 @@ def _frame() -> Tensor:
     x = torch.stack([along, one, -along, -one])[side, torch.arange(800)]
     y = torch.stack([-one, along, one, -along])[side, torch.arange(800)]
     loop = torch.stack([1.05 * x, 0.7 * y, 3 * one], -1)
-    return (render(loop, loop.roll(-1, 0), camera, 0.1, 1e4) > 0.5).double()
+    return (render_outlines(loop, loop.roll(-1, 0), camera, 0.1, 1e4) > 0.5).double()
 
 
 def _views(target: Tensor) -> list[PaperView]:
@@ -108,7 +108,7 @@ def _viviani_views(radius: float) -> list[PaperView]:
         flat = _viviani(even_ring(1000))
         flat[:, axis] = 0
         flat = flat + middle
-        image = render(flat, flat.roll(-1, 0), camera, radius, 1e4)
+        image = render_outlines(flat, flat.roll(-1, 0), camera, radius, 1e4)
         views.append(PaperView(camera, (image > 0.5).double()))
     return views
 
@@ -136,7 +136,7 @@ def _searched(
     knot = torch.as_tensor(found.knots[0])
     radius = settings.radius
     bends = squared_curvature(knot[None])[0]
-    image = render(knot, knot.roll(-1, 0), views[0].camera, radius, settings.tau)
+    image = render_outlines(knot, knot.roll(-1, 0), views[0].camera, radius, settings.tau)
     figures = {
         "iou": float(np.mean(found.final_ious)),
         "length": float((knot.roll(-1, 0) - knot).norm(dim=1).sum()),
@@ -181,12 +181,12 @@ def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:
     camera = PaperCamera()
     ring = circle(1.0, (0.0, 0.0, 3.0))
     full = ring(even_ring(4000))
-    exact = (render(full, full.roll(-1, 0), camera, PAPER.radius, 1e4) > 0.5).double()
+    exact = (render_outlines(full, full.roll(-1, 0), camera, PAPER.radius, 1e4) > 0.5).double()
     for label, samples, tau in pairs:
         for name in ("ellipse", "capsule"):
             knot = ring(even_ring(samples))
             ends = None if name == "ellipse" else knot.roll(-1, 0)
-            image = render(knot, ends, camera, PAPER.radius, tau)
+            image = render_outlines(knot, ends, camera, PAPER.radius, tau)
             figures = {
                 "iou": iou(image, exact),
                 "difference": float((image - exact).abs().mean() / exact.mean()),

@@ -8,20 +8,21 @@ second: IoU of the search's end on the project's pictures at the same iterations
 from __future__ import annotations
 
 import argparse
-import time
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from examples.measurement import Stopwatch, read_question
 from examples.paper.curves import figure_eight, torus_knot
-from examples.questions import ask_picture
+from examples.pictures import pictures
+from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.render.posed_frame import Sheet, posed_frame
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
-from knotfab.search.pose import ALL, Bounds, Name, Pose, ViewNumbers, fit_view
+from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 
@@ -42,8 +43,8 @@ def angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
 def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torch.Tensor:
     """[height, width] the hard shadow (0 or 1) of one closed knot."""
     turn = torch.tensor([numbers.azimuth_deg, numbers.elevation_deg, numbers.roll_deg]).double()
-    lengths = [numbers.light_distance_mm, numbers.wall_distance_mm]
-    frame = posed_frame(sheet, turn, *torch.tensor(lengths, dtype=torch.float64))
+    distances = torch.tensor([numbers.light_distance_mm, numbers.wall_distance_mm]).double()
+    frame = posed_frame(sheet, turn, *distances)
     p = torch.as_tensor(points)
     return (render_tiled(p, p.roll(-1, 0), frame, numbers.radius_mm, 10.0) > 0.5).float()
 
@@ -69,13 +70,13 @@ def recoveries(seeds: int = 3) -> None:
             start = ViewNumbers(light, 100.0, 3.0, *(pose + astray).tolist())
             target = shadow_of(points, truth)
             for free in (known, ALL):
-                begun = time.process_time()
+                watch = Stopwatch()
                 found = fit_view(points, rings, SHEET, target, start, Bounds(free)).numbers
                 print(
                     f"{name:<14} {len(free):>6} {angle_deg(start, truth):>7.1f} "
                     f"{angle_deg(found, truth):>6.2f} {found.light_distance_mm / 4 - 100:>7.2f} "
                     f"{found.wall_distance_mm - 100:>7.2f} {found.radius_mm / 0.03 - 100:>6.2f} "
-                    f"{time.process_time() - begun:>9.1f}",
+                    f"{watch.cpu_s:>9.1f}",
                     flush=True,
                 )
 
@@ -83,20 +84,20 @@ def recoveries(seeds: int = 3) -> None:
 def designs(names: list[str]) -> None:
     """Print the search's IoU with the view fixed and free, each from the same radius and template."""
     settings = search_settings("draft", {})
+    every = pictures()
     print("picture    radius   fixed    free   light    wall  radius   turn   CPU seconds")
     gains = []
     for name in names:
         radius = RADII_MM.get(name, 2.5)
-        question = ask_picture(name).with_depth(radius)
-        problem, view = question.problem, question.views[0]
+        question = read_question(every[name]).with_depth(radius)
+        problem = question.problem
         start = make_start(problem, radius, settings)
-        begun = time.process_time()
+        watch = Stopwatch()
         fixed = search(problem, start, radius, settings)
-        middle = time.process_time()
-        bounds = Bounds(least_radius_mm=question.scene.printer.min_tube_radius_mm)
-        at = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
-        result = search(problem, start, radius, settings, pose=Pose(at, bounds))
-        ended = time.process_time()
+        fixed_s = watch.cpu_s
+        pose, settings_free = start_pose(question.scene, problem, radius, settings)
+        result = search(problem, start, radius, settings_free, pose=pose)
+        free_s = watch.cpu_s - fixed_s
         n = result.numbers
         assert n is not None
         still = ViewNumbers(n.light_distance_mm, n.wall_distance_mm, n.radius_mm)
@@ -104,7 +105,7 @@ def designs(names: list[str]) -> None:
         print(
             f"{name:<10} {radius:>6.2f}  {fixed.iou_estimate:.4f}  {result.iou_estimate:.4f} "
             f"{n.light_distance_mm:>7.1f} {n.wall_distance_mm:>7.1f} {n.radius_mm:>7.3f} "
-            f"{angle_deg(n, still):>6.1f}  {middle - begun:>6.1f} {ended - middle:>5.1f}{told}",
+            f"{angle_deg(n, still):>6.1f}  {fixed_s:>6.1f} {free_s:>5.1f}{told}",
             flush=True,
         )
         gains.append(result.iou_estimate - fixed.iou_estimate)

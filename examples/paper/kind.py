@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from pathlib import Path
 
+from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
 from examples.paper.pictures import PUBLISHED, paper_pictures
-from examples.studies.accuracy_table import measure
 
 __all__ = ["main"]
 
@@ -24,25 +23,20 @@ def main() -> int:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    folder = asked.out or Path(tempfile.mkdtemp(prefix="knotfab-paper-"))
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = make_folder(asked.out, "paper")
     below = 0
     print("picture        paper   ours  failed checks  seconds")
-    for name, image in paper_pictures().items():
-        if asked.names and name not in asked.names:
-            continue
-        path = folder / f"{name.replace(' ', '-')}.png"
-        image.save(path)
-        got = measure(path, folder / path.stem, "--skip", "slicer")
-        if got["report"] is None:
-            print(f"{name:<14} {PUBLISHED[name]:.3f}  {got['error']}", flush=True)
+    for name, path in save_pictures(paper_pictures(), folder, asked.names).items():
+        built = build_apart(path, folder / path.stem, "--skip", "slicer")
+        if built.report is None:
+            print(f"{name:<14} {PUBLISHED[name]:.3f}  {built.said}", flush=True)
             below += 1
             continue
-        iou = got["report"]["views"][0]["iou"]
-        failed = [c["name"] for c in got["report"]["checks"] if c["status"] == "fail"]
+        iou = built.report["views"][0]["iou"]
+        failed = failed_checks(built.report)
         below += iou <= PUBLISHED[name] or bool(failed)
         print(
-            f"{name:<14} {PUBLISHED[name]:.3f}  {iou:.4f}  {len(failed):>13}  {got['seconds']:7.1f}",
+            f"{name:<14} {PUBLISHED[name]:.3f}  {iou:.4f}  {len(failed):>13}  {built.wall_s:7.1f}",
             *failed,
             flush=True,
         )

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import knotfab.scene
+from examples.measurement import Stopwatch
 from examples.paper.curves import closed_braid
 from examples.paper.tighten import tighten
 from knotfab.geometry.polylines import rings_of_sizes
@@ -47,9 +47,9 @@ def main(names: list[str]) -> None:
     """Write the table, keeping the rows of the knots that are not named."""
     rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["knots"] if TABLE.exists() else {}
     for name in names or list(BRAIDS):
-        begun = time.process_time()
+        watch = Stopwatch()
         rows[name] = row(name)
-        print(f"{name}: {len(rows[name])} points, {time.process_time() - begun:.1f} s CPU")
+        print(f"{name}: {len(rows[name])} points, {watch.cpu_s:.1f} s CPU")
         lines = (
             f'"{n}" = [{", ".join(f"[{x:g}, {y:g}, {z:g}]" for x, y, z in rows[n])}]'
             for n in BRAIDS

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from examples.measurement import make_folder, save_pictures
 from examples.pictures import Canvas, pictures
 
 __all__ = ["PUBLISHED", "paper_pictures"]
@@ -109,10 +110,7 @@ def _chair() -> Image.Image:
 
 def main() -> None:
     """Write the pictures into the folder that is named."""
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, image in paper_pictures().items():
-        image.save(folder / f"{name.replace(' ', '-')}.png")
+    save_pictures(paper_pictures(), make_folder(Path(sys.argv[1]), "pictures"))
 
 
 if __name__ == "__main__":

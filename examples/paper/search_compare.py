@@ -9,21 +9,23 @@ settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take 
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from examples.measurement import Stopwatch, paint_comparison, read_question
 from examples.pictures import pictures
-from examples.questions import ask_picture, cast_shadow
-from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.problem import Problem, SearchResult
+from knotfab.render.picture import picture_at
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
+from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
 
 __all__ = ["Run", "main", "run"]
@@ -56,9 +58,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("."))
     asked = parser.parse_args()
-    question = ask_picture(asked.picture)
+    question = read_question(pictures()[asked.picture])
     radius = round(RADIUS * question.views[0].frame_width_mm, 3)
     problem = question.with_depth(radius).problem
+    template = fill(problem.polygons[0], radius)
     runs = []
     print(f"{asked.picture}, tube radius {radius:g} mm, seed {asked.seed}; IoU at 256 px\n")
     print(
@@ -67,9 +70,9 @@ def main() -> None:
     )
     for way in WAYS:
         for scale in SCALES:
-            runs.append(run(problem, radius, way, scale, 0, asked.seed))
+            runs.append(run(problem, template, radius, way, scale, 0, asked.seed))
             print(_line(runs[-1]), flush=True)
-        runs.append(run(problem, radius, way, 1.0, 4, asked.seed))
+        runs.append(run(problem, template, radius, way, 1.0, 4, asked.seed))
         print(_line(runs[-1]), flush=True)
     asked.out.mkdir(parents=True, exist_ok=True)
     path = asked.out / "search-compare.png"
@@ -79,6 +82,7 @@ def main() -> None:
 
 def run(
     problem: Problem,
+    template: Template,
     radius: float,
     way: str,
     scale: float,
@@ -88,10 +92,11 @@ def run(
     """One search with `scale` times the iterations."""
     base = PRESETS["draft"].model_dump() | WAYS[way] | {"seed": seed}
     settings = SearchSettings(**base).scaled(scale)
+    watch = Stopwatch()
+    start = make_start(problem, radius, settings, template=template)
     plan = replace(plan_of(settings), repairs=repairs)
-    begun = time.process_time()
-    result = search(problem, make_start(problem, radius, settings), radius, settings, plan=plan)
-    return Run(way, scale, repairs, time.process_time() - begun, result)
+    result = search(problem, start, radius, settings, plan=plan)
+    return Run(way, scale, repairs, watch.cpu_s, result)
 
 
 def _line(one: Run) -> str:
@@ -138,14 +143,14 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
 
 def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
     """Shadow and target in one picture: black where both are, red too much, blue missing."""
-    rings = rings_of_sizes(tuple(len(k.points) for k in result.knots.knots))
-    image = problem.views[0].image_at(radius, 256)
-    seen, wanted = cast_shadow(result.knots.points, rings, radius, image)
-    picture = np.full((*seen.shape, 3), 255, dtype=np.uint8)
-    picture[seen & wanted] = (40, 40, 40)
-    picture[seen & ~wanted] = (210, 50, 40)
-    picture[~seen & wanted] = (70, 120, 220)
-    return picture
+    (view,) = problem.views
+    frame, target, _ = picture_at(view.view, view.mask, 256)
+    seen = np.zeros(target.shape, dtype=bool)
+    for knot in result.knots.knots:
+        points = torch.as_tensor(knot.points, dtype=torch.float32)
+        ahead = torch.roll(points, -1, dims=0)
+        seen |= (render_tiled(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
+    return paint_comparison(seen, (target > 0.5).numpy())
 
 
 if __name__ == "__main__":

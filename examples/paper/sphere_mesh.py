@@ -9,7 +9,6 @@ search.
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import matplotlib
@@ -22,13 +21,14 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import label
 from torch import Tensor
 
+from examples.measurement import Stopwatch, read_question
 from examples.pictures import Canvas, pictures
-from examples.questions import ask_picture, cast_shadow
 from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
-from knotfab.geometry.polylines import rings_of_sizes
 from knotfab.progress import Progress
+from knotfab.render.picture import picture_at
 from knotfab.render.threads import one_thread
+from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
 
@@ -158,13 +158,16 @@ def _square(mask: Mask, pixels: int) -> Array:
 
 def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     """(target, the tube's shadow) as squares of COMPARED_PX, by the product's own search at its draft."""
-    settings = search_settings("draft", {})
-    question, radius, start, _ = choose_tube(ask_picture(picture), settings, Progress("quiet"))
+    question, settings = read_question(picture), search_settings("draft", {})
+    question, radius, start, _ = choose_tube(question, settings, Progress("quiet"))
     knots = search(question.problem, start, radius, settings).knots
-    rings = rings_of_sizes(tuple(len(k.points) for k in knots.knots))
-    image = question.problem.views[0].image_at(radius, COMPARED_PX)
-    seen, target = cast_shadow(knots.points, rings, radius, image)
-    return _square(target, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
+    (view,) = question.problem.views
+    frame, target, _ = picture_at(view.view, view.mask, COMPARED_PX)
+    starts = torch.as_tensor(knots.points).float()
+    ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
+    with torch.no_grad():
+        seen = (render_tiled(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
+    return _square(target.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
 
 
 def _iou(a: Mask, b: Mask) -> float:
@@ -186,19 +189,19 @@ def main() -> None:
     print("picture    target mesh tube   mesh    tube      mesh    tube")
     for row, name in zip(axes, asked.names, strict=True):
         with one_thread():
-            begun = time.process_time()
+            watch = Stopwatch()
             try:
                 target, tube = _tube(every[name])
             except SceneError as error:
                 print(f"{name:<10} {error}")
                 continue
-            middle = time.process_time()
+            tube_s = watch.cpu_s
             coarse = torch.as_tensor(_square(target, asked.pixels), dtype=torch.float32)
             mesh = hard_silhouette(*fit_sphere(coarse), COMPARED_PX)
-            ended = time.process_time()
+            mesh_s = watch.cpu_s - tube_s
         print(
             f"{name:<10} {holes(target):>5} {holes(mesh):>5} {holes(tube):>4}   {_iou(mesh, target):.4f}  "
-            f"{_iou(tube, target):.4f}  {ended - middle:>7.1f} {middle - begun:>7.1f}",
+            f"{_iou(tube, target):.4f}  {mesh_s:>7.1f} {tube_s:>7.1f}",
             flush=True,
         )
         for axis, mask, title in zip(

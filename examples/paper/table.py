@@ -10,10 +10,11 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from examples.measurement import Stopwatch
 
 __all__ = ["SECTIONS", "Section", "main"]
 
@@ -49,7 +50,7 @@ def _ran(name: str, section: Section, out: Path) -> bool:
     command = [sys.executable, "-u", "-m", f"examples.{section.module}", *arguments]
     unfinished = out / f"{name}.unfinished"
     print(f"\n== {section.title} (about {section.minutes:g} min)", flush=True)
-    begun = time.perf_counter()
+    watch = Stopwatch()
     with (
         unfinished.open("w") as kept,
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child,
@@ -58,7 +59,7 @@ def _ran(name: str, section: Section, out: Path) -> bool:
         for line in child.stdout:
             print(line, end="", flush=True)
             kept.write(line)
-    print(f"   {time.perf_counter() - begun:.0f} s, exit code {child.returncode}", flush=True)
+    print(f"   {watch.wall_s:.0f} s, exit code {child.returncode}", flush=True)
     if child.returncode == 0:
         unfinished.replace(out / f"{name}.txt")
     return child.returncode == 0

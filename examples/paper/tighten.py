@@ -5,10 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from knotfab.effects.base import Limits, State
+from knotfab.effects.bend import BEND
+from knotfab.effects.clearance import CLEARANCE
 from knotfab.errors import SceneError
-from knotfab.scene.model import ResolvedRegion
+from knotfab.geometry.measures import bend_radii, strand_gap
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.geometry.resample import resample, subdivide
+from knotfab.render.threads import one_thread
+from knotfab.scene.model import Region
+from knotfab.search.flow import FlowSettings, flow
 
 __all__ = ["Tight", "tighten"]
 
@@ -44,27 +54,16 @@ def tighten(points: Array) -> Tight:
     Raises:
         SceneError: the tube overlaps itself at the end.
     """
-    import torch
-
-    from knotfab.effects.base import Limits, State
-    from knotfab.effects.bend import BEND
-    from knotfab.effects.clearance import CLEARANCE
-    from knotfab.geometry.measures import bend_radii, strand_gap
-    from knotfab.geometry.neighbours import Neighbours
-    from knotfab.geometry.polylines import rings_of_sizes
-    from knotfab.geometry.resample import resample, subdivide
-    from knotfab.render.threads import one_thread
-    from knotfab.search.flow import FlowSettings, flow
-
-    limits = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
+    limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
     clearance, bend = CLEARANCE.term, BEND.term
     assert clearance is not None and bend is not None
     rings = rings_of_sizes((len(points),))
 
-    def round_of(n: int, first: float, last: float, edge: float, pull: float) -> float:
+    def shorten(n: int, first: float, last: float, edge: float, pull: float) -> float:
         nonlocal points, rings
-        even, even_rings, verdict = resample(points, rings, edge)
-        points, rings = (even, even_rings) if verdict.valid else subdivide(points, rings, edge)
+        points, rings, verdict = resample(points, rings, edge)
+        if not verdict.valid:
+            points, rings = subdivide(points, rings, edge)
         following = torch.as_tensor(rings.next)
 
         def objective(p: torch.Tensor, near: Neighbours, _: float) -> torch.Tensor:
@@ -73,18 +72,19 @@ def tighten(points: Array) -> Tight:
             return loss + 3.0 * clearance(state, limits) + 0.5 * bend(state, limits)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
-        points = flow(points, rings, objective, 1.0, walk, separation=limits.separation).points
+        found = flow(points, rings, objective, 1.0, walk, separation=limits.separation)
+        points = found.points
         return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
 
     with one_thread():
         before = np.inf
         for _ in range(_MOST_ROUNDS):
-            length = round_of(200, 0.15, 0.1, 0.6, _PULL)
+            length = shorten(200, 0.15, 0.1, 0.6, _PULL)
             if length > (1.0 - _SLOWING) * before:
                 break
             before = length
         for settings in _LAST:
-            length = round_of(*settings)
+            length = shorten(*settings)
     gap = strand_gap(points, rings, limits.separation, 4.0).gap
     tightest = float(bend_radii(points, rings).min())
     if gap < 2.0 or tightest < 1.0:

@@ -7,7 +7,6 @@ by shadow and by eye, and prints a line a view. `--only NAME` builds one, and `-
 from __future__ import annotations
 
 import argparse
-import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from examples.measurement import Stopwatch, make_folder, save_pictures
 from examples.pictures import pictures
 from knotfab.design.frames import spread_views
 from knotfab.errors import KnotfabError
@@ -41,12 +41,8 @@ CASES: dict[str, tuple[str, ...]] = {
 
 def build_case(name: str, folder: Path) -> Outcome:
     """Draw the pictures of a case into `folder` and build them into `folder`/NAME."""
-    folder.mkdir(parents=True, exist_ok=True)
-    drawn = pictures()
-    files = []
-    for picture in CASES[name]:
-        files.append(str(folder / f"{picture}.png"))
-        drawn[picture].save(files[-1])
+    saved = save_pictures(pictures(), make_folder(folder, name), CASES[name])
+    files = [str(saved[picture]) for picture in CASES[name]]
     scene = spread_views(Scene(), len(files))
     if name.endswith("by-eye"):
         views = tuple(v.model_copy(update={"kind": "eye"}) for v in scene.views)
@@ -91,7 +87,7 @@ def _stacked(panels: list[Image.Image]) -> Image.Image:
     return page
 
 
-def _print_case(name: str, outcome: Outcome, seconds: float, spent: float) -> None:
+def _print_case(name: str, outcome: Outcome, watch: Stopwatch) -> None:
     for view, picture in zip(outcome.report["views"], CASES[name], strict=True):
         print(
             f"{name:20} {picture:8} {view['kind']:6} IoU {view['iou']:.4f}  "
@@ -100,7 +96,7 @@ def _print_case(name: str, outcome: Outcome, seconds: float, spent: float) -> No
     radius = outcome.report["settings"]["tube_radius_mm"]
     print(
         f"{name:20} {outcome.report['status']}, tube radius {radius:.2f} mm, "
-        f"{seconds:.0f} s ({spent:.0f} CPU s)"
+        f"{watch.wall_s:.0f} s ({watch.cpu_s:.0f} CPU s)"
     )
 
 
@@ -114,13 +110,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.picture and not given.only:
         parser.error("--picture draws one case: name it with --only")
     for name in [given.only] if given.only else CASES:
-        begun, spent = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         try:
             outcome = build_case(name, given.out)
         except KnotfabError as error:
             print(f"{name:20} {error}")
             continue
-        _print_case(name, outcome, time.perf_counter() - begun, time.process_time() - spent)
+        _print_case(name, outcome, watch)
         if given.picture:
             draw_case(outcome, given.picture)
 

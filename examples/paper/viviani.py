@@ -8,7 +8,6 @@ radius a through its middle: (a (1 + cos t), a sin t, 2a sin(t / 2)), t from 0 t
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from examples.measurement import Stopwatch
 from examples.paper.two_views import draw_case
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
@@ -88,7 +88,7 @@ def main() -> None:
         "--picture", type=Path, help="draw the three views and the part here, a PNG"
     )
     given = parser.parse_args()
-    begun, spent = time.perf_counter(), time.process_time()
+    watch = Stopwatch()
     outcome = rebuild(given.out, given.start)
     ious = []
     for view in outcome.report["views"]:
@@ -96,7 +96,7 @@ def main() -> None:
         print(f"{view['name']:8} IoU {view['iou']:.4f}  bound {view['bound']:.4f}")
     checks = {c["name"]: c["status"] for c in outcome.report["checks"]}
     print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
-    print(f"{time.perf_counter() - begun:.0f} s ({time.process_time() - spent:.0f} CPU s)")
+    print(f"{watch.wall_s:.0f} s ({watch.cpu_s:.0f} CPU s)")
     if given.picture:
         draw_case(outcome, given.picture)
 

@@ -8,77 +8,13 @@ memory of whole builds.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
-import subprocess
-import sys
-import tempfile
-import time
 from pathlib import Path
-from typing import Any
 
+from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
 from examples.pictures import pictures
 
-__all__ = ["main", "measure"]
-
-
-def _resident_mb(session: int) -> float:
-    """Resident memory of all processes of a build and its children, MB."""
-    total = 0.0
-    parents: dict[int, int] = {}
-    sizes: dict[int, float] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-                parents[int(entry.name)] = int(fields[1])
-                sizes[int(entry.name)] = int(fields[21]) * 4096 / 2**20
-            except OSError:
-                continue
-    for process in parents:
-        ancestor = process
-        while ancestor in parents and ancestor != session:
-            ancestor = parents[ancestor]
-        if ancestor == session:
-            total += sizes[process]
-    return total
-
-
-def measure(picture: Path, out: Path, *options: str) -> dict[str, Any]:
-    """One whole build in a process of its own: exit code, seconds, peak memory and the report."""
-    begun = time.perf_counter()
-    child = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "knotfab",
-            "build",
-            str(picture),
-            "--print",
-            "--out",
-            str(out),
-            "--quiet",
-            *options,
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    peak = 0.0
-    while child.poll() is None:
-        peak = max(peak, _resident_mb(child.pid))
-        time.sleep(0.1)
-    seconds = time.perf_counter() - begun
-    _, error = child.communicate()
-    folder = out if child.returncode == 0 else out / "rejected"
-    written = folder / "report.json"
-    report = json.loads(written.read_text()) if written.is_file() else None
-    return {
-        "code": child.returncode,
-        "seconds": seconds,
-        "peak_mb": peak,
-        "report": report,
-        "error": error.strip(),
-    }
+__all__ = ["main"]
 
 
 def main() -> None:
@@ -89,29 +25,24 @@ def main() -> None:
     parser.add_argument("--skip-slicer", action="store_true")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    folder = asked.out or Path(tempfile.mkdtemp(prefix="knotfab-table-"))
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = make_folder(asked.out, "table")
     skipped = ["--skip", "slicer"] if asked.skip_slicer else []
     rows: list[dict[str, float]] = []
     print(f"{'picture':<10} code    IoU  r/width%  depth  leg45  flat45  failed  seconds  peak MB")
-    for name, image in pictures().items():
-        if asked.names and name not in asked.names:
+    for name, path in save_pictures(pictures(), folder, asked.names).items():
+        built = build_apart(path, folder / name, *skipped)
+        report = built.report
+        if report is None:
+            print(f"{name:<10} {built.code:>4}  {built.said}", flush=True)
+            rows.append({"iou": 0.0, "seconds": built.wall_s, "failed": 1.0, "code": built.code})
             continue
-        path = folder / f"{name}.png"
-        image.save(path)
-        got = measure(path, folder / name, *skipped)
-        if got["report"] is None:
-            print(f"{name:<10} {got['code']:>4}  {got['error']}", flush=True)
-            rows.append({"iou": 0.0, "seconds": got["seconds"], "failed": 1.0, "code": got["code"]})
-            continue
-        report = got["report"]
         view = report["views"][0]
         frame = max(view["width"], view["height"])
         radius = 100 * report["settings"]["tube_radius_mm"] / (180.0 * view["width"] / frame)
-        failed = [c["name"] for c in report["checks"] if c["status"] == "fail"]
+        failed = failed_checks(report)
         flat = None
         if asked.flat:
-            other = measure(path, folder / f"{name}-flat", "--depth", "flat", *skipped)["report"]
+            other = build_apart(path, folder / f"{name}-flat", "--depth", "flat", *skipped).report
             flat = other["views"][0]["legibility"]["45"] if other else None
         row = {
             "iou": view["iou_tube"],
@@ -119,15 +50,15 @@ def main() -> None:
             "depth": report["print"]["depth_ratio"],
             "leg": view["legibility"]["45"],
             "failed": len(failed),
-            "seconds": got["seconds"],
-            "peak": got["peak_mb"],
-            "code": got["code"],
+            "seconds": built.wall_s,
+            "peak": built.peak_mb,
+            "code": built.code,
         }
         if flat is not None:
             row["drop"] = flat - row["leg"]
         rows.append(row)
         print(
-            f"{name:<10} {got['code']:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
+            f"{name:<10} {built.code:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
             f"{row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  {len(failed):>6}  "
             f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}",
             flush=True,

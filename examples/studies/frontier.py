@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 import statistics
 
+from examples.measurement import read_question
 from examples.pictures import pictures
-from examples.questions import ask_picture
-from knotfab.scene.settings import SearchSettings
+from knotfab.scene.settings import search_settings
 from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import measure
 from knotfab.tradeoff.points import points
@@ -27,15 +27,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     asked = parser.parse_args()
-    problems = []
-    for name in pictures():
+    problems, settings = [], search_settings("standard", {})
+    for name, image in pictures().items():
         if name in asked.names:
-            question = ask_picture(name)
+            question = read_question(image)
             radius = RADIUS * question.views[0].frame_width_mm
             problem = question.with_depth(radius).problem
-            problems.append((problem, radius, make_start(problem, radius, SearchSettings())))
+            problems.append((problem, radius, make_start(problem, radius, settings)))
     print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
-    rows = [measure(p, s, r, points()) for p, r, s in problems]
+    rows = [measure(p, t, r, points()) for p, r, t in problems]
     for column in zip(*rows, strict=True):
         point = column[0].point
         print(

@@ -17,9 +17,7 @@ from pathlib import Path
 
 import torch
 
-from examples.studies.hard_groups import Line, groups
-from examples.studies.hard_sheets import draw_image, sheet
-from tests.hard_cases.measure import (
+from examples.hard_cases.measure import (
     ForwardError,
     double_error,
     forward_error,
@@ -28,8 +26,10 @@ from tests.hard_cases.measure import (
     image,
     subgradient_excess,
 )
-from tests.hard_cases.paper_rendering import applies, paper_error, printed_fails
-from tests.hard_cases.rendering import RenderCase, render_cases
+from examples.hard_cases.paper_rendering import applies, paper_error, printed_fails
+from examples.hard_cases.rendering import RenderCase, render_cases
+from examples.studies.hard_groups import Line, groups
+from examples.studies.hard_sheets import draw_image, sheet
 
 __all__ = ["Row", "main", "row_of"]
 

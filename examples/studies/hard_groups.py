@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +14,14 @@ import torch
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from examples.hard_cases.curves import circle, hard_knots
+from examples.hard_cases.isotopy import fuzz
+from examples.hard_cases.measure import image, sampled_error
+from examples.hard_cases.pictures import hard_pictures
+from examples.hard_cases.rendering import RenderCase, large_cases
+from examples.hard_cases.value_error import slope_excess, value_error
+from examples.hard_cases.values import ValueCase, loss_cases, network_cases
+from examples.measurement import Stopwatch
 from examples.studies.hard_sheets import (
     Draw,
     draw_image,
@@ -25,7 +32,6 @@ from examples.studies.hard_sheets import (
     draw_shadow,
     draw_tube,
 )
-from examples.studies.isotopy_fuzz import fuzz
 from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
@@ -35,12 +41,6 @@ from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
 from knotfab.target.read import Target, read_target
 from knotfab.target.silhouette import trace_polygon
-from tests.hard_cases.curves import circle, hard_knots
-from tests.hard_cases.measure import image, sampled_error
-from tests.hard_cases.pictures import hard_pictures
-from tests.hard_cases.rendering import RenderCase, large_cases
-from tests.hard_cases.value_error import slope_excess, value_error
-from tests.hard_cases.values import ValueCase, loss_cases, network_cases
 
 __all__ = ["GROUPS", "Line", "groups"]
 
@@ -91,9 +91,9 @@ def _drawn(case: ValueCase) -> Draw:
 
 def _images() -> Iterator[Line]:
     for case in large_cases():
-        start = time.process_time()
+        watch = Stopwatch()
         error, share = sampled_error(case)
-        spent = time.process_time() - start
+        spent = watch.cpu_s
         cells = (str(len(case.edges)), f"{error:.0e}", f"{share:.3f}", f"{spent:.0f}")
         good = share <= 1 and error <= 1e-3
         yield Line(case.name, case.why, cells, good, partial(_draw_small, case=case))
@@ -184,9 +184,8 @@ def _scenes() -> Iterator[Line]:
             " and ".join(price.limits) if price else "-",
             f"{price.iou_without:.3f}" if price else "-",
         )
-        held = made.result.feasible
         draw = partial(draw_shadow, target=target.mask, shadow=_shadow(made, target))
-        yield Line(name, why, cells, held and (price is None) == (not parts), draw)
+        yield Line(name, why, cells, made.result.feasible and (price is None) == (not parts), draw)
 
 
 def _shadow(made: Design, target: Target) -> Array:

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from examples.measurement import build_apart
 from examples.pictures import pictures
-from examples.studies.accuracy_table import measure
 
 __all__ = ["main", "row_of"]
 
@@ -110,8 +110,8 @@ def main() -> None:
                 for part, path in zip(parts, paths, strict=True):
                     drawn[part].save(path)
                 more = [str(path) for path in paths[1:]]
-                got = measure(paths[0], out, *more, "--mount", kind, *options)
-                report, code, error = got["report"], got["code"], got["error"]
+                built = build_apart(paths[0], out, *more, "--mount", kind, *options)
+                report, code, error = built.report, built.code, built.said
             else:
                 report, error = json.loads(done.read_text()), ""
                 code = 0 if report["status"] == "pass" else 1

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import time
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from examples.measurement import Stopwatch
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
@@ -30,7 +30,7 @@ def curve(capsules: int, dtype: torch.dtype) -> Tensor:
 
 
 def _seconds(dense: bool, points: Tensor, frame: Frame, tau: float, chunk: int) -> float:
-    begun = time.perf_counter()
+    watch = Stopwatch()
     ends = points.roll(-1, 0)
     image = (
         render_dense(points, ends, frame, 2.0, tau, chunk)
@@ -38,7 +38,7 @@ def _seconds(dense: bool, points: Tensor, frame: Frame, tau: float, chunk: int) 
         else render_tiled(points, ends, frame, 2.0, tau, 16.0)
     )
     torch.autograd.grad((image * image).sum(), points)
-    return time.perf_counter() - begun
+    return watch.wall_s
 
 
 def main() -> None:

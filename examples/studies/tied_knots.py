@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
+from examples.measurement import Stopwatch, make_folder
 from knotfab.pipeline import build
 from knotfab.request import Request
 from knotfab.scene.load import load_scene
@@ -45,7 +44,7 @@ class Row:
 
 def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
     """Build one piece and read its report."""
-    begun = time.process_time()
+    watch = Stopwatch()
     preset = cast(Literal["draft", "standard", "fine"], accuracy)
     outcome = build(Request(Scene(piece=piece, accuracy=Accuracy(name=preset)), (picture,), out))
     report = outcome.report
@@ -57,7 +56,7 @@ def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
         str(check["status"]),
         float(report["views"][0]["iou"]),
         sum(float(k["length_mm"]) for k in report["knots"]),
-        time.process_time() - begun,
+        watch.cpu_s,
         outcome.exit_code,
         float(radius),
     )
@@ -72,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path)
     parser.add_argument("names", nargs="*")
     given = parser.parse_args(arguments)
-    out = given.out or Path(tempfile.mkdtemp(prefix="tied-knots-"))
+    out = make_folder(given.out, "tied-knots")
     piece = Piece() if given.tube_radius is None else Piece(tube_radius_mm=given.tube_radius)
     print(HEADER)
     plain: Row | None = None

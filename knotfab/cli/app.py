@@ -46,7 +46,7 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
     """
     from knotfab.prepare import prepare_build
     from knotfab.progress import Progress
-    from knotfab.verify.checks import unmet
+    from knotfab.verify.checks import list_unmet
 
     mode: Mode = "quiet" if options.quiet else "verbose" if options.verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
@@ -55,7 +55,7 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
         outcome = run_build(request, progress)
-    failed = [c["name"] for c in unmet(outcome.report["checks"]) if c["status"] == "fail"]
+    failed = [c["name"] for c in list_unmet(outcome.report["checks"]) if c["status"] == "fail"]
     if options.quiet and failed:
         print(
             f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",

@@ -15,7 +15,7 @@ from knotfab.drawing.pages import Box
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Scaled", "dimension", "fit", "length", "outlines"]
+__all__ = ["Scaled", "draw_dimension", "fit_scale", "length", "project_outlines"]
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Scaled:
         return f"1:{self.ratio:g}"
 
 
-def fit(box: Box, zone: Box) -> Scaled:
+def fit_scale(box: Box, zone: Box) -> Scaled:
     """`box` (mm of the thing) in the middle of `zone` (mm of the page), at the largest usual scale."""
     size = np.array([box[2] - box[0], box[3] - box[1]])
     room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
@@ -65,7 +65,7 @@ def fit(box: Box, zone: Box) -> Scaled:
     return Scaled(ratio, (float(x), float(y)))
 
 
-def dimension(
+def draw_dimension(
     axes: Axes,
     start: Sequence[float] | Array,
     end: Sequence[float] | Array,
@@ -125,7 +125,7 @@ def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
     axes.fill(*head.T, color=color, lw=0)
 
 
-def outlines(bodies: Sequence[tuple[Array, NDArray[np.int32]]], axes: Array) -> list[Array]:
+def project_outlines(bodies: Sequence[tuple[Array, NDArray[np.int32]]], axes: Array) -> list[Array]:
     """The outlines (n, 2) of closed meshes seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
 
     Args:

@@ -21,12 +21,12 @@ __all__ = [
     "Box",
     "Paper",
     "Tile",
-    "blank_page",
-    "facts_page",
-    "page_foot",
-    "ruler",
-    "tile_page",
-    "tiles_of",
+    "draw_facts",
+    "draw_foot",
+    "draw_ruler",
+    "draw_tile",
+    "lay_tiles",
+    "make_page",
     "write_pages",
 ]
 
@@ -66,7 +66,7 @@ class Tile:
     bottom: float
 
 
-def tiles_of(box: Box, paper: Paper) -> list[Tile]:
+def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
     """The pages that cover `box` of a drawing (mm).
 
     Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
@@ -104,7 +104,7 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
     return count
 
 
-def blank_page(paper: Paper) -> tuple[Figure, Axes]:
+def make_page(paper: Paper) -> tuple[Figure, Axes]:
     """A figure of exactly the paper's size, whose axes are millimetres from its lower left."""
     from matplotlib.figure import Figure
 
@@ -115,7 +115,7 @@ def blank_page(paper: Paper) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def ruler(axes: Axes, paper: Paper, before: str) -> None:
+def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
     """100 mm at the lower left, to be measured before one `before`s."""
     x, y = paper.margin, paper.margin + 6
     axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
@@ -124,7 +124,7 @@ def ruler(axes: Axes, paper: Paper, before: str) -> None:
     axes.text(x, y - 1.0, f"100 mm: measure it before you {before}", size=6, va="top")
 
 
-def page_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
+def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
     """What a page is, at its lower right: the drawing, the paper and the page's number, and a note."""
     right = paper.width - paper.margin
     axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
@@ -132,19 +132,19 @@ def page_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") ->
     axes.text(right, paper.margin + 3.5, f"{paper.name}, {page}", size=6, ha="right", va="top")
 
 
-def facts_page(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
+def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
     """A page of words, with a ruler."""
-    figure, axes = blank_page(paper)
+    figure, axes = make_page(paper)
     top = paper.height - paper.margin
     axes.text(paper.margin, top, title, size=14, va="top")
     for k, line in enumerate(facts):
         axes.text(paper.margin, top - 14 - 5.2 * k, line, size=8, va="top")
-    ruler(axes, paper, before)
-    page_foot(axes, paper, page, "")
+    draw_ruler(axes, paper, before)
+    draw_foot(axes, paper, page, "")
     return figure
 
 
-def tile_page(
+def draw_tile(
     paper: Paper, tile: Tile, count: int, page: str, title: str, note: str, before: str
 ) -> tuple[Figure, Axes, tuple[float, float], Rectangle]:
     """A page for one tile of a drawing: its window, crosses to lay on each other, ruler and foot.
@@ -154,7 +154,7 @@ def tile_page(
     """
     from matplotlib.patches import Rectangle
 
-    figure, axes = blank_page(paper)
+    figure, axes = make_page(paper)
     wide, high = paper.room
     x0, y0 = paper.margin, paper.margin + _HEAD_MM
     window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
@@ -165,7 +165,7 @@ def tile_page(
         for y in (y0 + half, y0 + high - half):
             axes.plot([x - 3, x + 3], [y, y], color="black", lw=0.25)
             axes.plot([x, x], [y - 3, y + 3], color="black", lw=0.25)
-    ruler(axes, paper, before)
+    draw_ruler(axes, paper, before)
     where = f", row {tile.row + 1}, column {tile.column + 1}" if count > 1 else ""
-    page_foot(axes, paper, page, f"{title}{where}", note)
+    draw_foot(axes, paper, page, f"{title}{where}", note)
     return figure, axes, (x0 - tile.left, y0 - tile.bottom), window

@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.drawing.dimensions import Scaled, dimension, fit, length, outlines
-from knotfab.drawing.pages import PAPERS, Box, blank_page, write_pages
+from knotfab.drawing.dimensions import (
+    Scaled,
+    draw_dimension,
+    fit_scale,
+    length,
+    project_outlines,
+)
+from knotfab.drawing.pages import PAPERS, Box, make_page, write_pages
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
 from knotfab.mount.plan_view import plan_sheet
@@ -80,7 +86,7 @@ def _sheet(
     alone: bool,
 ) -> Figure:
     paper = PAPERS["a4"]
-    figure, axes = blank_page(paper)
+    figure, axes = make_page(paper)
     side = _side_view(axes, mounted, place, view)
     front = _front_view(axes, mounted, place, camera)
     left, top = 14.0, paper.height - 12
@@ -133,7 +139,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     """Lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
     # to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
-    piece = outlines(mounted.bodies, seen)
+    piece = project_outlines(mounted.bodies, seen)
     lamp = seen[:2] @ place.lamp
     frame, wall = _wall_lines(place, seen)
     ends = np.concatenate([*piece, frame, wall, lamp[None]])
@@ -141,7 +147,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     desk = base.bottom if base is not None else None
     low, high = ends.min(axis=0), ends.max(axis=0)
     zone = (SIDE[0] + 6, SIDE[1] + 20, SIDE[2] - 12, SIDE[3] - 8)
-    to = fit((float(low[0]), float(low[1]), float(high[0]), float(high[1])), zone)
+    to = fit_scale((float(low[0]), float(low[1]), float(high[0]), float(high[1])), zone)
     bottom = float(to(low)[1])
     for end in frame:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
@@ -163,7 +169,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
         (on_wall, at_lamp, 11.0, view.wall_distance_mm + view.light_distance_mm),
     ):
         down = bottom - row
-        dimension(axes, (a[0], down), (b[0], down), (0, 0), length(value))
+        draw_dimension(axes, (a[0], down), (b[0], down), (0, 0), length(value))
         for p in (a, b):
             axes.plot([p[0], p[0]], [p[1] - 3, down - 1], color="#06c", lw=0.2)
     if abs(view.wall_tilt_deg) > 1e-9:
@@ -192,7 +198,7 @@ def _tilt(axes: Axes, place: Placement, seen: Array, to: Scaled, tilt: float) ->
     foot = place.lamp - place.off_wall_mm * place.wall[2]
     a, b = to(np.stack([foot, place.lamp]) @ seen[:2].T)
     axes.plot(*np.stack([a, b]).T, color="#06c", lw=0.3, ls=":")
-    dimension(axes, a, b, (0, 0), f"{length(place.off_wall_mm)} square to the wall")
+    draw_dimension(axes, a, b, (0, 0), f"{length(place.off_wall_mm)} square to the wall")
     x, y = to(seen[:2] @ place.middle)
     lean = "towards" if tilt > 0 else "away from"
     axes.text(
@@ -210,12 +216,12 @@ def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) ->
     axes.plot(*ends.T, color=INK, lw=0.8)
     foot = to(np.array([lamp[0], desk]))
     away = (5.0, 0.0)
-    dimension(axes, foot, to(lamp), away, length(float(lamp[1]) - desk))
+    draw_dimension(axes, foot, to(lamp), away, length(float(lamp[1]) - desk))
     back, front = (to(np.array([x, desk])) for x in (place.base.back, place.base.front))
     wall = to(np.array([gap, desk]))
     up = (0.0, 3.5)
-    dimension(axes, wall, back, up, length(place.base.back - gap))
-    dimension(axes, front, foot, up, length(float(lamp[0]) - place.base.front))
+    draw_dimension(axes, wall, back, up, length(place.base.back - gap))
+    draw_dimension(axes, front, foot, up, length(float(lamp[0]) - place.base.front))
 
 
 def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) -> Scaled:
@@ -232,7 +238,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
         desk = (place.base.bottom - float(place.level[1] @ place.middle)) / rise
         ends = np.append(ends, [[0.0, desk]], axis=0)
     low, top = ends.min(axis=0), ends.max(axis=0)
-    to = fit((float(low[0]), float(low[1]), float(top[0]), float(top[1])), FRONT)
+    to = fit_scale((float(low[0]), float(low[1]), float(top[0]), float(top[1])), FRONT)
     below = None if desk is None else float(to(np.array([0.0, desk]))[1])
     fill(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
     for size, width in ((place.plate_mm, 0.8), (place.frame_mm, 0.5)):
@@ -250,7 +256,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
         axes.plot(*line.T, color=INK, lw=0.8)
         note(axes, line[0] + (0, 0.8), "desk", size=6.5)
         corner = to(np.array([0.5 * wide, -0.5 * high]))
-        dimension(axes, (corner[0], line[0][1]), corner, (6, 0), length(-high / 2 - desk))
+        draw_dimension(axes, (corner[0], line[0][1]), corner, (6, 0), length(-high / 2 - desk))
     _front_dimensions(axes, place, to, float(to(low)[1]))
     axes.text(
         FRONT[0] - 6, COSTS_Y + 6.0,
@@ -267,17 +273,19 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     inner = to(np.array([[-wide / 2, -high / 2], [wide / 2, high / 2]]))
     foot = to(np.array([place.right_mm, place.up_mm]))
     down = bottom - 3.5
-    dimension(axes, (inner[0][0], down), (inner[1][0], down), (0, 0), f"frame {length(wide)}")
+    draw_dimension(axes, (inner[0][0], down), (inner[1][0], down), (0, 0), f"frame {length(wide)}")
     right = float(corners[1][0]) + 4.5
-    dimension(axes, (right, inner[0][1]), (right, inner[1][1]), (0, 0), f"frame {length(high)}")
+    draw_dimension(
+        axes, (right, inner[0][1]), (right, inner[1][1]), (0, 0), f"frame {length(high)}"
+    )
     # the lamp's foot, from the left and the lower edge of what is on the wall
     top = float(corners[1][1]) + 3.5
-    dimension(
+    draw_dimension(
         axes, (corners[0][0], top), (foot[0], top), (0, 0),
         length(place.right_mm + outer[0] / 2), color=LIGHT,
     )  # fmt: skip
     left = float(corners[0][0]) - 3.5
-    dimension(
+    draw_dimension(
         axes, (left, corners[0][1]), (left, foot[1]), (0, 0),
         length(place.up_mm + outer[1] / 2), color=LIGHT,
     )  # fmt: skip
@@ -289,7 +297,7 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     if len(place.holes) == 2 and place.plate_mm is not None:
         a, b = to(place.holes)
         y = down - 5.5
-        dimension(
+        draw_dimension(
             axes,
             (a[0], y),
             (b[0], y),
@@ -297,9 +305,13 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
             f"screw holes {length(float(np.ptp(place.holes[:, 0])))}",
         )
         y -= 5.5
-        dimension(axes, (corners[0][0], y), (corners[1][0], y), (0, 0), f"plate {length(outer[0])}")
+        draw_dimension(
+            axes, (corners[0][0], y), (corners[1][0], y), (0, 0), f"plate {length(outer[0])}"
+        )
         x = right + 5.5
-        dimension(axes, (x, corners[0][1]), (x, corners[1][1]), (0, 0), f"plate {length(outer[1])}")
+        draw_dimension(
+            axes, (x, corners[0][1]), (x, corners[1][1]), (0, 0), f"plate {length(outer[1])}"
+        )
 
 
 def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:

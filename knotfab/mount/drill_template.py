@@ -17,9 +17,9 @@ from knotfab.drawing.pages import (
     Box,
     Paper,
     Tile,
-    facts_page,
-    tile_page,
-    tiles_of,
+    draw_facts,
+    draw_tile,
+    lay_tiles,
     write_pages,
 )
 from knotfab.mount.mount import Mounted
@@ -95,9 +95,9 @@ def _facts(place: Placement, across: Array, deep: float) -> list[str]:
 def _pages(
     place: Placement, across: Array, facts: list[str], box: Box, paper: Paper
 ) -> Iterator[Figure]:
-    tiles = tiles_of(box, paper)
+    tiles = lay_tiles(box, paper)
     total = 1 + len(tiles)
-    yield facts_page(paper, "Drill template, full size", facts, f"page 1 of {total}", _BEFORE)
+    yield draw_facts(paper, "Drill template, full size", facts, f"page 1 of {total}", _BEFORE)
     for number, tile in enumerate(tiles, start=2):
         yield _tile(place, across, paper, tile, len(tiles), f"page {number} of {total}")
 
@@ -108,7 +108,7 @@ def _tile(
     from matplotlib.patches import Circle, Rectangle
 
     note = "print at 100 %, not fitted to the page"
-    figure, axes, shift, window = tile_page(
+    figure, axes, shift, window = draw_tile(
         paper, tile, count, page, "drill template", note, _BEFORE
     )
     off = np.array(shift)

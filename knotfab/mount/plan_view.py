@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.drawing.dimensions import Scaled, dimension, fit, length, outlines
-from knotfab.drawing.pages import PAPERS, Box, blank_page
+from knotfab.drawing.dimensions import Scaled, draw_dimension, fit_scale, length, project_outlines
+from knotfab.drawing.pages import PAPERS, Box, make_page
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
 from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
@@ -35,15 +35,15 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
         places, views: of the piece, one each in the scene's order.
     """
     paper = PAPERS["a4"]
-    figure, axes = blank_page(paper)
+    figure, axes = make_page(paper)
     right, up, out = places[0].level
     above = np.stack([right, -out, up])  # to the right and up the page, and to the viewer
-    piece = outlines(mounted.bodies, above)
+    piece = project_outlines(mounted.bodies, above)
     walls = [_wall(place, above) for place in places]
     lamps = [above[:2] @ place.lamp for place in places]
     every = np.concatenate([*piece, *walls, np.stack(lamps)])
     low, high = every.min(axis=0), every.max(axis=0)
-    to = fit((float(low[0]), float(low[1]), float(high[0]), float(high[1])), ZONE)
+    to = fit_scale((float(low[0]), float(low[1]), float(high[0]), float(high[1])), ZONE)
     fill(axes, [to(p) for p in piece], PIECE)
     for place, view, wall, lamp in zip(places, views, walls, lamps, strict=True):
         _view(axes, place, view, wall, lamp, above, to)
@@ -99,8 +99,8 @@ def _view(
     aside = ASIDE * np.array([-along[1], along[0]])
     middle = to(np.zeros(2))
     levelled = float(np.cos(np.deg2rad(view.elevation_deg)))
-    dimension(axes, axis[0], middle, aside, length(view.light_distance_mm * levelled))
-    dimension(
+    draw_dimension(axes, axis[0], middle, aside, length(view.light_distance_mm * levelled))
+    draw_dimension(
         axes, middle, axis[1], aside, length(float(np.linalg.norm(axis[1] - middle)) * to.ratio)
     )
     # along the wall, read from below or from the right

@@ -12,10 +12,10 @@ from knotfab.design.design import Design
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
-from knotfab.part.clean import as_written
-from knotfab.part.plates import Plates, plates_of
+from knotfab.part.clean import clean_body
+from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.split import can_be_split, printables
+from knotfab.part.split import can_be_split, list_printables
 from knotfab.part.supports import Rules
 from knotfab.progress import Progress
 from knotfab.scene.camera import Camera, camera_of
@@ -74,7 +74,7 @@ def part_of(
         mounted, pose, plates = _posed(made, mounted, printing, cameras, masks)
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
-            bodies = [as_written(body) for body in bodies]
+            bodies = [clean_body(body) for body in bodies]
     return Part(bodies, pose, mounted, plates)
 
 
@@ -109,8 +109,8 @@ def _posed(
         too_large = error
     pose = choose_pose(made.knots, mounted.bodies, _ANY_SIZE, frame, mounted.upright)
     try:
-        plates = plates_of(
-            printables(mounted, made.knots, cameras, masks),
+        plates = lay_on_plates(
+            list_printables(mounted, made.knots, cameras, masks),
             pose,
             printer.build_volume_mm,
             printer.nozzle_mm,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["as_written"]
+__all__ = ["clean_body"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -20,7 +20,7 @@ Mesh = tuple[Array, NDArray[np.int32]]
 TOLERANCES_MM = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 
 
-def as_written(body: Mesh) -> Mesh:
+def clean_body(body: Mesh) -> Mesh:
     """The body with corners that single precision (STL) holds exactly, without crossings if possible.
 
     Each tolerance is tried until libigl's exact predicates find no two faces that cross and none

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.part.orient import sphere_turns
+from knotfab.part.orient import spread_turns
 
 __all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]
 
@@ -158,7 +158,7 @@ class _Spans:
     """How far a curve can be followed from a vertex until it fits the printer no more."""
 
     def __init__(self, line: Line, room: tuple[float, float, float]) -> None:
-        turns = sphere_turns(TURNS)
+        turns = spread_turns(TURNS)
         self.low = np.einsum("nj,tkj->ntk", line.points, turns) - line.radius
         self.high = self.low + 2 * line.radius
         side = np.einsum("nj,tkj->ntk", line.beside, turns)

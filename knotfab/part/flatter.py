@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.knots import Knot, Knots
-from knotfab.part.orient import candidates, estimated_cm3, ranked
+from knotfab.part.orient import estimate_supports_cm3, propose_turns, rank_turns
 from knotfab.part.supports import Rules, strands_of
 
 __all__ = ["Flattening", "flatter_depth"]
@@ -52,7 +52,10 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
         flat = np.array([1.0, 1.0, share])
         scaled = Knots(tuple(Knot(k.points * flat) for k in knots.knots), knots.radius_mm)
         strands = strands_of(scaled, most=2000)
-        return min(estimated_cm3(p.estimate) for p in ranked(strands, candidates(strands), rules))
+        return min(
+            estimate_supports_cm3(p.estimate)
+            for p in rank_turns(strands, propose_turns(strands), rules)
+        )
 
     low, high = 0.0, 1.0
     if least(high) <= limit or least(low) > limit:

@@ -15,12 +15,12 @@ from knotfab.part.supports import Estimate, Rules, Strands, estimate
 __all__ = [
     "AXES",
     "Ranked",
-    "candidates",
-    "estimated_cm3",
-    "minutes",
-    "ranked",
-    "sphere_turns",
-    "within_limits",
+    "estimate_minutes",
+    "estimate_supports_cm3",
+    "keeps_limits",
+    "propose_turns",
+    "rank_turns",
+    "spread_turns",
 ]
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Ranked:
     minutes: float
 
 
-def minutes(found: Estimate) -> float:
+def estimate_minutes(found: Estimate) -> float:
     """The cost of a pose in minutes (see the constants of this module)."""
     return (
         MINUTES_PER_CM3 * found.support_cm3
@@ -70,7 +70,7 @@ def minutes(found: Estimate) -> float:
     )
 
 
-def candidates(strands: Strands) -> list[Array]:
+def propose_turns(strands: Strands) -> list[Array]:
     """The turns (3, 3) that are tried: axes, principal axes, faces of the hull, and all round.
 
     All but the scene's axes are tied to the piece: it does not matter how it was turned before.
@@ -86,7 +86,7 @@ def candidates(strands: Strands) -> list[Array]:
     return turns
 
 
-def ranked(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranked]:
+def rank_turns(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranked]:
     """The turns with their estimates, the best first.
 
     Those that keep the printer's limits come first, by their cost; the others by their supports.
@@ -95,30 +95,32 @@ def ranked(strands: Strands, turns: Sequence[Array], rules: Rules) -> list[Ranke
     found = []
     for turn in turns:
         one = estimate(strands, turn, rules)
-        found.append(Ranked(turn, one, minutes(one)))
+        found.append(Ranked(turn, one, estimate_minutes(one)))
     return sorted(found, key=lambda pose: _order(pose, rules))
 
 
-def estimated_cm3(found: Estimate) -> float:
+def estimate_supports_cm3(found: Estimate) -> float:
     """The supports of a pose, with a margin for what estimates fall short by."""
     return SHORT * found.support_cm3
 
 
-def within_limits(found: Estimate, rules: Rules) -> bool:
+def keeps_limits(found: Estimate, rules: Rules) -> bool:
     """Whether the printer's limits for overhangs are kept, as far as can be estimated."""
     if rules.supports:
-        return rules.max_support_cm3 is None or estimated_cm3(found) <= rules.max_support_cm3
+        return (
+            rules.max_support_cm3 is None or estimate_supports_cm3(found) <= rules.max_support_cm3
+        )
     return found.starts == 0 and found.bridge_mm <= rules.max_bridge_mm
 
 
-def sphere_turns(count: int) -> Array:
+def spread_turns(count: int) -> Array:
     """(count + 3, 3, 3) turns of the scene's axes, and of directions all round, onto the vertical."""
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _sphere(count))])
 
 
 def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
-    within = within_limits(pose.estimate, rules)
+    within = keeps_limits(pose.estimate, rules)
     return not within, round(pose.minutes if within else pose.estimate.support_cm3, 6)
 
 

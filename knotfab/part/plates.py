@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
-from knotfab.part.clean import as_written
+from knotfab.part.clean import clean_body
 from knotfab.part.connector import cut_body
 from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.supports import Rules
 
-__all__ = ["Plate", "Plates", "Printable", "plates_of"]
+__all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -78,7 +78,7 @@ class _Posed:
     size: Array
 
 
-def plates_of(
+def lay_on_plates(
     printables: Sequence[Printable],
     part_pose: PrintPose,
     build_volume_mm: tuple[float, float, float],
@@ -115,7 +115,7 @@ def plates_of(
             found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
         if found.account is not None:
             poses.append({"body": name, **found.account.to_dict()})
-        body = as_written(found.tubes[0])
+        body = clean_body(found.tubes[0])
         return _Posed(name, body, found.matrix, body[0].max(axis=0))
 
     for one in printables:

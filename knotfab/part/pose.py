@@ -14,10 +14,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
-from knotfab.part.orient import AXES, Ranked, candidates, ranked, within_limits
+from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns
 from knotfab.part.supports import Rules, strands_of
 
-__all__ = ["PoseAccount", "PrintPose", "choose_pose", "placed"]
+__all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -114,13 +114,13 @@ def choose_pose(
     room = np.asarray(build_volume_mm, dtype=np.float64)
     if rules is not None and upright is None:
         strands = strands_of(knots)
-        order = ranked(strands, candidates(strands), rules)
+        order = rank_turns(strands, propose_turns(strands), rules)
         return _weighed(knots, tubes, points, room, order, rules, frame_mm)
     tried: list[tuple[Array, Array]] = []  # turns, and the sizes they give
     sides = ORIENTATIONS if upright is None else (upright,)
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if bool((size <= room + FITS_MM).all()):
-            return placed(knots, tubes, turn)
+            return lay_on_bed(knots, tubes, turn)
         tried.append((turn, size))
     fixed = np.full(3, 2 * knots.radius_mm) if fixed_mm is None else np.asarray(fixed_mm)
     raise _too_large([size for _, size in tried], room, fixed, frame_mm, fixed_mm is not None)
@@ -155,9 +155,9 @@ def _weighed(
         lowest,
         len(order),
         skipped,
-        within_limits(chosen.estimate, rules),
+        keeps_limits(chosen.estimate, rules),
     )
-    return placed(knots, tubes, turn, account)
+    return lay_on_bed(knots, tubes, turn, account)
 
 
 def _fitting(
@@ -190,7 +190,7 @@ def _figures(pose: Ranked) -> dict[str, Any]:
     }
 
 
-def placed(
+def lay_on_bed(
     knots: Knots, tubes: Sequence[Mesh], turn: Array, account: PoseAccount | None = None
 ) -> PrintPose:
     """The piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""

@@ -14,7 +14,7 @@ from knotfab.part.cut import Line
 from knotfab.part.plates import Printable
 from knotfab.scene.camera import Camera
 
-__all__ = ["can_be_split", "hidden", "printables"]
+__all__ = ["can_be_split", "list_printables", "measure_hiding"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +29,7 @@ def can_be_split(mounted: Mounted) -> bool:
     return mounted.stand is None and (mounted.wall is None or mounted.wall.settings.foot == "dowel")
 
 
-def printables(
+def list_printables(
     mounted: Mounted,
     knots: Knots,
     cameras: Sequence[Camera],
@@ -45,7 +45,10 @@ def printables(
         points = knots.knots[number].points
         barred, beside, beside_of = _pegs(mounted, number, points, knots.radius_mm)
         shown = np.min(
-            [hidden(points, knots.radius_mm, c, m) for c, m in zip(cameras, masks, strict=True)],
+            [
+                measure_hiding(points, knots.radius_mm, c, m)
+                for c, m in zip(cameras, masks, strict=True)
+            ],
             axis=0,
         )
         line = Line(points, knots.radius_mm, shown, barred, beside, beside_of)
@@ -53,7 +56,9 @@ def printables(
     return found
 
 
-def hidden(points: Array, radius_mm: float, camera: Camera, mask: NDArray[np.bool_]) -> Array:
+def measure_hiding(
+    points: Array, radius_mm: float, camera: Camera, mask: NDArray[np.bool_]
+) -> Array:
     """(n,) from 0 on the picture's outline, or off the picture, to 1 three tube radii inside it."""
     pixel = float(np.linalg.norm(camera.du))
     depth = np.asarray(distance_transform_edt(mask)) * pixel

@@ -17,7 +17,7 @@ from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
 from knotfab.target.read import Target
 
-__all__ = ["COLOURED", "pose_of", "posed_scene", "write_part", "write_unbuilt"]
+__all__ = ["COLOURED", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
 
 Array = NDArray[np.float64]
 Row = tuple[float, float, float, float]
@@ -27,16 +27,16 @@ COLOURED = "part-colours.3mf"
 _PALETTE = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7")
 
 
-def pose_of(matrix: Array, plates: Plates | None = None) -> Pose:
+def make_pose(matrix: Array, plates: Plates | None = None) -> Pose:
     """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
     laid = [] if plates is None else plates.plates
     each = tuple(Plate(matrices=tuple(_rows(motion) for motion in p.to_part)) for p in laid)
     return Pose(matrix=_rows(matrix), plates=each)
 
 
-def posed_scene(part: Part) -> ResolvedScene:
+def pose_scene(part: Part) -> ResolvedScene:
     """The part's scene, its mount resolved, with the pose that takes the written files to it."""
-    pose = pose_of(part.pose.matrix, part.plates)
+    pose = make_pose(part.pose.matrix, part.plates)
     return part.mounted.scene.model_copy(update={"pose": pose})
 
 
@@ -51,7 +51,7 @@ def write_part(
     """Write part.stl, part.3mf, the plates, knots.json, the views' pictures and scene.toml.
 
     Args:
-        scene: with the pose (`posed_scene`).
+        scene: with the pose (`pose_scene`).
         colours: whether part-colours.3mf is written too.
         suffix: in the names of part, knots and scene, such as "-01" of a sequence's frame.
     """
@@ -78,7 +78,7 @@ def write_unbuilt(
     folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
 ) -> ResolvedScene:
     """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene."""
-    scene = made.scene.model_copy(update={"pose": pose_of(np.eye(4))})
+    scene = made.scene.model_copy(update={"pose": make_pose(np.eye(4))})
     made.knots.write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
     return scene

@@ -1,1 +1,1 @@
-"""Differentiable silhouettes of capsules: an exact tiled renderer and the dense formula beside it."""
+"""Differentiable silhouettes of capsules: by ray distance, tiled and dense, and by outlines on a plane."""

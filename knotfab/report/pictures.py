@@ -15,7 +15,7 @@ from knotfab.report.report_html import Picture
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["draw_part", "eyes_of", "pictures_of", "turn_eye"]
+__all__ = ["draw_part", "find_pictures", "place_eyes", "turn_eye"]
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def draw_part(
         vertices: (n, 3) mm in scene coordinates, so that y is up.
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
-        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `eyes_of`.
+        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
 
     Returns:
         Whether the picture was written.
@@ -62,7 +62,7 @@ def draw_part(
     return True
 
 
-def eyes_of(views: Sequence[ResolvedView]) -> Array:
+def place_eyes(views: Sequence[ResolvedView]) -> Array:
     """(k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
 
     From a view's light the part shows its picture; the others begin at the first view's.
@@ -82,7 +82,7 @@ def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array
     return np.column_stack([c * x + s * z, np.full(len(a), y), c * z - s * x])
 
 
-def pictures_of(folder: Path) -> list[Picture]:
+def find_pictures(folder: Path) -> list[Picture]:
     """The report's pictures that lie in a folder, with their captions."""
     found = []
     failures, part = folder / "failures.png", folder / "part.png"

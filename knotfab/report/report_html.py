@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from knotfab.verify.checks import unmet
+from knotfab.verify.checks import list_unmet
 
 __all__ = ["Picture", "render_html", "write_report_html"]
 
@@ -61,7 +61,7 @@ def render_html(
         report=report,
         pictures=pictures,
         title=title,
-        failed=unmet(report["checks"]),
+        failed=list_unmet(report["checks"]),
         stages=[(k, v) for k, v in report["timings"].items() if k != "total"],
     )
 

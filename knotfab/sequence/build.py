@@ -21,14 +21,14 @@ from knotfab.report.of_build import (
     report_of,
 )
 from knotfab.report.of_slicer import check_slicing
-from knotfab.report.pictures import pictures_of
+from knotfab.report.pictures import find_pictures
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import chain
 from knotfab.sequence.frames import read_frames
-from knotfab.sequence.gif import shadows_gif
+from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.motion import Motion, measure, outline_motion
 from knotfab.sequence.report import (
     Ring,
@@ -39,7 +39,7 @@ from knotfab.sequence.report import (
 )
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.writing import ZOETROPE, Written, write_frame, write_scene, write_zoetrope
-from knotfab.sequence.written import knot_in_scene
+from knotfab.sequence.written import read_knot_in_scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
@@ -49,7 +49,6 @@ from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["GIF", "build_sequence"]
 
-_RESERVE_S = 5.0  # of a time budget, for what follows the last search
 GIF = "sequence.gif"
 
 
@@ -81,9 +80,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
-            left = None
-            if request.time_budget_s is not None:
-                left = max(1.0, request.time_budget_s - progress.total - _RESERVE_S)
+            left = request.search_budget_s(progress.total)
             frames = chain(request.scene, targets, request.device, progress, left)
             made = [
                 write_frame(folder, frame, target, request, verifier, slicer, progress)
@@ -106,7 +103,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             if not request.printing:
                 explain_unprinted(verdict["checks"], request.skip)
         reports = [
-            _frame_report(request, m, target, verdict, folder, progress)
+            _report_frame(request, m, target, verdict, folder, progress)
             for m, target, verdict in zip(made, targets, verdicts, strict=True)
         ]
         with progress.stage("motion"):
@@ -115,7 +112,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         with progress.stage("report"):
             shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
             if all(path.is_file() for path in shadows):
-                shadows_gif(folder.file(GIF), shadows, motions[-1].held)
+                write_shadows_gif(folder.file(GIF), shadows, motions[-1].held)
             report = sequence_report(
                 reports,
                 verdicts,
@@ -128,7 +125,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
             write_report_json(folder.file("report.json"), report)
             write_report_html(
-                folder.file("report.html"), report, pictures_of(folder.work), "a sequence"
+                folder.file("report.html"), report, find_pictures(folder.work), "a sequence"
             )
         code = exit_code(report["checks"])
         if code == 0:
@@ -159,7 +156,7 @@ def _own_checks(folder: OutputFolder, made: Written) -> list[dict[str, Any]]:
     return checks
 
 
-def _frame_report(
+def _report_frame(
     request: Request,
     made: Written,
     target: Target,
@@ -167,15 +164,15 @@ def _frame_report(
     folder: OutputFolder,
     progress: Progress,
 ) -> dict[str, Any]:
-    """The report of one frame, as that of a piece of its own; a mounted one with its drawings."""
+    """The report of one frame, as that of a piece of its own, and its drawings where it has a mount."""
     part = made.part
     bodies = [] if part is None else part.bodies
     report = report_of(request, made.frame.made, made.knots, bodies, verdict, progress)
     if part is not None and made.scene.mount.kind != "none":
         add_fabrication(report, part.mounted, None, None, request.printing)
         with progress.stage("drawings"):
-            drawn = write_drawings(folder, part, made.scene, [target], verdict, f"-{made.number}")
-        report["print"]["drawings"] = drawn
+            names = write_drawings(folder, part, made.scene, [target], verdict, f"-{made.number}")
+        report["print"]["drawings"] = names
     return report
 
 
@@ -183,7 +180,7 @@ def _motions(folder: OutputFolder, made: Sequence[Written]) -> list[Motion]:
     """The motion into each frame but the first, and at the end that back to it, from the written knots."""
     points, outlines = [], []
     for m in made:
-        points.append(knot_in_scene(folder.file(f"knots-{m.number}.json"), m.scene))
+        points.append(read_knot_in_scene(folder.file(f"knots-{m.number}.json"), m.scene))
         view = m.frame.made.scene.views[0]
         target = read_target(folder.file(view.picture), invert=view.invert)
         outlines.append(silhouette_polygon(view, target))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-__all__ = ["shadows_gif", "write_gif"]
+__all__ = ["write_gif", "write_shadows_gif"]
 
 _LONGER_PX = 384
 _SECONDS_A_ROUND = 1.2
@@ -28,7 +28,7 @@ def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int) -> None:
     )
 
 
-def shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
+def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
     """The verified shadows, one after the other, and back again where the sequence does not close.
 
     Raises:

@@ -12,7 +12,7 @@ from knotfab.scene.model import Printer
 from knotfab.sequence.chain import Frame
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
-from knotfab.verify.checks import unmet
+from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Answer
 from knotfab_validators.check import Check, Status, at_least, at_most
 
@@ -72,7 +72,7 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
         return [Check("zoetrope", "fail", False, None, None, "mm", ring.why).to_dict()]
     spun, least = ring.spun, printer.min_tube_radius_mm
     found = ring.answer.result()["checks"]
-    wrong = unmet(found)
+    wrong = list_unmet(found)
     handles = next((c["measured"] for c in found if c["name"] == "mesh_genus"), None)
     mesh = at_most(
         "zoetrope_mesh",
@@ -129,7 +129,7 @@ def sequence_report(
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "mount": report["print"].get("mount", {"kind": "none"}),
-                    "failed": [c["name"] for c in unmet(report["checks"])],
+                    "failed": [c["name"] for c in list_unmet(report["checks"])],
                 }
             )
     first = reports[0]

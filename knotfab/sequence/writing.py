@@ -14,18 +14,18 @@ from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, part_of
-from knotfab.part.clean import as_written
-from knotfab.part.write import posed_scene, write_part, write_unbuilt
+from knotfab.part.clean import clean_body
+from knotfab.part.write import pose_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.sequence.chain import Frame
-from knotfab.sequence.zoetrope import Zoetrope, zoetrope
+from knotfab.sequence.zoetrope import Zoetrope, build_zoetrope
 from knotfab.slicer.result import NotSliced, Sliced
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target
-from knotfab.verify.checks import refused
+from knotfab.verify.checks import verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["PICTURES", "ZOETROPE", "Written", "write_frame", "write_scene", "write_zoetrope"]
@@ -80,10 +80,10 @@ def write_frame(
             )
     except SceneError as error:
         scene = write_unbuilt(folder, made, [target], suffix)
-        verdict = refused(str(error))
+        verdict = verdict_without_part(str(error))
         return Written(frame, scene, made.knots, None, lambda: verdict)
     with progress.stage("part"):
-        scene = posed_scene(part)
+        scene = pose_scene(part)
         write_part(folder, part, scene, [target], request.colours, suffix)
     answer = verifier.submit(
         Files(
@@ -125,10 +125,10 @@ def write_zoetrope(folder: OutputFolder, frames: Sequence[Frame]) -> Zoetrope:
         SceneError: they make no one closed body.
     """
     scene = frames[0].made.scene
-    spun = zoetrope(
+    spun = build_zoetrope(
         [f.made.knots for f in frames], scene.printer.build_volume_mm, scene.piece.clearance_mm
     )
-    spun = replace(spun, mesh=as_written(spun.mesh))
+    spun = replace(spun, mesh=clean_body(spun.mesh))
     write_stl(folder.file(f"{ZOETROPE}.stl"), [spun.mesh])
     write_3mf(
         folder.file(f"{ZOETROPE}.3mf"),

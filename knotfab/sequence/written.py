@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from knotfab.scene.model import Scene
 
-__all__ = ["knot_in_scene"]
+__all__ = ["read_knot_in_scene"]
 
 
-def knot_in_scene(path: Path, scene: Scene) -> NDArray[np.float64]:
+def read_knot_in_scene(path: Path, scene: Scene) -> NDArray[np.float64]:
     """(n, 3) mm: the vertices of the one knot in knots.json, moved by the scene's pose.
 
     Raises:

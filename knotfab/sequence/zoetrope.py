@@ -22,7 +22,7 @@ from knotfab.knots import Knot, Knots
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["Zoetrope", "footholds", "zoetrope"]
+__all__ = ["Zoetrope", "build_zoetrope", "find_footholds"]
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
@@ -58,7 +58,7 @@ class Zoetrope:
     posts: tuple[int, ...]
 
 
-def footholds(points: Array, width: float, height: float) -> list[int]:
+def find_footholds(points: Array, width: float, height: float) -> list[int]:
     """Up to four vertices for posts: the lowest dips of the curve, spread out.
 
     Args:
@@ -75,7 +75,7 @@ def footholds(points: Array, width: float, height: float) -> list[int]:
     return chosen
 
 
-def zoetrope(
+def build_zoetrope(
     frames: Sequence[Knots],
     build_volume_mm: tuple[float, float, float],
     clearance_mm: float = 0.0,
@@ -178,7 +178,7 @@ def _standing(knots: Knots, ground: float) -> tuple[Manifold, int]:
     points = knot.points - np.array([0.0, ground, 0.0])
     body = _tube(Knot(points), radius)
     extent = np.ptp(points, axis=0)
-    chosen = footholds(points, float(max(extent[0], extent[2])), float(extent[1]))
+    chosen = find_footholds(points, float(max(extent[0], extent[2])), float(extent[1]))
     for i in chosen:
         x, y, z = (float(c) for c in points[i])
         post = Manifold.cylinder(y + radius, _POST * radius, _POST * radius, 24)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = ["SlicerWarning", "explained", "read_warnings"]
+__all__ = ["SlicerWarning", "explain_warning", "read_warnings"]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ _PROGRESS = re.compile(r"^\d+ => |^Slicing result exported to |^\[\d{4}-.*\[(tra
 _START = re.compile(r"^print(?:_object)? warning: ")
 
 
-def explained(text: str) -> SlicerWarning:
+def explain_warning(text: str) -> SlicerWarning:
     """`text` with what is known of it."""
     for pattern, explanation, settled in _KNOWN:
         if re.search(pattern, text):
@@ -93,4 +93,4 @@ def read_warnings(said: str) -> list[SlicerWarning]:
                 blocks[-1].append(line.strip())
             else:
                 blocks.append([line.strip()])
-    return [explained(text) for text in dict.fromkeys("\n".join(block) for block in blocks)]
+    return [explain_warning(text) for text in dict.fromkeys("\n".join(block) for block in blocks)]

@@ -9,7 +9,14 @@ from knotfab_validators.check import Check
 from knotfab_validators.names import KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
 from knotfab_validators.verdict import exit_code_of
 
-__all__ = ["CHECKS", "PRINTER_CHECKS", "exit_code", "explain_unprinted", "refused", "unmet"]
+__all__ = [
+    "CHECKS",
+    "PRINTER_CHECKS",
+    "exit_code",
+    "explain_unprinted",
+    "list_unmet",
+    "verdict_without_part",
+]
 
 Record = dict[str, Any]
 
@@ -40,7 +47,7 @@ def exit_code(checks: Iterable[Mapping[str, Any]]) -> int:
     return exit_code_of(states)
 
 
-def unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The required checks that did not pass: a skipped one proves nothing."""
     return [check for check in _known(checks) if check["required"] and check["status"] != "pass"]
 
@@ -52,7 +59,7 @@ def explain_unprinted(checks: Iterable[Record], skip: Collection[str]) -> None:
             check["detail"] = "checked with --print"
 
 
-def refused(why: str) -> Record:
+def verdict_without_part(why: str) -> Record:
     """The verdict on a piece of which no part could be made."""
     part = Check("part", "fail", True, None, None, "", why).to_dict()
     return {"status": "fail", "exit_code": 1, "checks": [part], "views": [], "seconds": {}}

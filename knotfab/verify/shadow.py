@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from knotfab.errors import InputError, MachineError
-from knotfab.verify.verifier import unreadable
+from knotfab.verify.verifier import explain_unreadable
 
 __all__ = ["render_shadow"]
 
@@ -54,7 +54,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     except CannotRender as error:
         raise MachineError("rendering", error.reason, error.remedy) from error
     except ValueError as error:
-        raise unreadable(str(error)) from error
+        raise explain_unreadable(str(error)) from error
     except OSError as error:
         why = f"it cannot be written ({error.strerror or error})"
         raise InputError(str(out), why, "Choose another place for --out.") from error

@@ -17,7 +17,7 @@ from typing import IO, Any, Literal, NoReturn
 from knotfab.errors import InputError, MachineError
 from knotfab.verify.checks import exit_code
 
-__all__ = ["Answer", "Files", "Verifier", "unreadable"]
+__all__ = ["Answer", "Files", "Verifier", "explain_unreadable"]
 
 NO_GRAPHICS = "--no-graphics"
 Half = Literal["geometry", "shadows"]
@@ -153,7 +153,7 @@ class _Child:
         except ValueError:
             self._crashed()
         if "error" in answer:
-            raise unreadable(str(answer["error"]))
+            raise explain_unreadable(str(answer["error"]))
         return answer
 
     def _crashed(self) -> NoReturn:
@@ -193,7 +193,7 @@ def _draw_failures(files: Files, checks: list[dict[str, Any]]) -> str | None:
     return str(files.failures) if drawn else None
 
 
-def unreadable(sentence: str) -> InputError:
+def explain_unreadable(sentence: str) -> InputError:
     """The error of the validators' `NAME: reason` about a file that they cannot read."""
     name, _, reason = sentence.partition(": ")
     if not reason:

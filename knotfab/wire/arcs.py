@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-__all__ = ["Sites", "Wire", "nearest_sites", "spaced_sites", "wire_jacobian", "wire_of"]
+__all__ = [
+    "Wire",
+    "WireSites",
+    "differentiate_wire",
+    "find_nearest_sites",
+    "round_corners",
+    "space_sites",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -39,7 +46,7 @@ class Wire:
         """Length along the centre line: straights, and arcs at the bend radius."""
         return float(self.straight.sum() + self.radius * self.turn.sum())
 
-    def at(self, sites: Sites) -> Array:
+    def at(self, sites: WireSites) -> Array:
         """The points (k, 3) at `sites`."""
         j, s = sites.piece, sites.share[:, None]
         following = np.roll(self.entry, -1, axis=0)
@@ -50,7 +57,7 @@ class Wire:
         )
         return np.asarray(np.where(sites.bend[:, None], arc, line))
 
-    def tangent(self, sites: Sites) -> Array:
+    def tangent(self, sites: WireSites) -> Array:
         """Unit directions (k, 3) along the wire at `sites`."""
         j = sites.piece
         angle = np.where(sites.bend, sites.share, 1.0)[:, None] * self.turn[j][:, None]
@@ -58,7 +65,7 @@ class Wire:
 
 
 @dataclass(frozen=True)
-class Sites:
+class WireSites:
     """Places on a wire: the number of the piece, whether its bend or its straight, and the share."""
 
     piece: Index  # (k,)
@@ -66,7 +73,7 @@ class Sites:
     share: Array  # (k,), 0 to 1 along that bend or straight
 
 
-def wire_of(corners: Array, radius: float) -> Wire:
+def round_corners(corners: Array, radius: float) -> Wire:
     """Round the corners (m, 3), m >= 3, of a closed polygon by one bend radius (mm)."""
     edge = np.roll(corners, -1, axis=0) - corners
     length = np.linalg.norm(edge, axis=1)
@@ -96,7 +103,7 @@ def wire_of(corners: Array, radius: float) -> Wire:
     )
 
 
-def nearest_sites(wire: Wire, points: Array, near: Index) -> tuple[Sites, Array]:
+def find_nearest_sites(wire: Wire, points: Array, near: Index) -> tuple[WireSites, Array]:
     """The place on the wire nearest to each of the points (k, 3), and the distance (k,).
 
     Args:
@@ -125,16 +132,16 @@ def nearest_sites(wire: Wire, points: Array, near: Index) -> tuple[Sites, Array]
         for is_bend, s in ((True, on_bend), (False, on_line)):
             if offset == 2 and not is_bend:
                 continue
-            sites = Sites(j, np.full(count, is_bend), s)
+            sites = WireSites(j, np.full(count, is_bend), s)
             distance = np.linalg.norm(wire.at(sites) - points, axis=1)
             closer = distance < best
             best = np.where(closer, distance, best)
             piece, share = np.where(closer, j, piece), np.where(closer, s, share)
             bend = np.where(closer, is_bend, bend)
-    return Sites(piece, bend, share), best
+    return WireSites(piece, bend, share), best
 
 
-def spaced_sites(wire: Wire, step: float) -> tuple[Sites, Array]:
+def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
     """Sites at most about `step` mm apart in order along the wire, and where along it (k,), mm."""
     pieces, bends, shares, along = [], [], [], []
     begun = 0.0
@@ -150,11 +157,11 @@ def spaced_sites(wire: Wire, step: float) -> tuple[Sites, Array]:
             shares.append(share)
             along.append(begun + share * length)
             begun += length
-    sites = Sites(np.concatenate(pieces), np.concatenate(bends), np.concatenate(shares))
+    sites = WireSites(np.concatenate(pieces), np.concatenate(bends), np.concatenate(shares))
     return sites, np.concatenate(along)
 
 
-def _colours(m: int) -> list[Index]:
+def _group_corners(m: int) -> list[Index]:
     """Corners in groups whose members are at least five apart around the wire."""
     if m < 10:
         return [np.array([j]) for j in range(m)]
@@ -163,7 +170,7 @@ def _colours(m: int) -> list[Index]:
     return groups + [np.array([j]) for j in range(whole, m)]
 
 
-def wire_jacobian(wire: Wire, sites: Sites) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+def differentiate_wire(wire: Wire, sites: WireSites) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """How points at `sites`, and the straights, follow the corners: (3 k, 3 m) and (m, 3 m).
 
     By central differences. A point of piece j depends on corners j - 1 to j + 2, so corners that
@@ -174,18 +181,18 @@ def wire_jacobian(wire: Wire, sites: Sites) -> tuple[sparse.csr_matrix, sparse.c
     rows, columns, values = [], [], []
     rows_s, columns_s, values_s = [], [], []
     number = np.arange(len(sites.piece))
-    for group in _colours(m):
+    for group in _group_corners(m):
         owner = np.full(m, -1)
         for shift in (-2, -1, 0, 1):
             owner[(group + shift) % m] = group
         hit = owner[sites.piece] >= 0
-        part = Sites(sites.piece[hit], sites.bend[hit], sites.share[hit])
+        part = WireSites(sites.piece[hit], sites.bend[hit], sites.share[hit])
         column, line_hit = owner[part.piece], np.flatnonzero(owner >= 0)
         for axis in range(3):
             shift_by = np.zeros_like(wire.corners)
             shift_by[group, axis] = step
-            plus = wire_of(wire.corners + shift_by, wire.radius)
-            minus = wire_of(wire.corners - shift_by, wire.radius)
+            plus = round_corners(wire.corners + shift_by, wire.radius)
+            minus = round_corners(wire.corners - shift_by, wire.radius)
             slope = (plus.at(part) - minus.at(part)) / (2 * step)
             for k in range(3):
                 rows.append(3 * number[hit] + k)

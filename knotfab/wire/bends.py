@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from knotfab.wire.arcs import Wire
 
-__all__ = ["Bend", "BendList", "bend_list", "tool_angle_deg"]
+__all__ = ["Bend", "BendList", "list_bends", "tool_angle_deg"]
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
     return bend_deg / (1.0 - springback_percent / 100.0)
 
 
-def bend_list(
+def list_bends(
     wire: Wire, straight: int, springback_percent: float, least_turn_deg: float = 0.05
 ) -> BendList:
     """The rows of a closed wire that starts and ends in the middle of a straight.

@@ -71,7 +71,7 @@ def read_bends(path: Path) -> BendList:
             continue
         key, _, value = line[1:].partition(":")
         if key.strip() in _PLACED:
-            placed[key.strip()] = np.array([_number(path, x) for x in value.split()])
+            placed[key.strip()] = np.array([_read_number(path, x) for x in value.split()])
     if set(placed) != set(_PLACED) or any(v.shape != (3,) for v in placed.values()):
         raise InputError(path.name, f"it does not say {', '.join(_PLACED)}", "Write it anew.")
     table = csv.DictReader(lines)
@@ -81,7 +81,7 @@ def read_bends(path: Path) -> BendList:
     for row in table:
         if None in row or None in row.values():
             raise InputError(path.name, f"row {row['index']} has too few or too many columns", "")
-        numbers = [_number(path, row[name]) for name in COLUMNS[1:-1]]
+        numbers = [_read_number(path, row[name]) for name in COLUMNS[1:-1]]
         distance, feed, rotation, bend, tool, radius = numbers
         if min(distance, feed, bend, radius) < 0:
             raise InputError(path.name, f"row {row['index']} holds a negative length or bend", "")
@@ -91,7 +91,7 @@ def read_bends(path: Path) -> BendList:
     return BendList(tuple(bends), placed["start_mm"], placed["direction"], placed["normal"])
 
 
-def _number(path: Path, text: str) -> float:
+def _read_number(path: Path, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

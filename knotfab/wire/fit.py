@@ -8,9 +8,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from knotfab.geometry.sampling import sample_evenly
-from knotfab.wire.arcs import Sites, Wire, wire_of
-from knotfab.wire.residual import FitLimits, Strand, distances
-from knotfab.wire.residual import residual as residual_of
+from knotfab.wire.arcs import Wire, WireSites, round_corners
+from knotfab.wire.residual import FitLimits, Strand, compute_residual, measure_distances
 
 __all__ = ["FitLimits", "fit_wires"]
 
@@ -77,7 +76,7 @@ def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> li
     strands = []
     for curve in curves:
         points = sample_evenly(curve, _STEP_MM, at_most=True)
-        scaled = _scaled(points, light, limits.depth_factor)
+        scaled = _flatten_depth(points, light, limits.depth_factor)
         index = _first_corners(points, scaled, 2.0 * limits.tolerance_mm)
         if len(index) < 3:
             index = np.arange(3) * (len(points) // 3)
@@ -107,10 +106,10 @@ def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> li
             strand.corners = corners + share * (aim - corners)
         if _judge(strands, light, limits)[0] <= best[0]:
             break
-    return [wire_of(s.corners, limits.bend_radius_mm) for s in strands]
+    return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
 
 
-def _scaled(points: Array, light: Array | None, factor: float) -> Array:
+def _flatten_depth(points: Array, light: Array | None, factor: float) -> Array:
     """The curve flattened along the light's axis, so that plain distances weigh depth less."""
     if light is None:
         return points
@@ -135,7 +134,7 @@ def _adjust(
         corners = [s.corners for s in strands]
         if number % 3 == 0:
             _reweight(strands, weights, light, limits, level)
-        residual, jacobian = residual_of(strands, corners, weights, light, limits, True)
+        residual, jacobian = compute_residual(strands, corners, weights, light, limits, True)
         assert jacobian is not None
         normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
         size, cost = normal.diagonal().mean(), float(residual @ residual)
@@ -146,7 +145,7 @@ def _adjust(
                 move = step[begun : begun + 3 * len(strand.corners)].reshape(-1, 3)
                 begun += 3 * len(strand.corners)
                 tried.append(strand.corners + move)
-            after, _ = residual_of(strands, tried, weights, light, limits, False)
+            after, _ = compute_residual(strands, tried, weights, light, limits, False)
             if np.isfinite(after).all() and float(after @ after) < cost:
                 for strand, moved in zip(strands, tried, strict=True):
                     strand.corners = moved
@@ -164,8 +163,8 @@ def _reweight(
 ) -> None:
     """More weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
     for number, strand in enumerate(strands):
-        wire = wire_of(strand.corners, limits.bend_radius_mm)
-        _, size = distances(strand, wire, light, limits)
+        wire = round_corners(strand.corners, limits.bend_radius_mm)
+        _, size = measure_distances(strand, wire, light, limits)
         if level:
             weights[number] = weights[number] * np.where(size > _NEAR_LIMIT, 4.0, 1.0)
             continue
@@ -179,8 +178,8 @@ def _judge(
     """How far the limits are missed: in all, by straights (mm) and bends (deg); number of bends."""
     excess, missing, bends = 0.0, 0.0, 0
     for strand in strands:
-        wire = wire_of(strand.corners, limits.bend_radius_mm)
-        _, size = distances(strand, wire, light, limits)
+        wire = round_corners(strand.corners, limits.bend_radius_mm)
+        _, size = measure_distances(strand, wire, light, limits)
         excess = max(excess, float(size.max()) - 1.0)
         missing = max(
             missing,
@@ -194,9 +193,9 @@ def _judge(
 
 def _settle(strand: Strand, limits: FitLimits) -> None:
     """Name anew the point of the curve that each corner stands for: the nearest to its bend."""
-    wire = wire_of(strand.corners, limits.bend_radius_mm)
+    wire = round_corners(strand.corners, limits.bend_radius_mm)
     m, n = len(strand.corners), len(strand.points)
-    middle = wire.at(Sites(np.arange(m), np.ones(m, dtype=bool), np.full(m, 0.5)))
+    middle = wire.at(WireSites(np.arange(m), np.ones(m, dtype=bool), np.full(m, 0.5)))
     left, right = np.roll(strand.index, 1), np.roll(strand.index, -1)
     found = np.empty(m, dtype=np.int64)
     for j in range(m):
@@ -211,8 +210,8 @@ def _settle(strand: Strand, limits: FitLimits) -> None:
 
 def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
     """Add corners where the wire is too far off, take out those between which nothing fits."""
-    wire = wire_of(strand.corners, limits.bend_radius_mm)
-    sites, size = distances(strand, wire, light, limits)
+    wire = round_corners(strand.corners, limits.bend_radius_mm)
+    sites, size = measure_distances(strand, wire, light, limits)
     m, n = len(strand.corners), len(strand.points)
     turn = np.rad2deg(wire.turn)
     needed = 2.0 * limits.min_straight_mm
@@ -269,7 +268,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
             corners.append(strand.corners[j])
             index.append(here)
         if j in add and span > 6:
-            at = Sites(np.array([j]), np.array([False]), np.array([add[j]]))
+            at = WireSites(np.array([j]), np.array([False]), np.array([add[j]]))
             corners.append(wire.at(at)[0])
             index.append(here + round(add[j] * span))
     strand.corners, strand.index = _in_order(np.array(corners), np.array(index), n)

@@ -12,7 +12,7 @@ from shapely import MultiPolygon
 from knotfab.scene.model import Material, View
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["WireFrame", "wire_frame"]
+__all__ = ["WireFrame", "measure_frame"]
 
 Mask = NDArray[np.bool_]
 
@@ -51,7 +51,7 @@ class WireFrame:
         return check.to_dict()
 
 
-def wire_frame(mask: Mask, view: View, material: Material) -> WireFrame:
+def measure_frame(mask: Mask, view: View, material: Material) -> WireFrame:
     """How much of the silhouette strands as thick as the wire can fill at most.
 
     Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the

@@ -16,16 +16,16 @@ from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
     Deviation,
     Sensitivity,
-    deviation,
-    least_distance,
-    replayed,
-    sensitivity,
+    measure_deviation,
+    measure_least_distance,
+    measure_sensitivity,
+    replay,
 )
 
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "wire_checks"]
+__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_wire"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -154,22 +154,22 @@ class Judge:
 
     def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
         """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
-        lines = [replayed(p)[0] for p in plans]
+        lines = [replay(p)[0] for p in plans]
         lights = [s.geometry.light for s in self.shadows]
         knots = tuple(
-            _measured(names[k], plan, lines[k], self.curves[k], lights, hidden[k])
+            _measure_knot(names[k], plan, lines[k], self.curves[k], lights, hidden[k])
             for k, plan in enumerate(plans)
         )
         closed = [line[:-1] for line in lines]
         ious = {s.view.name: s.iou(closed) for s in self.shadows}
-        least = least_distance(closed, self.material.wire_diameter_mm)
-        checks = wire_checks(
+        least = measure_least_distance(closed, self.material.wire_diameter_mm)
+        checks = check_wire(
             knots, self.material, self.tolerance, self.depth_factor, ious, self.floor, least
         )
         return Verdict(knots, ious, least, checks)
 
 
-def _measured(
+def _measure_knot(
     name: str, plan: BendList, line: Array, curve: Array, lights: Sequence[Array], hidden: bool
 ) -> WireKnot:
     """What one file gives, beside the knot that it stands for."""
@@ -179,17 +179,17 @@ def _measured(
         file=name,
         length_mm=plan.length_mm,
         bends=len(bent),
-        deviation=deviation(curve, line[:-1], lights),
+        deviation=measure_deviation(curve, line[:-1], lights),
         closing_mm=float(np.linalg.norm(line[-1] - line[0])),
         shortest_straight_mm=min([r.feed_mm for r in bent[1:]] + [joint]),
         largest_bend_deg=max((r.bend_deg for r in bent), default=0.0),
         joint_straight_mm=joint,
         joint_hidden=hidden,
-        sensitivity=sensitivity(plan),
+        sensitivity=measure_sensitivity(plan),
     )
 
 
-def wire_checks(
+def check_wire(
     found: tuple[WireKnot, ...],
     material: Material,
     tolerance: float,
@@ -198,7 +198,7 @@ def wire_checks(
     floor: float,
     least: float,
 ) -> tuple[dict[str, Any], ...]:
-    """The checks of a replayed plan, in the report's form."""
+    """The checks of a plan that was bent again, in the report's form."""
     from knotfab_validators.check import at_least, at_most
 
     view = min(ious, key=lambda name: ious[name])

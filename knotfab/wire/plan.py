@@ -16,13 +16,13 @@ from knotfab.errors import InputError
 from knotfab.knots import Knots
 from knotfab.scene.model import Material, Scene
 from knotfab.wire.arcs import Wire
-from knotfab.wire.bends import BendList, bend_list
+from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
-from knotfab.wire.frame import WireFrame, wire_frame
+from knotfab.wire.frame import WireFrame, measure_frame
 from knotfab.wire.judge import Judge, ViewShadow, WireKnot, cast_shadows
-from knotfab.wire.replay import replayed
-from knotfab.wire.template_pdf import drawings_of, write_templates
+from knotfab.wire.replay import replay
+from knotfab.wire.template_pdf import draw_views, write_templates
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
@@ -102,7 +102,7 @@ def write_bending_plan(
     Args:
         folder: where the files go. knots: in scene coordinates. scene: with its views' frames
             and its material resolved. pictures: the file that each view's shadow is compared with.
-        iou_floor: required of the replayed wire's shadow in each view; the scene's, less `IOU_LOSS`, by
+        iou_floor: required of the bent wire's shadow in each view; the scene's, less `IOU_LOSS`, by
             default.
         tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
         depth_factor: how much more is allowed along the rays of a single view.
@@ -150,7 +150,7 @@ def write_bending_plan(
         wires = fit_wires(curves, light, limits)
         joints = [_choose_joint(wire, shadows) for wire in wires]
         rows = [
-            bend_list(wire, cut, material.springback_percent)
+            list_bends(wire, cut, material.springback_percent)
             for wire, (cut, _) in zip(wires, joints, strict=True)
         ]
         hidden = [h for _, h in joints]
@@ -167,16 +167,16 @@ def write_bending_plan(
         tolerances = f"{tolerance:g} mm across the light's rays, {along}"
     total = sum(r.length_mm for r in best[1])
     for name, row in zip(names, best[1], strict=True):
-        header = _header(name, row, material, total, tolerances)
+        header = _write_header(name, row, material, total, tolerances)
         write_bends(folder / name, row, header)
     # from here on only what the files say
     plans = [read_bends(folder / name) for name in names]
     verdict = judge.of(plans, names, best[2])
-    lines = [replayed(p) for p in plans]
+    lines = [replay(p) for p in plans]
     drawings = [
         d
         for k, (line, begins) in enumerate(lines)
-        for d in drawings_of(
+        for d in draw_views(
             "wire" if len(lines) == 1 else f"wire {k + 1}",
             line,
             begins,
@@ -185,7 +185,7 @@ def write_bending_plan(
             material.wire_diameter_mm,
         )
     ]
-    facts = _facts(verdict.knots, material, tolerance)
+    facts = _list_facts(verdict.knots, material, tolerance)
     pages = {}
     for key, paper in PAPERS.items():
         path = folder / f"bending-templates-{key}.pdf"
@@ -193,13 +193,13 @@ def write_bending_plan(
             path, paper, drawings, facts, "print at 100 %, not fitted to the page"
         )
     length = sum(k.length_mm for k in verdict.knots)
-    frames = [wire_frame(s.mask, s.view, material) for s in shadows]
+    frames = [measure_frame(s.mask, s.view, material) for s in shadows]
     frame = min(frames, key=lambda f: f.most_iou)
     return WirePlan(
         files=(*names, *pages),
         knots=verdict.knots,
         length_mm=length,
-        mass_g=_mass(length, material),
+        mass_g=_weigh(length, material),
         ious=verdict.ious,
         least_distance_mm=verdict.least_distance_mm,
         tolerance_mm=tolerance,
@@ -209,7 +209,7 @@ def write_bending_plan(
     )
 
 
-def _mass(length_mm: float, material: Material) -> float:
+def _weigh(length_mm: float, material: Material) -> float:
     area = np.pi * (0.5 * material.wire_diameter_mm) ** 2
     return float(length_mm * area * 1e-3 * material.density_g_cm3)
 
@@ -236,7 +236,7 @@ def _choose_joint(wire: Wire, shadows: Sequence[ViewShadow]) -> tuple[int, bool]
     return int(np.where(good, wire.straight, -np.inf).argmax()), True
 
 
-def _header(
+def _write_header(
     name: str,
     rows: BendList,
     material: Material,
@@ -256,12 +256,12 @@ def _header(
     }
 
 
-def _facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) -> list[str]:
+def _list_facts(found: tuple[WireKnot, ...], material: Material, tolerance: float) -> list[str]:
     """What the templates' first page says."""
     length = sum(k.length_mm for k in found)
     lines = [
         f"{material.name}: {material.wire_diameter_mm:g} mm wire, {length:.0f} mm in all, "
-        f"{sum(k.bends for k in found)} bends, {_mass(length, material):.0f} g",
+        f"{sum(k.bends for k in found)} bends, {_weigh(length, material):.0f} g",
         f"Bend about a pin of {material.tool_radius_mm:g} mm radius; the wire springs back by "
         f"{material.springback_percent:g} %.",
         "",

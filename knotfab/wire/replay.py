@@ -15,10 +15,10 @@ from knotfab.wire.bends import BendList
 __all__ = [
     "Deviation",
     "Sensitivity",
-    "deviation",
-    "least_distance",
-    "replayed",
-    "sensitivity",
+    "measure_deviation",
+    "measure_least_distance",
+    "measure_sensitivity",
+    "replay",
 ]
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _WINDOW = 30  # samples
 
 
-def replayed(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
+def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
     """The centre line that the rows give, from the start to the other end.
 
     Carries a frame along: `t` the direction of the wire and `n` the side it bends to. A rotation
@@ -39,7 +39,7 @@ def replayed(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tup
     """
     at = rows.start.copy()
     points, begins = [at], []
-    for row, (t, n) in zip(rows.bends, _frames(rows), strict=True):
+    for row, (t, n) in zip(rows.bends, _carry_frames(rows), strict=True):
         pieces = max(1, int(np.ceil(row.feed_mm / step_mm)))
         points += [at + t * (row.feed_mm * (k + 1) / pieces) for k in range(pieces)]
         at = points[-1]
@@ -53,7 +53,7 @@ def replayed(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tup
     return np.array(points), np.array(begins).reshape(-1, 3)
 
 
-def _frames(rows: BendList) -> list[tuple[Array, Array]]:
+def _carry_frames(rows: BendList) -> list[tuple[Array, Array]]:
     """For each row the direction of its straight, and the side that it then bends to."""
     t, n = rows.direction, rows.normal
     found = []
@@ -83,7 +83,9 @@ class Deviation:
     at: tuple[float, float, float]  # on the first curve
 
 
-def deviation(curve: Array, other: Array, lights: Sequence[Array], step: float = 0.1) -> Deviation:
+def measure_deviation(
+    curve: Array, other: Array, lights: Sequence[Array], step: float = 0.1
+) -> Deviation:
     """Distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
 
     Points answer to about the same share of the way around, so that another strand that passes
@@ -97,8 +99,8 @@ def deviation(curve: Array, other: Array, lights: Sequence[Array], step: float =
     # start both at the same place: the point of the first that is nearest to where the other begins
     shift = int(((first - second[0]) ** 2).sum(axis=1).argmin())
     first = np.roll(first, -shift, axis=0)
-    there = _nearest(first, second)
-    back = _nearest(second, first)
+    there = _find_nearest(first, second)
+    back = _find_nearest(second, first)
     gaps = np.concatenate([second[there] - first, second - first[back]])
     places = np.concatenate([first, first[back]])
     size = np.linalg.norm(gaps, axis=1)
@@ -117,7 +119,7 @@ def deviation(curve: Array, other: Array, lights: Sequence[Array], step: float =
     )
 
 
-def _nearest(points: Array, others: Array) -> NDArray[np.int64]:
+def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
     """For each point the nearest of `others` at about the same share of the way around.
 
     The share becomes a circle in two more dimensions, wide enough that a strand elsewhere is farther
@@ -137,7 +139,7 @@ def _nearest(points: Array, others: Array) -> NDArray[np.int64]:
     return np.asarray(window[np.arange(len(points)), best], dtype=np.int64)
 
 
-def least_distance(curves: list[Array], diameter: float, step: float = 0.25) -> float:
+def measure_least_distance(curves: list[Array], diameter: float, step: float = 0.25) -> float:
     """Least distance (mm) of centre lines where they are different strands.
 
     Two places of one curve count as different strands when the way between them along the wire is
@@ -176,10 +178,10 @@ class Sensitivity:
     typical: float
 
 
-def sensitivity(rows: BendList) -> Sensitivity:
+def measure_sensitivity(rows: BendList) -> Sensitivity:
     """Movement of the wire's far end for errors of one degree in bend angles."""
-    points, begins = replayed(rows)
-    pairs = zip(rows.bends, _frames(rows), strict=True)
+    points, begins = replay(rows)
+    pairs = zip(rows.bends, _carry_frames(rows), strict=True)
     axes = np.array([np.cross(t, n) for row, (t, n) in pairs if row.bend_deg > 0])
     arms = np.linalg.norm(np.cross(axes.reshape(-1, 3), points[-1] - begins), axis=1)
     moved = arms * np.deg2rad(1.0)

@@ -9,9 +9,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from knotfab.wire.arcs import Sites, Wire, nearest_sites, spaced_sites, wire_jacobian, wire_of
+from knotfab.wire.arcs import (
+    Wire,
+    WireSites,
+    differentiate_wire,
+    find_nearest_sites,
+    round_corners,
+    space_sites,
+)
 
-__all__ = ["FitLimits", "Strand", "distances", "residual", "weighted"]
+__all__ = ["FitLimits", "Strand", "compute_residual", "measure_distances", "weigh_depth"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,7 +62,7 @@ class Strand:
         return np.asarray(number % len(self.index))
 
 
-def weighted(offsets: Array, points: Array, light: Array | None, depth_factor: float) -> Array:
+def weigh_depth(offsets: Array, points: Array, light: Array | None, depth_factor: float) -> Array:
     """Offsets (k, 3) with their part along the light's ray through each point divided."""
     if light is None:
         return offsets
@@ -65,16 +72,16 @@ def weighted(offsets: Array, points: Array, light: Array | None, depth_factor: f
     return np.asarray(offsets - (1.0 - 1.0 / depth_factor) * along)
 
 
-def distances(
+def measure_distances(
     strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
-) -> tuple[Sites, Array]:
+) -> tuple[WireSites, Array]:
     """Where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
-    sites, _ = nearest_sites(wire, strand.points, strand.near())
-    gap = weighted(wire.at(sites) - strand.points, strand.points, light, limits.depth_factor)
+    sites, _ = find_nearest_sites(wire, strand.points, strand.near())
+    gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light, limits.depth_factor)
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
 
 
-def residual(
+def compute_residual(
     strands: list[Strand],
     corners: list[Array],
     weights: list[Array],
@@ -84,26 +91,28 @@ def residual(
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Weighted distances, straights too short and contacts, and how they follow the corners."""
     offsets = np.cumsum([0] + [3 * len(c) for c in corners])
-    wires = [wire_of(c, limits.bend_radius_mm) for c in corners]
+    wires = [round_corners(c, limits.bend_radius_mm) for c in corners]
     residuals: list[Array] = []
     rows: list[sparse.spmatrix] = []
     for number, (strand, wire) in enumerate(zip(strands, wires, strict=True)):
-        sites, _ = nearest_sites(wire, strand.points, strand.near())
+        sites, _ = find_nearest_sites(wire, strand.points, strand.near())
         along = wire.tangent(sites)
         scale = np.sqrt(weights[number]) / strand.tolerance
         # sliding along the wire is free
-        metric = _metric(strand.points, along, light, limits.depth_factor) * scale[:, None, None]
+        metric = (
+            _make_metric(strand.points, along, light, limits.depth_factor) * scale[:, None, None]
+        )
         gap = wire.at(sites) - strand.points
         residuals.append(np.einsum("kij,kj->ki", metric, gap).ravel())
         short = limits.min_straight_mm + _STRAIGHT_MARGIN_MM - wire.straight
         late = short > 0
         residuals.append(np.where(late, _STIFF_STRAIGHT * short, 0.0))
         if with_jacobian:
-            jacobian, straights = wire_jacobian(wire, sites)
-            rows.append(_place(_block_diagonal(metric) @ jacobian, offsets, number))
+            jacobian, straights = differentiate_wire(wire, sites)
+            rows.append(_put_in_columns(_join_blocks(metric) @ jacobian, offsets, number))
             push = sparse.diags(np.where(late, -_STIFF_STRAIGHT, 0.0)) @ straights
-            rows.append(_place(push, offsets, number))
-    contact, contact_rows = _contacts(wires, offsets, limits, with_jacobian)
+            rows.append(_put_in_columns(push, offsets, number))
+    contact, contact_rows = _push_apart(wires, offsets, limits, with_jacobian)
     residuals.append(contact)
     if not with_jacobian:
         return np.concatenate(residuals), None
@@ -112,7 +121,7 @@ def residual(
     return np.concatenate(residuals), sparse.vstack(rows).tocsr()
 
 
-def _metric(points: Array, along: Array, light: Array | None, factor: float) -> Array:
+def _make_metric(points: Array, along: Array, light: Array | None, factor: float) -> Array:
     """(k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     if light is None:
@@ -122,26 +131,26 @@ def _metric(points: Array, along: Array, light: Array | None, factor: float) -> 
     return np.asarray((np.eye(3) - (1 - 1 / factor) * ray[:, :, None] * ray[:, None, :]) @ across)
 
 
-def _block_diagonal(blocks: Array) -> sparse.csr_matrix:
+def _join_blocks(blocks: Array) -> sparse.csr_matrix:
     n = len(blocks)
     return sparse.csr_matrix(
         sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
     )
 
 
-def _place(block: sparse.spmatrix, offsets: Index, number: int) -> sparse.csr_matrix:
+def _put_in_columns(block: sparse.spmatrix, offsets: Index, number: int) -> sparse.csr_matrix:
     """A strand's block in the columns of all strands."""
     left = sparse.csr_matrix((block.shape[0], int(offsets[number])))
     right = sparse.csr_matrix((block.shape[0], int(offsets[-1] - offsets[number + 1])))
     return sparse.hstack([left, block, right]).tocsr()
 
 
-def _contacts(
+def _push_apart(
     wires: list[Wire], offsets: Index, limits: FitLimits, with_jacobian: bool
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Residuals that push apart strands nearer than the wire's diameter."""
     least = limits.wire_diameter_mm + _GAP_MM
-    sampled = [spaced_sites(w, 0.5 * limits.wire_diameter_mm) for w in wires]
+    sampled = [space_sites(w, 0.5 * limits.wire_diameter_mm) for w in wires]
     points = [w.at(s) for w, (s, _) in zip(wires, sampled, strict=True)]
     owner = np.concatenate([np.full(len(p), k) for k, p in enumerate(points)])
     along = np.concatenate([a for _, a in sampled])
@@ -165,7 +174,7 @@ def _contacts(
         return push, None
     jacobian = sparse.vstack(
         [
-            _place(wire_jacobian(w, s)[0], offsets, k)
+            _put_in_columns(differentiate_wire(w, s)[0], offsets, k)
             for k, (w, (s, _)) in enumerate(zip(wires, sampled, strict=True))
         ]
     ).tocsr()

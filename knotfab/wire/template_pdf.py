@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.drawing.pages import Paper, Tile, facts_page, tile_page, tiles_of, write_pages
+from knotfab.drawing.pages import Paper, Tile, draw_facts, draw_tile, lay_tiles, write_pages
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Drawing", "drawings_of", "write_templates"]
+__all__ = ["WireDrawing", "draw_views", "write_templates"]
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _BEFORE = "bend"  # the ruler is measured
 
 
 @dataclass(frozen=True)
-class Drawing:
+class WireDrawing:
     """One view of one wire, in its own plane (mm): lines to draw at full size.
 
     `labels` are written beside the places of the bends (number, and how far that place stands in
@@ -44,26 +44,26 @@ class Drawing:
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def drawings_of(
+def draw_views(
     name: str, line: Array, begins: Array, right: Array, up: Array, diameter: float
-) -> tuple[Drawing, Drawing]:
+) -> tuple[WireDrawing, WireDrawing]:
     """Front view (as seen from the light, without perspective) and side view (from the right).
 
     Args:
-        line: (k, 3) the replayed wire. begins: (m, 3) where its bends begin.
+        line: (k, 3) the wire, bent again. begins: (m, 3) where its bends begin.
         right, up: (3,) unit axes of someone at the light. In the side view the light is at the left.
     """
     towards = np.cross(right, up)
     base = float((line @ towards).min())
     depth = begins @ towards - base
-    front = Drawing(
+    front = WireDrawing(
         f"{name}, front",
         np.column_stack([line @ right, line @ up]),
         np.column_stack([begins @ right, begins @ up]),
         tuple(f"{k} ({d:.1f})" for k, d in enumerate(depth, start=1)),
         diameter,
     )
-    side = Drawing(
+    side = WireDrawing(
         f"{name}, side",
         np.column_stack([-(line @ towards), line @ up]),
         np.column_stack([-(begins @ towards), begins @ up]),
@@ -74,7 +74,7 @@ def drawings_of(
 
 
 def write_templates(
-    path: pathlib.Path, paper: Paper, drawings: list[Drawing], facts: list[str], note: str
+    path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str], note: str
 ) -> int:
     """One PDF whose pages print at full size (100 %, no fitting to the page).
 
@@ -84,25 +84,25 @@ def write_templates(
     Returns:
         The number of pages.
     """
-    tiles = [(d, t) for d in drawings for t in tiles_of(d.box, paper)]
+    tiles = [(d, t) for d in drawings for t in lay_tiles(d.box, paper)]
     total = 1 + len(tiles)
 
     def pages() -> Iterator[Figure]:
         title = "Bending templates, full size"
-        yield facts_page(paper, title, facts, f"page 1 of {total}", _BEFORE)
+        yield draw_facts(paper, title, facts, f"page 1 of {total}", _BEFORE)
         for number, (drawing, tile) in enumerate(tiles, start=2):
-            yield _tile(paper, drawing, tile, f"page {number} of {total}", note)
+            yield _draw_wire_tile(paper, drawing, tile, f"page {number} of {total}", note)
 
     return write_pages(path, "Bending templates at full size", pages())
 
 
-def _tile(paper: Paper, drawing: Drawing, tile: Tile, page: str, note: str) -> Figure:
+def _draw_wire_tile(paper: Paper, drawing: WireDrawing, tile: Tile, page: str, note: str) -> Figure:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
     from matplotlib.textpath import TextPath
 
-    count = len(tiles_of(drawing.box, paper))
-    figure, axes, shift, window = tile_page(paper, tile, count, page, drawing.title, note, _BEFORE)
+    count = len(lay_tiles(drawing.box, paper))
+    figure, axes, shift, window = draw_tile(paper, tile, count, page, drawing.title, note, _BEFORE)
     line = drawing.line + np.array(shift)
     # the wire at its true thickness: a line's width is in points
     point = 72.0 / 25.4

@@ -350,6 +350,7 @@ def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Pa
     assert row.placed is not False, (row.away_mm, row.within_mm, row.said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", GOOD[::4], ids=lambda case: case.name)
 def test_a_good_part_is_not_rejected(case: Good, tmp_path: Path) -> None:
     row = judge_case(case, tmp_path)

@@ -55,6 +55,7 @@ def test_knots_alone_must_reach_their_radius() -> None:
     assert measured.measured == pytest.approx(40.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_limits_come_from_the_scene() -> None:
     tight = scene(piece={"clearance_mm": 80.0}, material={"min_bend_radius_mm": 50.0})
     checks = run(None, knot(), tight)

@@ -19,6 +19,8 @@ from knotfab_validators.validate import validate
 from knotfab_validators.verdict import Verdict
 
 needs_rendering = pytest.mark.skipif(why_no_rendering() is not None, reason="no rendering here")
+pytestmark = pytest.mark.slow  # each draws and measures a whole part
+
 PIXELS = (900, 780)
 VIEW = PlainView(frame_width_mm=150.0, frame_height_mm=130.0, wall_tilt_deg=15.0, azimuth_deg=30.0)
 RADIUS = 3.0

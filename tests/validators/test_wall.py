@@ -42,6 +42,7 @@ def run(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_every_module_loads_behind_the_wall() -> None:
     assert {"validate", "tube.thickness", "mesh.surface_checks", "__main__"} <= set(MODULES)
     code = f"for name in {MODULES!r}: importlib.import_module('knotfab_validators.' + name)\n"
@@ -87,6 +88,7 @@ def test_importing_the_package_is_light() -> None:
     assert done.stdout.strip() == "False", done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "order",
     [

@@ -57,6 +57,7 @@ def test_hostile_files_get_one_sentence(file: Hostile, tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} <= {file.name, "failures.png"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", range(8))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
     for seed in range(60 * block, 60 * (block + 1)):

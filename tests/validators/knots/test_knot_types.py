@@ -374,6 +374,7 @@ def test_one_curve_is_not_linked() -> None:
     assert found.detail == "there is only one closed curve"
 
 
+@pytest.mark.slow
 def test_a_link_that_cannot_be_told_is_skipped_and_required() -> None:
     one, other = np.random.default_rng(0).normal(size=(2, 700, 3))
     kind, linking = knot_checks(curves(one, other))
@@ -418,6 +419,7 @@ def test_open_curves_are_left_out() -> None:
     assert not knot_checks(alone)[0].required and knot_types(alone).knots == ()
 
 
+@pytest.mark.slow
 def test_large_knots_end_in_time_and_say_so() -> None:
     rng = np.random.default_rng(3)
     steps = rng.normal(size=(10_000, 3))

@@ -187,6 +187,7 @@ def test_the_places_where_polygons_touch_and_where_they_are_nearest() -> None:
     assert nearest_approach(above, below) == pytest.approx([0, 0, 3], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_spent_budget_ends_the_work_and_not_the_truth() -> None:
     rest = reduce_polygons([trefoil(400)], budget=Budget(2000))
     assert 20 < rest.vertices <= 400 and determinant(rest.polygons[0]) == 3

@@ -67,6 +67,7 @@ def test_a_part_is_not_accepted_without_the_second_opinion(monkeypatch: pytest.M
     assert check.status == "skipped" and check.required and "libGL" in check.detail
 
 
+@pytest.mark.slow
 def test_a_heap_of_faces_is_refused_without_counting_all_pairs() -> None:
     rng = np.random.default_rng(0)
     heap = Mesh(rng.normal(size=(18000, 3)), np.arange(18000).reshape(-1, 3))

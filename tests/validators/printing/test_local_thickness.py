@@ -113,6 +113,7 @@ def test_a_slot_is_a_gap_and_a_crease_is_none() -> None:
     assert run(Mesh(notch.vertices, notch.faces[~walls]))["gap"].measured == "none"
 
 
+@pytest.mark.slow
 def test_where_a_tube_enters_a_plate_there_is_a_crease_and_no_gap() -> None:
     from manifold3d import Manifold, Mesh64
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from examples.corpus.thicknesses import ThicknessRow, convergence_rows, thickness_rows
 
@@ -15,6 +16,7 @@ def test_every_polygon_has_its_exact_thickness() -> None:
     assert not ThicknessRow("not a number", 3, 1.0, float("nan")).holds
 
 
+@pytest.mark.slow
 def test_sampled_curves_converge_at_the_order_of_the_sampling() -> None:
     rows = convergence_rows()
     assert [row for row in rows if not row.holds] == []

@@ -7,7 +7,6 @@ from functools import cache
 import manifold3d
 import numpy as np
 import pytest
-from test_mount_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
@@ -17,6 +16,7 @@ from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.mount_matter import tube_vertices
+from tests.mount.test_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
 
 CURVE = ONE.knots[0].points
 GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]
@@ -63,6 +63,7 @@ def outline(view: VerifiedView) -> float:
     return view.outline_px
 
 
+@pytest.mark.slow
 def test_the_stand_is_no_fault_of_the_outline() -> None:
     view = verified(on_a_stand())
     assert outline(view) < 0.5
@@ -74,6 +75,7 @@ def test_the_stand_is_no_fault_of_the_outline() -> None:
     assert view.framed.iou == pytest.approx(own / (own + view.intrusion * 1024**2), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_mm", [0.3, -0.3, 1.5])
 def test_a_displaced_tube_is_found(by_mm: float) -> None:
     """Its shadow moves by 1.2 / 0.176 pixels a millimetre."""

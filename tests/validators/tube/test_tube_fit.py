@@ -59,6 +59,7 @@ def straight(n: int, length: float = 60.0) -> tuple[Array, Mesh]:
     return line, Mesh(vertices, faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [2, 3, 200])
 def test_open_curves_may_have_flat_ends_and_long_faces(points: int) -> None:
     line, mesh = straight(points)
@@ -133,6 +134,7 @@ def test_a_dent_or_blister_is_refused_with_its_place(vertices: int) -> None:
         assert np.linalg.norm(np.array(check.at[0]) - place) < 1.5 * RADIUS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_limit_is_four_percent_of_the_radius(sign: int) -> None:
     line, mesh = straight(100)
@@ -157,6 +159,7 @@ def test_a_thin_thick_or_shifted_tube_is_refused(factor: float, shift: float) ->
     assert check_tube(wrong, knots(TREFOIL)).status == "fail"
 
 
+@pytest.mark.slow
 def test_a_flat_side_between_right_vertices_is_found() -> None:
     """Six sides: every vertex is right, and the middles of the faces are 13 % too deep."""
     six = Mesh(*tube(TREFOIL, RADIUS, 6))

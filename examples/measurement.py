@@ -1,0 +1,196 @@
+"""What the studies share: pictures as files and as questions, builds as processes of their own, time."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+if TYPE_CHECKING:
+    from knotfab.design.question import Question
+
+__all__ = [
+    "STOPPED",
+    "Built",
+    "Stopwatch",
+    "build_apart",
+    "failed_checks",
+    "make_folder",
+    "paint_comparison",
+    "read_question",
+    "read_report",
+    "save_pictures",
+]
+
+STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
+_POLL_S = 0.1
+
+
+class Stopwatch:
+    """Seconds since it was made: on the wall and of this process's CPUs, of its children's since then."""
+
+    def __init__(self) -> None:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+        self._children = _children_s()
+
+    @property
+    def wall_s(self) -> float:
+        return time.perf_counter() - self._wall
+
+    @property
+    def cpu_s(self) -> float:
+        return time.process_time() - self._cpu
+
+    @property
+    def children_s(self) -> float:
+        """CPU seconds of the child processes that have ended since."""
+        return _children_s() - self._children
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def make_folder(asked: Path | None, name: str) -> Path:
+    """The folder that was asked for, or a new temporary one; it exists."""
+    folder = asked or Path(tempfile.mkdtemp(prefix=f"knotfab-{name}-"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def save_pictures(
+    drawn: Mapping[str, Image.Image], folder: Path, names: Iterable[str] = ()
+) -> dict[str, Path]:
+    """Write the pictures that are named (all, where none is) into `folder`; their files by name."""
+    asked = set(names)
+    files = {}
+    for name, image in drawn.items():
+        if not asked or name in asked:
+            files[name] = folder / f"{name.replace(' ', '-')}.png"
+            image.save(files[name])
+    return files
+
+
+def read_question(picture: str | Path | Image.Image) -> Question:
+    """What a search is asked for one picture in the default scene."""
+    # torch takes seconds to load, and what only runs other commands has no use for it
+    from knotfab.design.question import ask
+    from knotfab.scene.model import Scene
+    from knotfab.target.read import read_target
+
+    if not isinstance(picture, Image.Image):
+        return ask(Scene(), [read_target(picture)])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.png"
+        picture.save(path)
+        return ask(Scene(), [read_target(path)])
+
+
+@dataclass(frozen=True)
+class Built:
+    """What came of `knotfab build` in a process of its own."""
+
+    code: int  # exit code; STOPPED where the limit was up
+    wall_s: float
+    cpu_s: float  # of the build and its children
+    peak_mb: float  # resident memory, all its processes together
+    report: dict[str, Any] | None  # of the folder or of its `rejected`; none was written where None
+    said: str  # on stderr, or else on stdout
+
+    @property
+    def clear(self) -> bool:
+        """Whether it ended as a build may: with 0, or with 1 or 2 and a sentence and no traceback."""
+        told = self.code == 0 or bool(self.said)
+        return self.code in (0, 1, 2) and told and "Traceback" not in self.said
+
+
+def build_apart(picture: Path, out: Path, *options: str, limit_s: float | None = None) -> Built:
+    """Build `picture` with --print and `options` into `out`; it is killed after `limit_s`."""
+    call = [sys.executable, "-m", "knotfab", "build", str(picture)]
+    call += ["--print", "--out", str(out), "--quiet", *options]
+    watch, peak = Stopwatch(), 0.0
+    # files and not pipes: a pipe that nobody reads while the memory is polled would fill up
+    with tempfile.TemporaryFile("w+") as told, tempfile.TemporaryFile("w+") as errors:
+        child = subprocess.Popen(call, stdout=told, stderr=errors, text=True)
+        while child.poll() is None:
+            peak = max(peak, _resident_mb(child.pid))
+            if limit_s is not None and watch.wall_s > limit_s:
+                _stop(child)
+                said = f"still at work after {limit_s:.0f} s"
+                return Built(STOPPED, watch.wall_s, watch.children_s, peak, None, said)
+            time.sleep(_POLL_S)
+        wall_s = watch.wall_s
+        errors.seek(0)
+        told.seek(0)
+        said = errors.read().strip() or told.read().strip()
+    code = child.returncode
+    # beside a rejected build an earlier good one may stand
+    report = read_report(out if code == 0 else out / "rejected")
+    return Built(code, wall_s, watch.children_s, peak, report, said)
+
+
+def _stop(child: subprocess.Popen[str]) -> None:
+    """End a build, which tidies up when it is asked to and is given 10 s for it."""
+    child.terminate()
+    try:
+        child.wait(10.0)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def _resident_mb(root: int) -> float:
+    """Resident memory of a process and all its descendants, MB."""
+    parents: dict[int, int] = {}
+    sizes: dict[int, float] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+            except OSError:
+                continue  # it has just ended
+            parents[int(entry.name)] = int(fields[1])
+            sizes[int(entry.name)] = int(fields[21]) * resource.getpagesize() / 2**20
+    total = 0.0
+    for process in parents:
+        ancestor = process
+        while ancestor in parents and ancestor != root:
+            ancestor = parents[ancestor]
+        if ancestor == root:
+            total += sizes[process]
+    return total
+
+
+def read_report(out: Path) -> dict[str, Any] | None:
+    """The report in a build's folder, or else of the rejected build in it; None where there is neither."""
+    for folder in (out, out / "rejected"):
+        if (folder / "report.json").is_file():
+            report: dict[str, Any] = json.loads((folder / "report.json").read_text())
+            return report
+    return None
+
+
+def failed_checks(report: Mapping[str, Any]) -> list[str]:
+    """The names of the checks that failed."""
+    return [check["name"] for check in report["checks"] if check["status"] == "fail"]
+
+
+def paint_comparison(seen: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(H, W, 3) a shadow over its target: black where both are, red too much, blue missing."""
+    picture = np.full((*wanted.shape, 3), 255, dtype=np.uint8)
+    picture[seen & wanted] = (40, 40, 40)
+    picture[seen & ~wanted] = (210, 50, 40)
+    picture[~seen & wanted] = (70, 120, 220)
+    return picture

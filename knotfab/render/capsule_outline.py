@@ -1,0 +1,175 @@
+"""The silhouette of a capsule in closed form: two ellipses and the quadrilateral of their common tangents.
+
+Paper, section 3.3 and supplement, "Equation of Projection of Cylinder". The tangents from the vanishing
+point to both ellipses are the traces of the two planes through the eye that touch the cylinder. Those
+planes are found in space, so a vanishing point at infinity (ends of equal depth) or an upright
+tangent is a case like any other. The three shapes together are convex: their common support
+function is the larger of the two ellipses' (see `knotfab.render.ellipse`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from knotfab.render.ellipse import Ellipses, nearest_normal, project_spheres, support, support_point
+
+__all__ = [
+    "Outlines",
+    "clip_segments",
+    "contact_corners",
+    "outline_capsules",
+    "outline_distance",
+    "tangent_normals",
+]
+
+_TINY = 1e-30
+_GRAZING = 1e-12  # of 1 - (r / h)^2: below it the eye is taken to be in the cylinder
+
+
+def clip_segments(
+    a: Tensor,  # [n, 3] camera coordinates
+    b: Tensor,  # [n, 3]
+    radius: float,
+    near: float,
+    far: float,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Segments cut to where their spheres lie wholly beyond `near` and their centres before `far`.
+
+    Returns the ends of those that are left and their indices [m]. Differentiable. A sphere that reached
+    the eye's own plane would have an unbounded silhouette.
+    """
+    low = near + radius
+    z, change = a[:, 2], b[:, 2] - a[:, 2]
+    flat = change.abs() <= 1e-9 * low
+    slope = torch.where(flat, torch.ones_like(change), change)
+    first, last = (low - z) / slope, (far - z) / slope
+    enter = torch.where(flat, 0.0, torch.minimum(first, last)).clamp(0.0, 1.0)[:, None]
+    leave = torch.where(flat, 1.0, torch.maximum(first, last)).clamp(0.0, 1.0)[:, None]
+    seen = (torch.maximum(z, z + change) >= low) & (torch.minimum(z, z + change) <= far)
+    index = seen.nonzero()[:, 0]
+    enter, leave, start, way = enter[index], leave[index], a[index], (b - a)[index]
+    # where nothing is cut the ends are left untouched, to the last bit
+    one = torch.where(enter > 0, start + enter * way, start)
+    two = torch.where(leave < 1, start + leave * way, b[index])
+    return _at_least(one, low), _at_least(two, low), index
+
+
+def _at_least(points: Tensor, low: float) -> Tensor:
+    """Points whose rounding put them before the clipping depth, put back on it."""
+    return torch.cat([points[:, :2], points[:, 2:].clamp_min(low)], -1)
+
+
+def tangent_normals(
+    a: Tensor,  # [n, 3]
+    b: Tensor,  # [n, 3]
+    radius: float,
+) -> tuple[Tensor, Tensor]:
+    """The two planes through the eye that touch the cylinder about a-b: unit normals and whether they exist.
+
+    Returns [2, n, 3] normals, pointing to the axis (n . a = n . b = r), and [n] bool: not where the segment
+    has no length or the eye is inside the endless cylinder, so that one ellipse holds the other. Not
+    differentiable.
+    """
+    with torch.no_grad():
+        way = b - a
+        length = torch.linalg.vector_norm(way, dim=-1, keepdim=True)
+        along = way / length.clamp_min(_TINY)
+        aside = a - (a * along).sum(-1, keepdim=True) * along
+        height = torch.linalg.vector_norm(aside, dim=-1, keepdim=True)
+        foot = aside / height.clamp_min(_TINY)
+        ratio = radius / height.clamp_min(_TINY)
+        square = 1 - ratio * ratio
+        exist = ((length > _TINY) & (square > _GRAZING))[:, 0]
+        across = square.clamp_min(0.0).sqrt() * torch.linalg.cross(along, foot)
+        return torch.stack([ratio * foot + across, ratio * foot - across]), exist
+
+
+def contact_corners(
+    a: Tensor,  # [n, 3]
+    b: Tensor,  # [n, 3]
+    radius: float,
+    focal_z: float,
+) -> tuple[Tensor, Tensor]:
+    """The quadrilateral: corners [n, 4, 2] P1, P2 (on a's ellipse), P4, P3 (on b's) and whether it exists.
+
+    Not differentiable. The corners are the images of the lines in which the planes touch the cylinder.
+    """
+    normals, exist = tangent_normals(a, b, radius)
+    one, two = (ends - radius * normals for ends in (a, b))
+    points = torch.stack([one[0], one[1], two[1], two[0]], 1)
+    return focal_z * points[..., :2] / points[..., 2:].clamp_min(_TINY), exist
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """What the distance to the silhouettes of n capsules needs, without gradient."""
+
+    a: Tensor  # [n, 3]
+    b: Tensor  # [n, 3]
+    first: Ellipses
+    second: Ellipses
+    tangents: Tensor  # [2, n, 2] outward unit normals of the tangents, where they exist
+    exist: Tensor  # [n]
+
+    def at(self, index: Tensor) -> Outlines:
+        """Those of `index`, in its order."""
+        return Outlines(
+            self.a[index],
+            self.b[index],
+            self.first.at(index),
+            self.second.at(index),
+            self.tangents[:, index],
+            self.exist[index],
+        )
+
+
+def outline_capsules(a: Tensor, b: Tensor, radius: float, focal_z: float) -> Outlines:
+    """The silhouettes of capsules a-b [n, 3] wholly in front of the eye; spheres where a = b."""
+    with torch.no_grad():
+        a, b = a.detach(), b.detach()
+        normals, exist = tangent_normals(a, b, radius)
+        flat = normals[..., :2]
+        size = torch.linalg.vector_norm(flat, dim=-1, keepdim=True)
+        return Outlines(
+            a,
+            b,
+            project_spheres(a, radius, focal_z),
+            project_spheres(b, radius, focal_z),
+            -flat / size.clamp_min(_TINY),
+            exist & (size > _TINY).all(0)[:, 0],
+        )
+
+
+def outline_distance(
+    shape: Outlines,  # of n capsules
+    q: Tensor,  # [n, 2] on the image plane
+    radius: float,
+    focal_z: float,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Signed distance [n] (positive inside), its direction u [n, 2] and the share t [n] of b's end in it.
+
+    Not differentiable: the gradient is that of (1 - t) h_a(u) + t h_b(u) with u and t held.
+
+    The minimiser of max(h_a, h_b) - u . q is the normal at the nearest point of either ellipse, or that of
+    a tangent. Any other u gives a larger value, so a poor candidate does no harm.
+    """
+    with torch.no_grad():
+        one, two = nearest_normal(shape.first, q), nearest_normal(shape.second, q)
+        lines = torch.where(shape.exist[:, None], shape.tangents, one)
+        u = torch.stack([one, two, lines[0], lines[1]])
+        reach_a, reach_b = (support(u, p, radius, focal_z) for p in (shape.a, shape.b))
+        s, best = (torch.maximum(reach_a, reach_b) - (u * q).sum(-1)).min(0)
+        rows = torch.arange(len(q), device=q.device)
+        u = u[best, rows]
+        share = (reach_b > reach_a)[best, rows].to(q.dtype)
+        # on a tangent both ends hold the outline, by where q's foot lies between the points of contact
+        on_a, on_b = (support_point(u, p, radius, focal_z) for p in (shape.a, shape.b))
+        ux, uy = u.unbind(-1)
+        span = (on_b - on_a)[:, 1] * ux - (on_b - on_a)[:, 0] * uy
+        foot = (q - on_a)[:, 1] * ux - (q - on_a)[:, 0] * uy
+        between = (foot / torch.where(span.abs() > _TINY, span, 1.0)).clamp(0.0, 1.0)
+        line = (best >= 2) & shape.exist & (span.abs() > _TINY)
+        return s, u, torch.where(line, between, share)

@@ -1,0 +1,222 @@
+"""Images by the distance to outlines in the image plane: sigmoid(tau S), of ellipses or of capsules.
+
+Paper, section 3.3: at each pixel S is the largest signed distance of all primitives. The product draws by
+ray distance (`knotfab.render.tiled`); both have the same silhouette. sigmoid(tau S) grows with S, so a
+pixel needs its winning primitive alone. It is found on squares of pixels that are halved again and again:
+a signed distance changes by at most the distance moved, so its value in a square's middle bounds it all
+over the square. `render_outlines_dense` asks every primitive at every pixel, and is the other's oracle.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from knotfab.render.capsule_outline import (
+    Outlines,
+    clip_segments,
+    outline_capsules,
+    outline_distance,
+)
+from knotfab.render.ellipse import support
+
+__all__ = [
+    "REACH",
+    "Pinhole",
+    "render_outlines",
+    "render_outlines_dense",
+    "signed_distance",
+    "winners",
+]
+
+REACH = 16.0  # pixels with tau S below minus this are empty: sigmoid(-16) is 1e-7
+_SQUARES = 256  # at most, on the first level
+_EMPTY = -1e9
+_TINY = 1e-30
+
+Won = tuple[Tensor, Tensor]  # flat pixels and their primitives, as in the call
+
+
+class Pinhole(Protocol):
+    """What these images need of a camera: x right, y down, z away from the eye, any unit of length."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def focal(self) -> tuple[float, float, float]:
+        """Half the picture's width and height on the image plane, and the plane's depth."""
+        ...
+
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    def local(self, points: Tensor) -> Tensor:
+        """[..., 3] world -> [..., 3] camera coordinates."""
+        ...
+
+    def plane(self, u: Tensor, v: Tensor) -> Tensor:
+        """[...] pixel columns and rows -> [..., 2] points of the image plane."""
+        ...
+
+    def half_diagonal(self, pixels: int) -> float:
+        """How far the centres of a square of so many pixels lie from its middle, on the plane."""
+        ...
+
+
+def winners(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor,  # [n, 3]
+    camera: Pinhole,
+    radius: float,
+    reach: float,
+) -> Won:
+    """(pixel [m], primitive [m]): the pixels with S > -reach, and which primitive is the largest there.
+
+    Not differentiable. Capsules start-end; spheres where they are the same points.
+    """
+    with torch.no_grad():
+        a, b, index = clip_segments(
+            camera.local(starts), camera.local(ends), radius, camera.near, camera.far
+        )
+        shape = outline_capsules(a, b, radius, camera.focal[2])
+        width, height = camera.width, camera.height
+        size = 1
+        while -(-width // size) * -(-height // size) > _SQUARES:
+            size *= 2
+        columns, rows = -(-width // size), -(-height // size)
+        squares = torch.arange(columns * rows, device=a.device).repeat_interleave(len(index))
+        kind = torch.arange(len(index), device=a.device).repeat(columns * rows)
+        u, v = squares % columns * size, squares // columns * size
+        while True:
+            keep = _may_win(shape, kind, u, v, size, camera, reach)
+            kind, u, v = kind[keep], u[keep], v[keep]
+            if size == 1:
+                break
+            size //= 2
+            kind = kind.repeat(4)
+            u = torch.cat([u, u + size, u, u + size])
+            v = torch.cat([v, v, v + size, v + size])
+        q = camera.plane(u.to(a.dtype), v.to(a.dtype))
+        s, _, _ = outline_distance(shape.at(kind), q, radius, camera.focal[2])
+        pixel = v * width + u
+        best = torch.full((width * height,), -reach, dtype=a.dtype, device=a.device)
+        best.scatter_reduce_(0, pixel, s, "amax")
+        first = torch.full((width * height,), len(index), dtype=torch.long, device=a.device)
+        won = s == best[pixel]
+        # of equals the first, so that the result has one order
+        first.scatter_reduce_(0, pixel[won], kind[won], "amin")
+        pixel = ((first < len(index)) & (best > -reach)).nonzero()[:, 0]
+        return pixel, index[first[pixel]]
+
+
+def _may_win(
+    shape: Outlines,
+    kind: Tensor,
+    u: Tensor,
+    v: Tensor,
+    size: int,
+    camera: Pinhole,
+    reach: float,
+) -> Tensor:
+    """[m] which (square, primitive) pairs may hold a winner: inside the image and not surely beaten.
+
+    An outline holds the flat capsule about its ellipses' middles with the smallest half axis, and lies in
+    the one with the largest.
+    """
+    half = 0.5 * (size - 1)
+    q = camera.plane(u.to(shape.a.dtype) + half, v.to(shape.a.dtype) + half)
+    start, way = shape.first.middle, shape.second.middle - shape.first.middle
+    square = (way * way).sum(-1).clamp_min(_TINY)
+    least = torch.minimum(shape.first.minor, shape.second.minor)[kind]
+    most = torch.maximum(shape.first.major, shape.second.major)[kind]
+    x, y = (q - start[kind]).unbind(-1)
+    ex, ey = way[kind].unbind(-1)
+    t = ((x * ex + y * ey) / square[kind]).clamp_(0.0, 1.0)
+    away = torch.hypot(x - t * ex, y - t * ey)
+    slack = camera.half_diagonal(size) + 1e-6 * (1.0 + most)
+    low, high = least - away - slack, most - away + slack
+    columns = -(-camera.width // size)
+    rows = -(-camera.height // size)
+    inside = (u < camera.width) & (v < camera.height)
+    square_of = torch.where(inside, v // size * columns + u // size, columns * rows)
+    best = torch.full((columns * rows + 1,), -reach, dtype=q.dtype, device=q.device)
+    best.scatter_reduce_(0, square_of, low, "amax")
+    return inside & (high >= best[square_of])
+
+
+def signed_distance(
+    starts: Tensor,  # [m, 3] world
+    ends: Tensor,  # [m, 3]
+    q: Tensor,  # [m, 2] on the image plane
+    camera: Pinhole,
+    radius: float,
+) -> Tensor:
+    """[m] signed distance of q to the silhouettes of capsules (spheres where start = end), positive inside.
+
+    In the image plane's unit; exact. Differentiable with respect to the points: an exact gradient, or a
+    subgradient where two places of the outline are equally near. -1e9 for what is clipped away.
+    """
+    a, b, index = clip_segments(
+        camera.local(starts), camera.local(ends), radius, camera.near, camera.far
+    )
+    focal_z = camera.focal[2]
+    _, u, share = outline_distance(
+        outline_capsules(a, b, radius, focal_z), q[index], radius, focal_z
+    )
+    one, two = support(u, a, radius, focal_z), support(u, b, radius, focal_z)
+    s = (1 - share) * one + share * two - (u * q[index]).sum(-1)
+    empty = torch.full((len(q),), _EMPTY, dtype=q.dtype, device=q.device)
+    return empty.index_put((index,), s)
+
+
+def render_outlines(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
+    camera: Pinhole,
+    radius: float,
+    tau: float,
+    reach: float = REACH,
+    won: Won | None = None,
+) -> Tensor:
+    """[height, width] the image of capsules start-end, or of spheres, up to sigmoid(-reach).
+
+    Differentiable with respect to the points. `tau` is per unit of the image plane. `won` takes the winners
+    of an earlier call: a lower bound of the image, exact wherever the winner is still the same.
+    """
+    b = starts if ends is None else ends
+    if won is None:
+        won = winners(starts, b, camera, radius, reach / tau)
+    pixel, kind = won
+    u, v = (pixel % camera.width).to(starts.dtype), (pixel // camera.width).to(starts.dtype)
+    s = signed_distance(starts[kind], b[kind], camera.plane(u, v), camera, radius)
+    image = torch.zeros(camera.width * camera.height, dtype=starts.dtype, device=starts.device)
+    image = image.index_put((pixel,), torch.sigmoid(tau * s))
+    return image.reshape(camera.height, camera.width)
+
+
+def render_outlines_dense(
+    starts: Tensor,  # [n, 3] world
+    ends: Tensor | None,  # [n, 3]; None: the ellipse renderer
+    camera: Pinhole,
+    radius: float,
+    tau: float,
+    pixels_at_once: int = 512,
+) -> Tensor:
+    """[height, width] the same image from every primitive at every pixel; slow."""
+    b = starts if ends is None else ends
+    count, n = camera.width * camera.height, len(starts)
+    parts = []
+    for first in range(0, count, pixels_at_once):
+        pixel = torch.arange(first, min(count, first + pixels_at_once), device=starts.device)
+        u, v = (pixel % camera.width).to(starts.dtype), (pixel // camera.width).to(starts.dtype)
+        q = camera.plane(u, v).repeat_interleave(n, 0)
+        s = signed_distance(
+            starts.repeat(len(pixel), 1), b.repeat(len(pixel), 1), q, camera, radius
+        )
+        parts.append(torch.sigmoid(tau * s).reshape(len(pixel), n).amax(1))
+    return torch.cat(parts).reshape(camera.height, camera.width)

@@ -1,0 +1,455 @@
+"""The command line: every wrong call is one sentence and an exit code, and nothing is left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import knotfab, picture, small_disk, square
+from PIL import Image
+
+import knotfab as package
+from knotfab import pipeline
+from knotfab.cli.app import app
+from knotfab.errors import InputError, MachineError
+from knotfab.options import BUILD_EXAMPLES, BuildOptions
+from knotfab.read_options import read_seconds
+from knotfab.verify.verifier import Files, Verifier
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
+BOMB = (
+    '<?xml version="1.0"?><!DOCTYPE s [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;">]>'
+    '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64"><text>&b;</text></svg>'
+)
+BAD_PICTURES = {
+    "missing.png": "there is no such file",
+    "folder": "it is a directory",
+    "words.png": "it is not a picture",
+    "cut.png": "damaged or cut short",
+    "outside.svg": "refers to something outside the file",
+    "bomb.svg": "entity",
+    "white.png": "all one colour",
+    "black.png": "all one colour",
+    "one.png": "less than 16 on a side",
+    "speck.png": "too little to be drawn",
+    "checker.png": "no outline",
+    "empty.png": "the file is empty",
+}
+BAD_SCENES = {
+    "[piece]\ntube_radius = 3\n": "Did you mean 'tube_radius_mm'",
+    '[piece]\ntube_radius_mm = "3 inch"\n': "in millimetres, without unit",
+    "[piece]\nclearance_mm = -1\n": "must be a number not less than 0",
+    "[piece]\ntube_radius_mm = nan\n": "must be a finite number",
+    "[piece\n": "not valid TOML",
+    "[search]\niterations = 10\n": "there is no such setting",
+    "schema = 2\n": "must be 1",
+}
+BAD_CALLS = [
+    (["--bogus"], "Unknown option"),
+    (["--accuracy", "superb"], "Choose from"),
+    (["--time-budget", "abc"], "not a positive time. Give seconds"),
+    (["--time-budget", "-3"], "not a positive time"),
+    (["--font", "DejaVu Serif"], "no picture is one"),
+    (["--printer", "nonsense"], "no such printer"),
+    (["--tube-radius", "0"], "Give millimetres"),
+    (["--tube-radius", "thick"], "not a positive number"),
+    (["--depth", "9999"], "towards the light"),
+    (["--knots", "0"], "neither auto nor a number"),
+    (["--seed", "-1"], "negative"),
+    (["--seed", "abc"], "unable to convert"),
+    (["--skip", "everything"], "Known: shadow-render"),
+    (["--mount", "rope"], "Choose from"),
+    (["--out"], "requires an argument"),
+]
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with every picture that is none, and one that is."""
+    folder = tmp_path_factory.mktemp("bad")
+    (folder / "folder").mkdir()
+    (folder / "words.png").write_text("I am no picture.\n")
+    (folder / "empty.png").write_bytes(b"")
+    good = picture(folder / "good.png", square())
+    (folder / "cut.png").write_bytes(good.read_bytes()[:-40])
+    outside = '<image href="https://example.org/a.png" width="9" height="9"/>'
+    (folder / "outside.svg").write_text(SVG.format(outside))
+    (folder / "bomb.svg").write_text(BOMB)
+    blank = np.zeros((64, 64), dtype=bool)
+    picture(folder / "white.png", blank)
+    picture(folder / "black.png", ~blank)
+    picture(folder / "one.png", np.ones((1, 1), dtype=bool))
+    speck = np.full((64, 64), 255, dtype=np.uint8)
+    speck[30, 30] = 100  # a piece that covers less than this one pixel
+    Image.fromarray(speck).save(folder / "speck.png")
+    picture(folder / "checker.png", np.indices((128, 128)).sum(axis=0) % 2 == 1)
+    return folder
+
+
+def refused(code: int, *arguments: str | Path) -> str:
+    """The one line that a wrong call leaves on stderr."""
+    done = knotfab(*arguments)
+    assert done.code == code, done
+    assert done.out == ""
+    assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1, done.err
+    assert done.err.rstrip()[-1] not in ":,;"
+    return done.err
+
+
+@pytest.mark.parametrize(("name", "why"), BAD_PICTURES.items())
+def test_bad_pictures(bad: Path, tmp_path: Path, name: str, why: str) -> None:
+    said = refused(2, "build", bad / name, "--out", tmp_path / "a" / "out")
+    assert name in said and why in said
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_picture_too_fine_for_any_printable_tube(tmp_path: Path) -> None:
+    lines = np.zeros((256, 256), dtype=bool)
+    lines[100:156:16, 8:248] = True  # strokes of 0.7 mm, and the thinnest tube is 1.6 mm
+    out = tmp_path / "out"
+    out.mkdir()
+    said = refused(
+        1, "build", picture(tmp_path / "f.png", lines), "--out", out, "--accuracy", "draft"
+    )
+    assert "too fine for any printable tube" in said
+    assert list(out.iterdir()) == []
+
+
+@pytest.mark.parametrize(("text", "why"), BAD_SCENES.items())
+def test_bad_scenes(bad: Path, tmp_path: Path, text: str, why: str) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text)
+    for picture_ in ([bad / "good.png"], []):
+        if "search" in text and not picture_:
+            continue
+        said = refused(2, "build", *picture_, "--scene", scene, "--out", tmp_path / "out")
+        assert why in said
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+@pytest.mark.parametrize("scene", ["missing.toml", "folder", "good.png"])
+def test_what_is_no_scene(bad: Path, tmp_path: Path, scene: str) -> None:
+    said = refused(2, "build", bad / "good.png", "--scene", bad / scene, "--out", tmp_path / "out")
+    assert scene in said
+
+
+@pytest.mark.parametrize(("options", "why"), BAD_CALLS)
+def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) -> None:
+    where = ["--out", str(tmp_path / "out")] if options != ["--out"] else []
+    assert why in refused(2, "build", bad / "good.png", *where, *options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("30", 30.0), ("30s", 30.0), ("90sec", 90.0), ("2 seconds", 2.0), ("1m", 60.0),
+        ("1.5min", 90.0), (".5 minutes", 30.0), ("1m30s", 90.0), ("1h 5 min", 3900.0), ("2H", 7200.0),
+    ],
+)  # fmt: skip
+def test_times(text: str, seconds: float) -> None:
+    assert read_seconds(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "s", "0", "0min", "-3", "nan", "inf", "1:30", "1m 30", "5 parsecs", "1.2.3s", "m5"]
+)
+def test_what_is_no_time(text: str) -> None:
+    with pytest.raises(InputError, match=r"--time-limit .*not a positive time"):
+        read_seconds(text, "--time-limit")
+
+
+@pytest.mark.parametrize(
+    ("options", "in_scene", "printing"),
+    [
+        ([], "", False),
+        (["--print"], "", True),
+        (["--mount", "wall"], "", True),
+        (["--mount", "stand"], "", True),
+        (["--mount", "none"], "", False),
+        ([], "stand", True),  # a scene that a build wrote gives the same part again
+        (["--mount", "none"], "stand", False),
+    ],
+)
+def test_a_mount_is_printed(
+    bad: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    in_scene: str,
+    printing: bool,
+) -> None:
+    asked: list[pipeline.Request] = []
+
+    def build(request: pipeline.Request, progress: object) -> None:
+        asked.append(request)
+        raise InputError("the test", "it has seen enough", "Go on")
+
+    monkeypatch.setattr(pipeline, "build", build)
+    if in_scene:
+        scene = tmp_path / "scene.toml"
+        scene.write_text(f'[mount]\nkind = "{in_scene}"\n')
+        options = [*options, "--scene", str(scene)]
+    refused(2, "build", bad / "good.png", "--out", tmp_path / "out", *options)
+    assert [request.printing for request in asked] == [printing]
+
+
+def test_a_font_is_for_text(bad: Path, tmp_path: Path) -> None:
+    call = ("build", "text:R", "--out", tmp_path / "out", "--font")
+    assert "no font of that name" in refused(2, *call, "No Such Family At All")
+    assert "no font file" in refused(2, *call, bad / "words.png")
+
+
+def test_no_picture_and_two_pictures(bad: Path, tmp_path: Path) -> None:
+    assert "no picture" in refused(2, "build", "--out", tmp_path / "out")
+    good = bad / "good.png"
+    call = ("build", good, good, "--out", tmp_path / "out", "--depth", "flat")
+    assert "several views" in refused(2, *call)
+
+
+def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:
+    call = ["build", bad / "good.png", "--out", tmp_path / "out", "--tube-radius", "0.1"]
+    assert "at least 0.8 mm" in refused(1, *call)
+
+
+def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a CUDA device")
+    call = ["build", bad / "good.png", "--out", tmp_path / "out", "--device", "cuda"]
+    assert "no CUDA device" in refused(3, *call)
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "/proc/nope"])
+def test_an_output_folder_that_cannot_be_written(bad: Path, tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").write_text("in the way")
+    said = refused(2, "build", bad / "good.png", "--out", tmp_path / place)
+    assert "--out" in said and str(tmp_path / place) in said
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.fixture
+def full_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a disk of 64 KiB without a free byte, and one file of its own."""
+    with small_disk(tmp_path / "disk", "64k") as disk:
+        (disk / "mine").write_bytes(b"x" * 65536)
+        yield disk
+
+
+def test_a_full_disk_is_noticed_before_the_work(bad: Path, full_disk: Path) -> None:
+    said = refused(3, "build", bad / "good.png", "--out", full_disk)
+    assert "the disk is full" in said and "Free some space" in said
+    assert [p.name for p in full_disk.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("call", "code", "why"),
+    [
+        (["validate"], 2, "nothing to validate"),
+        (["validate", "missing"], 2, "no such file"),
+        (["validate", "folder"], 2, "no part.stl"),
+        (["validate", "words.png"], 2, "words.png"),
+        (["validate", "--knots", "words.png"], 2, "is not JSON"),
+        (["validate", "--knots", "words.png", "--skip", "all"], 2, "no such check"),
+        (["shadow", "words.stl", "--scene", "empty.toml", "--out", "x.png"], 2, "words.stl"),
+        (["shadow", "missing.stl", "--scene", "empty.toml", "--out", "x.png"], 2, "missing.stl"),
+        (["shadow", "words.stl", "--scene", "empty.toml", "--out", "x.jpg"], 2, "PNG"),
+        (["shadow"], 2, "requires an argument"),
+        (["nonsense"], 2, "Unknown command"),
+    ],
+)
+def test_wrong_calls_of_the_others(
+    bad: Path, monkeypatch: pytest.MonkeyPatch, call: list[str], code: int, why: str
+) -> None:
+    (bad / "words.stl").write_text("I am no part.\n")
+    (bad / "empty.toml").write_text("schema = 1\n")
+    monkeypatch.chdir(bad)
+    before = sorted(bad.iterdir())
+    assert why in refused(code, *call)
+    assert sorted(bad.iterdir()) == before
+
+
+def test_help() -> None:
+    done = knotfab("--help")
+    assert (done.code, done.err) == (0, "")
+    for word in ("Exit codes", "0 ", "1 ", "2 ", "3 ", "130", "build", "validate", "shadow"):
+        assert word in done.out
+    done = knotfab("build", "--help")
+    assert done.code == 0
+    for field in fields(BuildOptions):
+        assert f"--{field.name.strip('_').replace('_', '-')} " in done.out
+    groups = [done.out.index(f"─ {name} ─") for name in ("Picture", "Piece", "Print", "Search")]
+    assert groups == sorted(groups)
+
+
+def test_the_examples_of_the_help_are_calls() -> None:
+    lines = [line for line in BUILD_EXAMPLES.splitlines() if line.startswith("knotfab ")]
+    assert len(lines) > 5
+    for line in lines:
+        words = shlex.split(line.split("   ")[0])
+        command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
+        assert command.__name__ == "build"
+        assert bound.args or "--scene" in words or "--sequence" in words
+
+
+def test_version() -> None:
+    done = knotfab("--version")
+    assert (done.code, done.out.strip(), done.err) == (0, package.__version__, "")
+
+
+@pytest.mark.slow
+def test_doctor_reports_and_an_example_of_what_is_missing() -> None:
+    done = knotfab("doctor")
+    assert done.code in (0, 3) and "torch" in done.out and done.err == ""
+    assert (done.code == 3) == ("missing " in done.out)
+
+
+def child_of(process: int) -> list[int]:
+    """Process numbers of the children."""
+    found = []
+    for task in Path(f"/proc/{process}/task").iterdir():
+        found += [int(p) for p in (task / "children").read_text().split()]
+    return found
+
+
+def gone(process: int) -> bool:
+    try:
+        return "zombie" in Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return True
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs the process table of Linux")
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_in_the_middle_of_the_search(tmp_path: Path, asked: signal.Signals) -> None:
+    """By Ctrl-C or kill: code 130, the earlier result as it was, no folder and no process left over."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "part.stl").write_text("earlier")
+    call = [sys.executable, "-m", "knotfab", "build", "text:♥", "--tube-radius", "2.5"]
+    build = subprocess.Popen(
+        [*call, "--accuracy", "fine", "--verbose", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert build.stderr is not None
+        said = ""
+        for line in build.stderr:
+            said += line
+            if line.startswith("template:"):
+                break
+        else:
+            pytest.fail(f"no search began: {said}")
+        time.sleep(0.3)
+        children = child_of(build.pid)
+        assert children, "the verifier was to start before the search"
+        assert len(list(out.iterdir())) == 2  # the earlier part, and the hidden folder
+        for _ in range(6):  # Python drops one that arrives while it frees something: press again
+            build.send_signal(asked)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                printed, err = build.communicate(timeout=15)
+                break
+    finally:
+        build.kill()
+    assert build.returncode == 130
+    assert printed == "" and "Traceback" not in err
+    assert "knotfab: interrupted; nothing was changed" in err
+    assert [p.name for p in out.iterdir()] == ["part.stl"]
+    assert (out / "part.stl").read_text() == "earlier"
+    assert all(gone(p) for p in children)
+
+
+@pytest.mark.parametrize(
+    ("script", "how"),
+    [
+        ("kill -SEGV $$", "SIGSEGV"),
+        ("echo 'loading GL'; kill -ABRT $$", "SIGABRT"),
+        ("echo 'ImportError: no GL' >&2; exit 1", "exit code 1 (ImportError: no GL)"),
+    ],
+)
+def test_a_verifier_that_dies_is_a_lack_of_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, how: str
+) -> None:
+    crashing = tmp_path / "python"
+    crashing.write_text(f"#!/bin/sh\nulimit -c 0\n{script}\n")
+    crashing.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(crashing))
+    knots = tmp_path / "knots.json"
+    knots.write_text("{}")
+    said = refused(3, "validate", "--knots", knots)
+    assert how in said and "--skip shadow-render" in said
+
+
+def test_the_verifier_answers_for_files_that_cannot_be_read(tmp_path: Path) -> None:
+    bad = tmp_path / "knots.json"
+    bad.write_text("{}")
+    with Verifier({"shadow-render"}) as verifier:
+        answer = verifier.submit(Files(None, bad))
+        with pytest.raises(InputError, match=r"knots\.json"):
+            answer.result()
+
+
+def test_a_verifier_answers_for_several_pieces_and_ends_what_is_not_done(tmp_path: Path) -> None:
+    """Each in its turn, whatever became of the one before; nothing of it is left."""
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    bad.write_text("{}")
+    good.write_text(
+        json.dumps({"schema": 1, "unit": "mm", "knots": [{"closed": True, "points": ring()}]})
+    )
+    with Verifier(shadows=False) as verifier:
+        answers = [verifier.submit(Files(None, path)) for path in (bad, good, good)]
+        with pytest.raises(InputError):
+            answers[0].result()
+        first, second = (answer.result() for answer in answers[1:])
+        assert first["checks"] == second["checks"] and first["exit_code"] == 0
+        skipped = verifier.submit(Files(None, good), ["thickness"]).result()
+        assert {c["name"]: c["status"] for c in skipped["checks"]}["thickness"] == "skipped"
+        pending = [verifier.submit(Files(None, good)) for _ in range(50)]
+    assert pending[-1].halves[0].cancelled()
+
+
+def ring(n: int = 200, size: float = 20.0) -> list[list[float]]:
+    t = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([size * np.cos(t), size * np.sin(t), np.zeros(n)]).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("radius", "status", "code"), [(2.0, "pass", 0), (19.9, "pass", 0), (20.1, "fail", 1)]
+)
+def test_validate_knows_a_ring_by_its_knots_alone(
+    tmp_path: Path, radius: float, status: str, code: int
+) -> None:
+    """The polygonal thickness of a regular polygon is its inradius."""
+    path = tmp_path / "knots.json"
+    knot = {"closed": True, "type": "unknot", "points": ring()}
+    path.write_text(json.dumps({"schema": 1, "unit": "mm", "radius_mm": radius, "knots": [knot]}))
+    done = knotfab("validate", "--knots", path, "--json")
+    answer = json.loads(done.out)
+    assert (done.code, answer["status"], done.err) == (code, status, "")
+    checks = {c["name"]: c for c in answer["checks"]}
+    assert set(checks["thickness"]) >= {"name", "status", "measured", "limit", "unit", "detail"}
+    assert checks["thickness"]["status"] == status
+    assert checks["thickness"]["measured"] == pytest.approx(20.0 * np.cos(np.pi / 200), rel=1e-11)
+    assert checks["thickness"]["limit"] == radius
+    plain = knotfab("validate", "--knots", path)
+    assert plain.code == code and "thickness" in plain.out
+
+
+def test_every_error_of_a_crash_names_its_exit_code() -> None:
+    assert (InputError.exit_code, MachineError.exit_code) == (2, 3)

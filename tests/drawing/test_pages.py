@@ -1,0 +1,77 @@
+"""Pages at full size: tiles cover a drawing, and what they share lies in the same place on both."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knotfab.drawing.pages import (
+    OVERLAP_MM,
+    PAPERS,
+    Tile,
+    draw_facts,
+    draw_tile,
+    lay_tiles,
+    write_pages,
+)
+
+
+@pytest.mark.parametrize("name", ["a4", "letter"])
+def test_tiles_cover_and_overlap(name: str) -> None:
+    paper = PAPERS[name]
+    wide, high = paper.room
+    assert len(lay_tiles((0, 0, wide, high), paper)) == 1
+    assert len(lay_tiles((0, 0, wide + 0.01, high), paper)) == 2
+    assert len(lay_tiles((0, 0, wide, high + 0.01), paper)) == 2
+    tiles = lay_tiles((-5, 7, 500, 607), paper)
+    assert len(tiles) == 9
+    assert [(t.row, t.column) for t in tiles[:4]] == [(0, 0), (0, 1), (0, 2), (1, 0)]
+    left = sorted({t.left for t in tiles})
+    low = sorted({t.bottom for t in tiles})
+    assert np.diff(left) == pytest.approx(wide - OVERLAP_MM)
+    assert np.diff(low) == pytest.approx(high - OVERLAP_MM)
+    assert left[0] <= -5 and left[-1] + wide >= 500 and low[0] <= 7 and low[-1] + high >= 607
+    assert tiles[0].bottom == low[-1]  # rows run from the top
+
+
+def test_crosses_of_neighbours_are_the_same_places_of_the_drawing() -> None:
+    paper = PAPERS["a4"]
+    first, second = lay_tiles((0, 0, paper.room[0] + 50, 100), paper)
+
+    def crosses(tile: Tile) -> set[tuple[float, float]]:
+        _, axes, shift, _ = draw_tile(paper, tile, 2, "page", "title", "note", "drill")
+        found = set()
+        for line in axes.lines:
+            x, y = (np.asarray(v, dtype=float) for v in line.get_data())
+            if len(x) == 2 and abs(np.hypot(*(x[1] - x[0], y[1] - y[0])) - 6) < 1e-9:
+                found.add((round(x.mean() - shift[0], 6), round(y.mean() - shift[1], 6)))
+        return found
+
+    shared = crosses(first) & crosses(second)
+    assert len(crosses(first)) == 4 and len(shared) == 2
+
+
+def test_pages_are_of_the_papers_size_and_the_same_bytes_again(tmp_path: Path) -> None:
+    paper = PAPERS["letter"]
+    for name in ("a", "b"):
+        pages = [draw_facts(paper, "title", ["a fact"], "page 1 of 1", "drill")]
+        assert write_pages(tmp_path / name, "title", iter(pages)) == 1
+    data = (tmp_path / "a").read_bytes()
+    assert data == (tmp_path / "b").read_bytes() and b"CreationDate" not in data
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", data)
+    assert box is not None
+    size = [float(box[1]) / 72 * 25.4, float(box[2]) / 72 * 25.4]
+    assert size == pytest.approx([215.9, 279.4], abs=0.005)
+    found = []
+    for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL):
+        try:
+            text = zlib.decompress(part).decode("latin-1")
+        except zlib.error:
+            continue
+        for x0, y0, x1, y1 in re.findall(r"([-\d.]+) ([-\d.]+) m\n([-\d.]+) ([-\d.]+) l\n", text):
+            found.append(np.hypot(float(x1) - float(x0), float(y1) - float(y0)))
+    assert any(abs(length / 72 * 25.4 - 100) < 1e-3 for length in found)  # the ruler

@@ -1,0 +1,73 @@
+"""The files of a piece: one object for the slicer, and names and colours where they are asked for."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knotfab.files.folder import OutputFolder
+from knotfab.geometry.tube import sweep
+from knotfab.knots import Knot, Knots
+from knotfab.part.write import make_pose, write_part
+from knotfab.scene.load import load_scene
+from knotfab.scene.model import Scene
+from knotfab.target.read import Target
+
+
+def rings(count: int) -> Any:
+    """As much of a part as is written: loose rings one above the other."""
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = np.stack([20 * np.cos(t), 20 * np.sin(t), 0 * t], axis=1) + [25.0, 25.0, 3.0]
+    knots = tuple(Knot(ring + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
+    return SimpleNamespace(
+        bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
+        pose=SimpleNamespace(knots=Knots(knots, 2.0)),
+        mounted=SimpleNamespace(names=[f"knot {k + 1}" for k in range(count)]),
+        plates=None,
+    )
+
+
+def model_of(path: Path) -> str:
+    with zipfile.ZipFile(path) as archive:
+        return archive.read("3D/3dmodel.model").decode()
+
+
+def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
+    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    view = Scene().views[0].model_copy(update={"picture": "picture-front.png"})
+    scene = Scene(views=(view,), pose=make_pose(np.eye(4)))
+    with OutputFolder(tmp_path / "out") as folder:
+        write_part(folder, rings(count), scene, [target], colours, suffix)
+        folder.commit()
+    return tmp_path / "out"
+
+
+@pytest.mark.parametrize("suffix", ["", "-01"])
+def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
+    out = written(tmp_path, 3, False, suffix)
+    names = {f"part{suffix}.stl", f"part{suffix}.3mf", f"knots{suffix}.json", f"scene{suffix}.toml"}
+    assert {p.name for p in out.iterdir()} == {*names, "picture-front.png"}
+    assert (out / "picture-front.png").read_bytes() == b"picture"
+    assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))
+    model = model_of(out / f"part{suffix}.3mf")
+    assert model.count("<object ") == model.count("<item ") == 1
+    assert model.count("<triangle ") == 3 * 2 * 40 * 12
+    assert 'name="knotfab heart"' in model
+
+
+def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> None:
+    """Every body by name, and each of up to eight in a colour of its own."""
+    out = written(tmp_path, 8, True, "")
+    assert model_of(out / "part.3mf").count("<object ") == 1
+    model = model_of(out / "part-colours.3mf")
+    assert model.count("<item ") == 1 and model.count("<component ") == 8
+    assert re.findall('name="(knot [0-9])"', model) == [f"knot {k}" for k in range(1, 9)]
+    colours = re.findall('<base [^>]*displaycolor="(#[0-9A-Fa-f]+)"', model)
+    assert len(colours) == len(set(colours)) == 8
+    assert colours[0].lower().startswith(Scene().material.color)

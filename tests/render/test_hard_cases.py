@@ -1,0 +1,178 @@
+"""The renderers on the catalogue of hard cases: errors within what the condition allows, no NaN anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from examples.hard_cases.measure import (
+    distances,
+    double_error,
+    forward_error,
+    gradient_condition,
+    gradient_error,
+    image,
+    subgradient_excess,
+)
+from examples.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
+from knotfab.render.dense import render_dense
+from knotfab.render.frame import Frame
+from knotfab.render.tiled import render_tiled, winners
+
+pytestmark = pytest.mark.slow
+
+CASES = {case.name: case for case in render_cases()}
+
+
+@pytest.fixture(autouse=True)
+def _anomalies() -> Iterator[None]:
+    with torch.autograd.set_detect_anomaly(True):
+        yield
+
+
+def case_of(name: str) -> RenderCase:
+    return CASES[name]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_single_precision_is_within_its_condition(name: str) -> None:
+    case = case_of(name)
+    found = forward_error(case)
+    assert found.finite
+    assert found.share <= 1.0
+    assert found.image_share <= 1.0
+    if case.real:
+        assert found.error_px <= 1e-3
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_double_precision_is_within_its_condition_of_fifty_digits(name: str) -> None:
+    assert double_error(case_of(name)) <= 1.0
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradients_are_those_of_the_image(name: str) -> None:
+    case = case_of(name)
+    well = case.smooth and gradient_condition(case) < 1e-4
+    found = gradient_error(case, 2 if well else 0)
+    assert found.finite
+    if well:
+        assert found.double <= 1e-6
+        assert found.single <= 1e-3
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.kinks])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype) -> None:
+    assert subgradient_excess(case_of(name), dtype) <= 1e-3
+
+
+def test_a_gradient_that_is_none_is_found_out() -> None:
+    # the check above must be able to fail: away from the kink the one-sided slopes are one number
+    case = replace(case_of("equidistant"), kinks=((21, 20),), tau=0.5)
+    assert subgradient_excess(case, torch.float64) <= 1e-3
+    wrong = replace(case, radius=case.radius * 1.5)
+    g, v = image(case, torch.float64), image(wrong, torch.float64)
+    assert float((g - v).abs().max()) > 0.1
+
+
+def test_what_is_behind_the_light_is_not_seen() -> None:
+    assert float(image(case_of("behind the light"), torch.float64).max()) == 0.0
+    # a segment through the light's plane looks like its part in front of it
+    case = case_of("through the light's plane")
+    front = case.points.copy()
+    front[0] = front[1] + (5.0 - front[1, 2]) / (front[0, 2] - front[1, 2]) * (front[0] - front[1])
+    other = image(replace(case, points=front), torch.float64)
+    assert torch.allclose(image(case, torch.float64), other, atol=1e-12)
+    assert float(other.max()) > 0.99
+
+
+def test_scaled_scenes_give_the_same_picture() -> None:
+    plain = distances(case_of("ordinary"), torch.float64).s
+    for name in ("millionth", "million"):
+        assert torch.allclose(distances(case_of(name), torch.float64).s, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int) -> None:
+    # around a corner of a polygon whose edges are far longer than wide: squares lose most of a pixel
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(8, 3)) * (30, 30, 10) + (0, 0, 600)
+    a = torch.as_tensor(corners, dtype=torch.float32)
+    step = 2.0**-14
+    u0, v0 = (corners[0, :2] / corners[0, 2] / step).round() - (100, 60)
+    frame = Frame(torch.eye(3), torch.zeros(3), float(u0), float(v0), step, 200, 120)
+    dense = render_dense(a, a.roll(-1, 0), frame, 0.01, 0.1)
+    assert float(dense.max()) > 0.4
+    tiled = render_tiled(a, a.roll(-1, 0), frame, 0.01, 0.1)
+    assert float((tiled - dense).abs().max()) <= 2e-7
+
+
+def test_winners_are_the_same_whatever_the_threads() -> None:
+    # neighbours share their ends, so that many pixels have two nearest capsules
+    points = torch.as_tensor(ring(40))
+    frame = Frame(
+        torch.eye(3).double(), torch.zeros(3).double(), -255.5, -255.5, 2.0**-14, 512, 512
+    )
+    threads = torch.get_num_threads()
+    try:
+        found = []
+        for count in (1, 4, 4, 4):
+            torch.set_num_threads(count)
+            found.append(winners(points, points.roll(-1, 0), frame, 2.0, 40.0))
+    finally:
+        torch.set_num_threads(threads)
+    for pixel, capsule in found[1:]:
+        assert torch.equal(pixel, found[0][0]) and torch.equal(capsule, found[0][1])
+
+
+finite = st.floats(-1.0, 1.0, allow_subnormal=True)
+point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    points=st.lists(point, min_size=2, max_size=6),
+    log_scale=st.integers(-6, 6),
+    log_radius=st.floats(-6, 0),
+    log_tau=st.floats(0, 6),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+# both ends nearly in the light: once an endless slope times nothing
+@example([(0.0, 0.0, 0.0), (0.0, 0.0, 1e-30)], 0, 0.0, 0.0, torch.float32)
+def test_any_points_give_a_finite_picture_and_gradient(
+    points: list[tuple[float, float, float]],
+    log_scale: int,
+    log_radius: float,
+    log_tau: float,
+    dtype: torch.dtype,
+) -> None:
+    p = np.array(points) * (12.0, 12.0, 500.0) * 10.0**log_scale
+    rows = np.arange(len(p))
+    case = RenderCase(
+        "any",
+        "",
+        p,
+        np.stack([rows, np.roll(rows, -1)], 1),
+        radius=10.0 ** (log_radius + log_scale) * 12.0,
+        tau=10.0**log_tau,
+        width=16,
+        height=12,
+        step=2.0**-8,
+    )
+    frame = frame_at(case, dtype)
+    at = torch.as_tensor(p).to(dtype).requires_grad_()
+    follow = at[torch.as_tensor(case.edges[:, 1])]
+    tiled = render_tiled(at, follow, frame, case.radius, case.tau)
+    dense = render_dense(at, follow, frame, case.radius, case.tau)
+    assert bool(tiled.isfinite().all() and dense.isfinite().all())
+    (gradient,) = torch.autograd.grad(tiled.sum() + dense.sum(), at)
+    assert bool(gradient.isfinite().all())
+    if dtype == torch.float64:
+        assert float((tiled - dense).detach().abs().max()) <= 1e-6

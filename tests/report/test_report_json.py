@@ -1,0 +1,369 @@
+"""The report: the contract's keys, finite numbers, a verdict from the checks, a safe page."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from knotfab.geometry.tube import sweep
+from knotfab.report import report_html
+from knotfab.report.pictures import draw_part, place_eyes, turn_eye
+from knotfab.report.report_html import Picture, render_html, write_report_html
+from knotfab.report.report_json import assemble, plain, write_report_json
+from knotfab.scene.model import ResolvedView
+from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, list_unmet
+
+
+def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
+    record = {"name": name, "status": status, "required": True, "measured": 2.2041, "limit": 2.2}
+    return {**record, "unit": "mm", "detail": "", **changes}
+
+
+def sample(fail: bool = False) -> dict[str, Any]:
+    """What a build hands to the report."""
+    effect = {"name": "penumbra", "simulated": False, "magnitude": 0.31, "threshold": 0.5}
+    return {
+        "views": [
+            {
+                "name": "front", "kind": "shadow", "picture": "front.png",
+                "width": 512, "height": 512,
+                "projection": np.eye(3, 4), "receiver": np.array([0.0, 0.0, 1.0, 100.0]),
+                "iou": 0.98765, "iou_tube": np.float64(0.98801), "precision": 0.995,
+                "recall": 0.9926, "outline_error_px": 0.0831, "outline_error_mm": 0.0147,
+                "legibility": {"15": 0.84, "30": 0.66, "45": 0.52, "60": 0.41},
+            }
+        ],
+        "checks": [
+            check("closed mesh", detail="volume 49123 mm³, as the tube's length and radius give"),
+            check("thickness", "fail" if fail else "pass", measured=1.91 if fail else 2.2041,
+                  detail="closest at (12.0, 3.1, 40.2) mm" if fail else ""),
+            check("slicer", "skipped", required=False, measured=None, limit=None, unit=None),
+        ],
+        "effects": [
+            {**effect, "unit": "px", "seconds": 0.0, "reason": "below the threshold"},
+            {**effect, "name": "clearance", "simulated": True, "unit": "mm", "seconds": 1.25,
+             "reason": "always"},
+        ],
+        "timings": {"target": 0.21, "template": 0.92, "search": 8.4, "sweep": 0.3, "verify": 3.1},
+        "knots": [
+            {"type": "unknot", "vertices": 1480, "length_mm": 3912.4, "thickness_mm": 2.2041,
+             "min_bend_radius_mm": 2.31},
+        ],
+        "print_": {
+            "volume_mm3": 49123.0, "mass_g": 60.9, "bounding_box_mm": [178.2, 171.9, 109.4],
+            "depth_ratio": 0.614, "printer": "prusa-mk4",
+        },
+        "settings": {
+            "accuracy": "standard", "seed": 0, "tube_radius_mm": 2.0,
+            "versions": {"knotfab": "0.1.0", "numpy": np.__version__},
+            "command": "knotfab build knight.png --print --out knight",
+        },
+    }  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Tags, their attributes, and the text of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open.pop() == tag, f"</{tag}> closes nothing"
+
+    def handle_data(self, data: str) -> None:
+        if not self.open or self.open[-1] != "style":
+            self.text += data
+
+
+def test_keys_of_the_contract(tmp_path: Path) -> None:
+    write_report_json(tmp_path / "report.json", assemble(**sample()))
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert set(report) == {
+        "schema", "status", "views", "checks", "effects", "timings", "knots", "print", "settings",
+    }  # fmt: skip
+    assert report["schema"] == 1 and report["status"] == "pass"
+    assert np.array(report["views"][0]["projection"]).shape == (3, 4)
+    assert len(report["views"][0]["receiver"]) == 4
+    stages = {k: v for k, v in report["timings"].items() if k != "total"}
+    assert report["timings"]["total"] == pytest.approx(sum(stages.values()))
+    assert assemble(**{**sample(), "timings": {"a": 1.0, "total": 9.0}})["timings"]["total"] == 9.0
+
+
+@pytest.mark.parametrize("section", ["views", "checks", "effects", "knots", "print_", "settings"])
+def test_a_key_too_few_is_refused(section: str) -> None:
+    data = sample()
+    record = data[section] if isinstance(data[section], dict) else data[section][0]
+    key = next(iter(record))
+    del record[key]
+    with pytest.raises(ValueError, match=f"{section.rstrip('_')} lacks {key}"):
+        assemble(**data)
+
+
+@pytest.mark.parametrize(
+    ("states", "code"),
+    [
+        ([("pass", True), ("fail", False)], 0),
+        ([("pass", True), ("skipped", False)], 0),
+        ([("pass", True), ("skipped", True)], 3),
+        ([("skipped", True), ("fail", True)], 1),
+        ([], 0),
+    ],
+)
+def test_the_rule_of_what_passes(states: list[tuple[str, bool]], code: int) -> None:
+    """A skipped check proves nothing; one that is not required decides nothing."""
+    checks = [check(f"c{k}", s, required=needed) for k, (s, needed) in enumerate(states)]
+    assert exit_code(checks) == code
+    assert bool(list_unmet(checks)) == (code != 0)
+    assert assemble(**{**sample(), "checks": checks})["status"] == ("fail" if code else "pass")
+
+
+def test_an_unknown_status_is_refused() -> None:
+    with pytest.raises(ValueError, match="status 'passed'"):
+        exit_code([check("a", "passed")])
+
+
+def test_the_printers_checks_are_checks() -> None:
+    assert set(PRINTER_CHECKS) < set(CHECKS)
+    assert len(set(CHECKS)) == len(CHECKS)
+
+
+def test_eyes_are_those_of_all_views_and_others_beside() -> None:
+    view = ResolvedView(frame_width_mm=100.0, frame_height_mm=100.0)
+    alone = place_eyes([view])
+    angles = np.degrees(np.arctan2(alone[:, 0], alone[:, 2]))
+    assert angles == pytest.approx([0.0, 30.0, 60.0, 90.0])
+    near = view.model_copy(update={"azimuth_deg": 90.0, "light_distance_mm": 300.0})
+    both = place_eyes([view, near])
+    assert both[:2] == pytest.approx(np.array([[0.0, 0.0, 500.0], [300.0, 0.0, 0.0]]), abs=1e-9)
+    others = np.degrees(np.arctan2(both[2:, 0], both[2:, 2]))
+    assert others == pytest.approx([30.0, 60.0])
+
+
+def test_numbers_are_finite_and_plain() -> None:
+    value = {
+        "nan": float("nan"), "inf": np.inf, "f32": np.float32(0.5), "i": np.int64(3),
+        "b": np.bool_(True), "a": np.array([[1.0, np.nan]]), 7: (1, 2), "p": Path("a/b"),
+    }  # fmt: skip
+    assert plain(value) == {
+        "nan": None, "inf": None, "f32": 0.5, "i": 3, "b": True, "a": [[1.0, None]], "7": [1, 2],
+        "p": "a/b",
+    }  # fmt: skip
+    assert type(plain(np.int64(3))) is int
+    with pytest.raises(TypeError):
+        plain(object())
+
+
+def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 8), "white").save(tmp_path / "compare.png")
+    pictures = [
+        Picture(tmp_path / "compare.png", "compare", view="front"),
+        Picture(tmp_path / "compare.png", "compare", view="another"),
+        Picture(tmp_path / "compare.png", "shadow", "The shadow alone", view="front"),
+        Picture(tmp_path / "compare.png", "part", "From several sides"),
+    ]
+    report = assemble(**sample())
+    write_report_html(tmp_path / "report.html", report, pictures, "knight")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.open == []
+    images = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert len(images) == 3 and all(a["src"].startswith("data:image/png;base64,") for a in images)
+    assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe", "object"}
+    assert not re.search(r"https?://|url\(|@import", text)
+    for words in ("Verified", "0.9877", "thickness", "penumbra", "8.4 s", "prusa-mk4"):
+        assert words in page.text
+    assert sample()["settings"]["command"] in page.text and "versions.numpy" in page.text
+    widths = [a["style"] for _, a in page.tags if a.get("class") == "fill"]
+    assert widths[:4] == ["width:84.0%", "width:66.0%", "width:52.0%", "width:41.0%"]
+    assert render_html(report, pictures, "knight") == text
+
+
+def test_page_of_a_failed_build_says_what_and_where() -> None:
+    text = Page(render_html(assemble(**sample(fail=True)))).text
+    assert "Not ready" in text and "Verified." not in text
+    assert "closest at (12.0, 3.1, 40.2) mm" in text
+
+
+def test_page_escapes_what_it_is_given() -> None:
+    data = sample()
+    evil = "<script>alert('x')</script>\"&"
+    data["settings"]["command"] = data["checks"][0]["detail"] = data["views"][0]["picture"] = evil
+    page = Page(render_html(assemble(**data), title=evil))
+    assert "script" not in {tag for tag, _ in page.tags} and page.text.count(evil) == 5
+
+
+def test_page_survives_what_could_not_be_measured() -> None:
+    data = sample()
+    for key in ("iou", "iou_tube", "precision", "outline_error_px"):
+        data["views"][0][key] = float("nan")
+    data["views"][0]["legibility"] = {"15": None}
+    data["print_"].update(volume_mm3=None, mass_g=None)
+    data["timings"] = {}
+    data["knots"] = []
+    text = Page(render_html(assemble(**data))).text
+    assert "IoU –" in text and "nan" not in text.lower() and "None" not in text
+
+
+def test_notes_are_extra() -> None:
+    report = assemble(**sample(), notes=["Nothing holds the 3 loose knots."])
+    assert report["notes"] == ["Nothing holds the 3 loose knots."]
+    assert report["notes"][0] in Page(render_html(report)).text
+
+
+def test_optional_print_numbers() -> None:
+    data = sample()
+    data["print_"] |= {"time_s": 5400.0, "filament_m": 20.42}
+    text = Page(render_html(assemble(**data))).text
+    assert "print time" in text and "1 h 30 min" in text and "20.4" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.987654, "0.9877"), (1.0, "1"), (0.0, "0"), (49123.4, "49\u202f123"), (12, "12"),
+        (1480, "1\u202f480"), (-0.5, "−0.5"), (1e-9, "1.00e−09"), (None, "–"), (float("inf"), "–"),
+        ([178.24, 90.0], "178.2 × 90"), (True, "yes"), ("text", "text"), (100.0, "100"),
+    ],
+)  # fmt: skip
+def test_numbers_for_readers(value: object, said: str) -> None:
+    assert report_html._number(value) == said
+
+
+def ring() -> tuple[np.ndarray, np.ndarray]:
+    t = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    return sweep(np.stack([30 * np.cos(t), 20 * np.sin(t), 0 * t], axis=1) + 7, 3.0, 12)
+
+
+def test_part_from_several_sides(tmp_path: Path) -> None:
+    """From the light the ring is open; turned by 90 degrees it is a narrow bar."""
+    if not draw_part(*ring(), tmp_path / "part.png", turn_eye((0.0, 0.0, 500.0), (0.0, 90.0)), 100):
+        pytest.skip("this machine cannot render")
+    image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
+    assert image.shape == (100, 200, 3)
+    drawn = np.abs(image - image[0, 0]).sum(axis=2) > 60
+    front, side = drawn[:, :100], drawn[:, 100:]
+    assert not front[50, 50] and side[50, 50]
+    assert np.ptp(np.flatnonzero(front.any(axis=0))) > 80
+    assert np.ptp(np.flatnonzero(side.any(axis=0))) < 15
+    heights = [np.ptp(np.flatnonzero(panel.any(axis=1))) for panel in (front, side)]
+    assert heights[0] == pytest.approx(heights[1], abs=2)  # one scale
+
+
+def test_no_pictures_where_nothing_renders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
+    assert draw_part(*ring(), tmp_path / "part.png", np.array([[0.0, 0.0, 500.0]])) is False
+    assert not list(tmp_path.iterdir())
+
+
+def sections(page: Page) -> list[str]:
+    return [
+        s
+        for s in ("The wall mount", "The stand", "The bending plan", "The slicer")
+        if s in page.text
+    ]
+
+
+def fabricated(**more: Any) -> Page:
+    """The page of a report with what fabrication adds to it."""
+    data = sample()
+    data["print_"] |= more.pop("print_", {})
+    report = {**assemble(**data), **more}
+    return Page(render_html(report))
+
+
+WALL = {
+    "kind": "wall", "foot": "dowel", "pegs": 7, "pegs_of_knots": [7], "peg_length_mm": [55.9, 127.4],
+    "peg_diameter_mm": 2.2296, "sag_mm": 0.17, "max_sag_mm": 0.2,
+}  # fmt: skip
+STAND = {
+    "kind": "stand", "posts": 2, "struts": 11, "members_of_knots": [13],
+    "member_diameter_mm": [2.0, 3.0], "base_mm": [88.0, 64.5, 9.0], "base_back_mm": 6.0,
+    "margin_mm": 12.0, "tip_deg": 9.5, "predicted_intrusion": 0.002, "sag_mm": 0.1, "max_sag_mm": 0.2,
+}  # fmt: skip
+SLICED = {
+    "program": "PrusaSlicer", "version": "2.5.0", "time_s": 91031.0, "filament_m": 114.9,
+    "filament_g": 342.9, "support_m": 28.725, "layers": 745, "objects": 1,
+    "warnings": [{"text": "low <bed> adhesion", "explanation": "the brim settles it", "settled": True}],
+    "checks": [{"name": "bed", "status": "pass", "measured": -7.0, "limit": 0.0, "unit": "mm",
+                "detail": "keeps 7 mm"}],
+    "proven": [{"what": "printing time", "by": "PrusaSlicer's estimate"}],
+    "command": "prusa-slicer --export-gcode part.3mf", "profile": {}, "seconds": 9.0,
+}  # fmt: skip
+
+
+def test_each_section_of_fabrication_is_there_only_where_it_applies() -> None:
+    assert sections(fabricated()) == []
+    assert sections(fabricated(print_={"mount": {"kind": "none"}, "drawings": []})) == []
+    assert sections(fabricated(print_={"mount": WALL})) == ["The wall mount"]
+    assert sections(fabricated(print_={"mount": STAND})) == ["The stand"]
+    assert sections(fabricated(slicer=SLICED)) == ["The slicer"]
+
+
+def test_the_mounts_figures_and_drawings() -> None:
+    drawings = ["setup.pdf", "setup.svg", "drill-template-a4.pdf"]
+    text = fabricated(print_={"mount": WALL, "drawings": drawings}).text
+    for part in ("in drilled holes", "55.9 to 127", "0.17", "limit 0.2", ", ".join(drawings)):
+        assert part in text
+    assert "full size" in text
+    plain = fabricated(print_={"mount": STAND, "drawings": drawings[:2]}).text
+    assert "88 × 64.5 × 9" in plain and "9.5" in plain and "full size" not in plain
+
+
+def test_the_slicers_figures_warnings_and_proofs() -> None:
+    text = fabricated(slicer=SLICED).text
+    for part in ("25 h 18 min", "25 %", "745", "low <bed> adhesion", "the brim settles it"):
+        assert part in text
+    assert "printing time" in text and "keeps 7 mm" in text
+    quiet = fabricated(slicer={**SLICED, "warnings": []}).text
+    assert "had no warning" in quiet
+    none = {**SLICED, "program": None, "reason": "it is not installed", "remedy": "Install it."}
+    without = fabricated(slicer=none | {"checks": [], "warnings": []}).text
+    assert "Not sliced: it is not installed." in without and "print time" not in without
+
+
+def test_the_bending_plan_lists_each_wire() -> None:
+    wire = {
+        "file": "bends.csv", "length_mm": 3912.0, "bends": 300, "deviation_mm": 0.6,
+        "deviation_mean_mm": 0.1, "deviation_across_mm": 0.4, "closing_error_mm": 1e-9,
+        "shortest_straight_mm": 2.1, "largest_bend_deg": 95.2, "joint_straight_mm": 12.1,
+        "joint_hidden": False, "end_moves_mm_per_deg": 3.1, "end_moves_mm_for_1_deg_everywhere": 9.0,
+    }  # fmt: skip
+    plan = {
+        "status": "pass", "files": ["bends.csv"], "length_mm": 3912.0, "mass_g": 96.0, "bends": 300,
+        "iou": 0.98121, "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
+    }  # fmt: skip
+    text = fabricated(bending_plan=plan).text
+    for part in ("3.91", "0.9812", "bends.csv", "95.2", "it shows"):
+        assert part in text
+
+
+def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
+    off = {
+        "lamp_iou_per_mm": {"right": 0.0142, "up": 0.2, "towards": 0.0006},
+        "turn_iou_per_deg": {"right": 0.512, "up": 0.4, "axis": 0.042},
+    }
+    data = sample()
+    data["views"][0]["misplacement"] = off
+    text = Page(render_html(assemble(**data))).text
+    assert "lamp 10 mm to the side" in text and "0.142" in text and "1.000" in text
+    assert "piece turned by 1° like a wheel" in text and "0.042" in text
+    # a piece on a wall cannot be turned against it
+    data["print_"]["mount"] = WALL
+    assert "piece turned" not in Page(render_html(assemble(**data))).text

@@ -1,0 +1,93 @@
+"""The certificate and the flow on hard knots: no accepted step crosses, touching strands stay apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from examples.hard_cases.crossing import linking_number, passes_through
+from examples.hard_cases.curves import HardKnot, circle, hard_knots
+from examples.hard_cases.isotopy import fuzz, types_of
+from knotfab.geometry.certificate import certify
+from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.geometry.polylines import rings_of_sizes
+from knotfab.search.flow import FlowSettings, flow
+
+
+@pytest.mark.parametrize("case", hard_knots(), ids=lambda case: case.name)
+def test_adversarial_steps_never_change_the_type(case: HardKnot) -> None:
+    found = fuzz(case, 150, seed=11)
+    assert found.accepted > 0
+    assert found.faults == 0
+    assert found.changed == 0
+
+
+def test_the_judge_sees_a_strand_pass_through_another() -> None:
+    # the fuzz is worth nothing if its own judge cannot tell
+    rings = [circle(7), circle(8) + (2.3, 0.0, 0.1)]
+    points, sizes = np.concatenate(rings), rings_of_sizes((7, 8))
+    step = np.zeros_like(points)
+    step[7:] = (-1.0, 0.0, -0.2)
+    assert passes_through(points, step, sizes.next)
+    assert not passes_through(points, 0.1 * step, sizes.next)
+    near = find_neighbours(points, sizes, 20.0, 2)
+    assert not certify(points, step, sizes, near).valid
+    assert certify(points, 0.1 * step, sizes, near).valid
+    linked = [rings[0], rings[0][:, [0, 2, 1]] + (1.0, 0.05, 0.03)]
+    assert types_of(linked) != types_of(rings)
+
+
+def test_strands_that_touch_cannot_be_moved_together() -> None:
+    points = np.concatenate([circle(10), circle(10)])
+    rings = rings_of_sizes((10, 10))
+    near = find_neighbours(points, rings, 10.0, 2)
+    step = np.zeros_like(points)
+    for size in (0.0, 1e-300, 1e-9, 1.0):
+        step[:10, 2] = size
+        assert not certify(points, step, rings, near).valid
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_step_that_is_not_finite_is_refused(bad: float) -> None:
+    points, rings = circle(10), rings_of_sizes((10,))
+    step = np.zeros_like(points)
+    step[3, 1] = bad
+    verdict = certify(points, step, rings, find_neighbours(points, rings, 10.0, 2))
+    assert not verdict.valid and "finite" in verdict.reason
+
+
+def test_a_flow_that_is_pulled_through_itself_stops_short() -> None:
+    # two rings, one pulled to a place on the other side of the other: it must stay linked
+    one = circle(24, 10.0)
+    two = one[:, [0, 2, 1]] + (10.0, 0.0, 0.0)
+    points, rings = np.concatenate([one, two]), rings_of_sizes((24, 24))
+    goal = torch.as_tensor(np.concatenate([one, two + (30.0, 0.0, 0.0)]))
+
+    def pull(p: Tensor, near: Neighbours, progress: float) -> Tensor:
+        return ((p - goal) ** 2).sum()
+
+    before = linking_number(one, two)
+    assert abs(before) == pytest.approx(1, abs=1e-9)
+    result = flow(points, rings, pull, 1.0, FlowSettings(iterations=150, rate=0.5, rate_end=0.5))
+    assert np.isfinite(result.points).all()
+    assert linking_number(*rings.split(result.points)) == pytest.approx(before, abs=1e-6)
+    assert float(((result.points[24:] - goal[24:].numpy()) ** 2).sum(1).max()) > 1.0
+    assert result.least_margin > 0
+
+
+def test_a_flat_or_infinite_slope_moves_nothing() -> None:
+    points, rings = circle(24, 10.0), rings_of_sizes((24,))
+
+    def nothing(p: Tensor, near: Neighbours, progress: float) -> Tensor:
+        return 0.0 * p.sum()
+
+    def steep(p: Tensor, near: Neighbours, progress: float) -> Tensor:
+        return 1e300 * p.sum()
+
+    settings = FlowSettings(iterations=5, evening=0.0)
+    still = flow(points, rings, nothing, 1.0, settings).points
+    assert np.array_equal(still, points)
+    moved = flow(points, rings, steep, 1.0, settings).points
+    assert np.isfinite(moved).all()

@@ -1,0 +1,98 @@
+"""Reading sequences: folders in the order of their numbers, animations, and what is no sequence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from knotfab.errors import InputError
+from knotfab.sequence.frames import MOST_FRAMES, read_frames
+from knotfab.sequence.gif import write_gif, write_shadows_gif
+
+
+def _bar(at: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
+    image = Image.new("L", size, 255)
+    ImageDraw.Draw(image).rectangle([at, 10, at + 8, 30], fill=0)
+    return image
+
+
+def _left(mask: np.ndarray) -> int:
+    return int(np.flatnonzero(mask.any(0))[0])
+
+
+def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
+    for number in (10, 2, 1):
+        _bar(4 * number).save(tmp_path / f"step{number}.png")
+    (tmp_path / "notes.txt").write_text("no picture")
+    found = read_frames([str(tmp_path)])
+    assert [_left(t.mask) for t in found] == [4, 8, 40]
+    assert [t.name for t in found] == ["frame-01", "frame-02", "frame-03"]
+
+
+def test_several_pictures_keep_their_order(tmp_path: Path) -> None:
+    for number in (1, 2):
+        _bar(4 * number).save(tmp_path / f"{number}.png")
+    found = read_frames(["2.png", "1.png"], base=tmp_path)
+    assert [_left(t.mask) for t in found] == [8, 4]
+
+
+def test_an_animation_gives_all_its_frames(tmp_path: Path) -> None:
+    path = tmp_path / "walk.gif"
+    write_gif(path, [_bar(4), _bar(20), _bar(36)], 80)
+    found = read_frames([str(path)])
+    assert [_left(t.mask) for t in found] == [4, 20, 36]
+    assert all(t.suffix == ".png" for t in found)
+
+
+def test_frames_invert(tmp_path: Path) -> None:
+    path = tmp_path / "walk.gif"
+    write_gif(path, [_bar(4), _bar(20)], 80)
+    plain, turned = read_frames([str(path)]), read_frames([str(path)], invert=True)
+    assert all((a.mask ^ b.mask).all() for a, b in zip(plain, turned, strict=True))
+
+
+@pytest.mark.parametrize("kind", ["empty", "one", "still", "many", "damaged"])
+def test_what_is_no_sequence_is_refused(tmp_path: Path, kind: str) -> None:
+    source = tmp_path
+    if kind == "one":
+        _bar(4).save(tmp_path / "1.png")
+    elif kind == "still":
+        source = tmp_path / "still.gif"
+        _bar(4).save(source)
+    elif kind == "many":
+        for number in range(MOST_FRAMES + 1):
+            (tmp_path / f"{number}.png").write_bytes(b"")
+    elif kind == "damaged":
+        source = tmp_path / "damaged.gif"
+        write_gif(source, [_bar(4), _bar(20), _bar(30)], 80)
+        source.write_bytes(source.read_bytes()[:60])
+    with pytest.raises(InputError):
+        read_frames([str(source)])
+
+
+def test_frames_of_two_sizes_are_refused(tmp_path: Path) -> None:
+    _bar(4).save(tmp_path / "1.png")
+    _bar(4, (64, 64)).save(tmp_path / "2.png")
+    with pytest.raises(InputError, match="frame 2 is 64 x 64 px"):
+        read_frames([str(tmp_path)])
+
+
+def test_a_gif_repeats_and_runs_back_where_it_does_not_close(tmp_path: Path) -> None:
+    files = []
+    for number in range(4):
+        files.append(tmp_path / f"{number}.png")
+        _bar(4 + 10 * number).save(files[-1])
+    for cyclic, expected in ((True, [4, 14, 24, 34]), (False, [4, 14, 24, 34, 24, 14])):
+        path = tmp_path / "out.gif"
+        write_shadows_gif(path, files, cyclic)
+        assert [_left(t.mask) for t in read_frames([str(path)])] == expected
+        with Image.open(path) as image:
+            assert image.info["loop"] == 0
+
+
+def test_a_gif_of_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="one size"):
+        write_gif(tmp_path / "no.gif", [], 80)
+    with pytest.raises(ValueError, match="one size"):
+        write_gif(tmp_path / "no.gif", [_bar(1), _bar(1, (20, 20))], 80)

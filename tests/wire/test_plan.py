@@ -1,0 +1,230 @@
+"""The bending plan of a piece: files, what is measured of them, templates at full size."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from knotfab.drawing.pages import PAPERS
+from knotfab.errors import InputError
+from knotfab.knots import Knot, Knots
+from knotfab.scene.catalogue import materials
+from knotfab.scene.model import Accuracy, Scene, View
+from knotfab.wire.csv_file import read_bends
+from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_wire
+from knotfab.wire.plan import WirePlan, write_bending_plan
+from knotfab.wire.replay import Deviation, Sensitivity
+from knotfab.wire.template_pdf import WireDrawing, write_templates
+from knotfab_validators.shadows.tube_field import tube_field
+from knotfab_validators.shadows.view import view_geometry
+
+STEEL = materials()["steel-wire-2mm"]
+POINT = 72 / 25.4
+
+
+def ring_scene(folder: Path, count: int) -> tuple[Knots, Scene, Path]:
+    """Rings of 2 mm wire before a far light, and their own shadow as the picture."""
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 3 * np.cos(2 * t)])
+    view = View(
+        frame_width_mm=60.0 * count, frame_height_mm=60.0, light_distance_mm=5000.0,
+        wall_distance_mm=10.0, picture="p.png",
+    )  # fmt: skip
+    scene = Scene(material=STEEL, views=(view,), accuracy=Accuracy(iou_floor=0.9))
+    shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
+    knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
+    y, x = np.mgrid[0:600, 0 : 600 * count]
+    far = np.hypot(((x + 0.5) % 600) / 10 - 30, (y + 0.5) / 10 - 30)
+    Image.fromarray(np.where(np.abs(far - 22) < 1, 0, 255).astype(np.uint8)).save(folder / "p.png")
+    return knots, scene, folder / "p.png"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WirePlan]:
+    folder = tmp_path_factory.mktemp("wire")
+    knots, scene, picture = ring_scene(folder, 2)
+    return folder, write_bending_plan(folder, knots, scene, [picture], iou_floor=0.5)
+
+
+def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
+    folder, plan = made
+    assert plan.files[:2] == ("bends-1.csv", "bends-2.csv")
+    assert all((folder / name).is_file() for name in plan.files)
+    assert plan.status == "pass"
+    for knot in plan.knots:
+        assert knot.length_mm == pytest.approx(2 * np.pi * 22.3, rel=0.02)
+        assert 8 <= knot.bends <= 30 and knot.closing_mm < 0.05
+        assert knot.deviation.across <= 0.5 and knot.shortest_straight_mm >= 1.99
+    assert plan.length_mm == pytest.approx(sum(k.length_mm for k in plan.knots))
+    assert plan.mass_g == pytest.approx(plan.length_mm * np.pi * 7.85e-3)
+    assert plan.to_dict()["bends"] == sum(k.bends for k in plan.knots)
+
+
+@pytest.mark.slow
+def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
+    knots, scene, picture = ring_scene(tmp_path, 1)
+    good = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.5)
+    assert good.files[0] == "bends.csv" and good.iou > 0.6
+    other = tmp_path / "other.png"
+    Image.fromarray(np.asarray(Image.open(picture))[:, ::-1][:300]).resize((600, 600)).save(other)
+    bad = write_bending_plan(tmp_path, knots, scene, [other], iou_floor=0.5)
+    assert bad.iou < 0.5 and bad.status == "fail"
+    assert [c["name"] for c in bad.checks if c["status"] == "fail"] == ["wire_shadow"]
+
+
+def two_view_scene(folder: Path) -> tuple[Knots, Scene, list[Path]]:
+    """A bent ring of 2 mm wire in two views at right angles, the second from above by 20 degrees.
+
+    Each picture is the ring's own shadow, so that a wire which follows it is right in both.
+    """
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = np.column_stack([22 * np.cos(t), 14 * np.sin(t), 18 * np.sin(t + 0.4)])
+    knots = Knots((Knot(ring),), 1.0)
+    common = dict(frame_width_mm=60.0, frame_height_mm=60.0, light_distance_mm=900.0,
+                  wall_distance_mm=40.0)  # fmt: skip
+    views = (
+        View(name="front", **common),
+        View(name="side", azimuth_deg=90.0, elevation_deg=20.0, **common),
+    )
+    pictures = []
+    for view in views:
+        geometry = view_geometry(view, 600, 600)
+        shadow = tube_field([ring], 1.0, geometry).mask
+        pictures.append(folder / f"{view.name}.png")
+        Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(pictures[-1])
+    scene = Scene(material=STEEL, views=views, accuracy=Accuracy(iou_floor=0.8))
+    return knots, scene, pictures
+
+
+def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
+    knots, scene, pictures = two_view_scene(tmp_path)
+    plan = write_bending_plan(tmp_path, knots, scene, pictures)
+    assert plan.status == "pass" and set(plan.ious) == {"front", "side"}
+    assert plan.iou == min(plan.ious.values()) > 0.8
+    # no direction is free: the wire stays within the tolerance in all of them
+    assert plan.knots[0].deviation.largest <= 0.5
+    assert "0.5 mm in any direction" in (tmp_path / "bends.csv").read_text()
+    # a picture that is wrong is noticed in whichever view it is
+    rows = read_bends(tmp_path / "bends.csv")
+    for wrong, view in enumerate(scene.views):
+        swapped = list(pictures)
+        swapped[wrong] = tmp_path / "wrong.png"
+        Image.open(pictures[wrong]).rotate(90).save(swapped[wrong])
+        shadows = cast_shadows(scene.views, swapped, knots)
+        judge = Judge([k.points for k in knots.knots], shadows, STEEL, 0.5, 2.0, 0.78)
+        checks = judge.of([rows], ["bends.csv"], [False]).checks
+        failed = [c for c in checks if c["status"] == "fail"]
+        assert [c["name"] for c in failed] == ["wire_shadow"]
+        assert f"view {view.name}" in failed[0]["detail"]
+
+
+def test_the_plan_of_a_raised_view_is_drawn_from_its_light(tmp_path: Path) -> None:
+    knots, scene, pictures = two_view_scene(tmp_path)
+    shadows = cast_shadows(scene.views, pictures, knots)
+    for shadow in shadows:
+        toward = np.cross(shadow.geometry.right, shadow.geometry.up)
+        assert shadow.geometry.light == pytest.approx(900.0 * toward)
+    assert shadows[1].geometry.light[1] == pytest.approx(900.0 * np.sin(np.deg2rad(20.0)))
+
+
+def test_what_is_no_wire_or_of_another_thickness_is_refused(tmp_path: Path) -> None:
+    knots, scene, picture = ring_scene(tmp_path, 1)
+    printed = scene.model_copy(update={"material": materials()["pla"]})
+    with pytest.raises(InputError, match="no wire"):
+        write_bending_plan(tmp_path, knots, printed, [picture])
+    with pytest.raises(InputError, match="tube_radius_mm = 1"):
+        write_bending_plan(tmp_path, replace(knots, radius_mm=1.01), scene, [picture])
+
+
+KNOT = WireKnot("b.csv", 100.0, 9, Deviation(1.0, 0.2, 0.5, (0, 0, 0)), 0.5, 1.99, 160.0, 9.0, True,
+                Sensitivity(1.0, 2.0))  # fmt: skip
+
+
+def verdicts(knot: WireKnot, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
+    found = check_wire((knot,), STEEL, 0.5, 2.0, {"near": 0.95, "far": iou}, 0.9, least)
+    return {c["name"]: c["status"] for c in found}
+
+
+def test_each_check_passes_at_its_limit_and_fails_beyond() -> None:
+    assert set(verdicts(KNOT).values()) == {"pass"}
+
+    def off(largest: float, across: float) -> WireKnot:
+        return replace(KNOT, deviation=Deviation(largest, 0.2, across, (0, 0, 0)))
+
+    failed = {
+        "wire_shadow": verdicts(KNOT, iou=0.8999),
+        "wire_contact": verdicts(KNOT, least=1.9899),
+        "wire_deviation": verdicts(off(1.0, 0.5001)),
+        "wire_depth": verdicts(off(1.0001, 0.5)),
+        "wire_straight": verdicts(replace(KNOT, shortest_straight_mm=1.9899)),
+        "wire_bend": verdicts(replace(KNOT, largest_bend_deg=160.001)),
+        "wire_closing": verdicts(replace(KNOT, closing_mm=0.5001)),
+    }
+    for name, found in failed.items():
+        assert [k for k, v in found.items() if v == "fail"] == [name]
+
+
+# --- templates ---------------------------------------------------------------------------------
+
+
+def streams(path: Path) -> list[str]:
+    """The page contents that hold lines, decompressed."""
+    data = path.read_bytes()
+    found = []
+    for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL):
+        try:
+            text = zlib.decompress(part).decode("latin-1")
+        except zlib.error:
+            continue
+        if re.search(r" m\n.* l\n", text):
+            found.append(text)
+    return found
+
+
+def segments(text: str) -> np.ndarray:
+    """(k, 4) lines of one move and one line, in points."""
+    pairs = re.findall(r"([-\d.]+) ([-\d.]+) m\n([-\d.]+) ([-\d.]+) l\n", text)
+    return np.array(pairs, dtype=float)
+
+
+def drawing(size: float = 60.0) -> WireDrawing:
+    line = np.array([[0, 0], [size, 0], [size, size], [0, size], [0, 0]], dtype=float)
+    return WireDrawing("test", line, line[1:4], ("1", "2", "3"), 2.0)
+
+
+@pytest.mark.parametrize(("name", "size"), [("a4", (210, 297)), ("letter", (215.9, 279.4))])
+def test_pages_have_the_papers_size(tmp_path: Path, name: str, size: tuple[float, float]) -> None:
+    path = tmp_path / "t.pdf"
+    pages = write_templates(path, PAPERS[name], [drawing()], ["a fact"], "note")
+    boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", path.read_bytes())
+    assert len(boxes) == pages == 2
+    for box in boxes:
+        assert np.array(box, dtype=float) / POINT == pytest.approx(size, abs=0.005)
+
+
+def test_ruler_and_wire_are_at_full_size(tmp_path: Path) -> None:
+    path = tmp_path / "t.pdf"
+    write_templates(path, PAPERS["a4"], [drawing(60.0)], [], "")
+    pages = streams(path)
+    with_ruler = [
+        s for s in pages
+        if (np.abs(np.abs(segments(s)[:, 2] - segments(s)[:, 0]) - 100 * POINT) < 1e-3).any()
+    ]  # fmt: skip
+    assert len(with_ruler) == 2  # on both pages
+    # the square's side of 60 mm, drawn as a polyline
+    runs = [re.findall(r"([-\d.]+) ([-\d.]+) [ml]\n", s) for s in pages]
+    points = [np.array(r, dtype=float) for r in runs]
+    side = [np.linalg.norm(np.diff(p, axis=0), axis=1) / POINT for p in points]
+    assert sum((np.abs(s - 60) < 1e-3).sum() for s in side) >= 4
+
+
+def test_the_same_plan_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_templates(tmp_path / name, PAPERS["a4"], [drawing()], ["x"], "n")
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
