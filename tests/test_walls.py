@@ -110,7 +110,6 @@ except SystemExit as left:
         ["build", "good.png", "--scene", "missing.toml"],
         ["build", "good.png", "--scene", "search.toml"],
         ["build", "--sequence", "good.png"],
-        ["build", "--sequence", "good.png", "good.png", "--free", "view"],
         ["build"],
         ["tradeoff", "missing.png"],
         ["tradeoff", "blank.png", "--accuracy", "draft"],

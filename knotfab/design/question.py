@@ -16,12 +16,12 @@ from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.errors import InputError
-from knotfab.mount.mount import require_mount
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
+from knotfab.scene.require import require_mount
 from knotfab.search.balance import goals_of
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.errors import InputError
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
@@ -17,8 +16,9 @@ from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, Scene
+from knotfab.scene.require import require_mount
 
-__all__ = ["Mounted", "mount_piece", "require_mount"]
+__all__ = ["Mounted", "mount_piece"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -130,21 +130,6 @@ class Mounted:
             f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}",
             "at": [],
         }
-
-
-def require_mount(scene: Scene) -> None:
-    """Refuse a mount that cannot be, before any work is done.
-
-    Raises:
-        InputError: a wall mount of a piece with several views.
-    """
-    if scene.mount.kind == "wall" and len(scene.views) > 1:
-        raise InputError(
-            "a wall mount (--mount wall)",
-            f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
-            "picture of the other",
-            "Use --mount stand, whose base lies below all pictures",
-        )
 
 
 def mount_piece(
