@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test test-quick lint accuracy-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
+.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -56,6 +56,10 @@ test-quick: $(DONE)
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
 	$(BIN)/python -m examples.studies.accuracy_table
+
+# every feature in every setting, built: one view, several, a free view, a sequence (about half an hour)
+feature-table: system slicer $(DONE)
+	$(BIN)/python -m examples.features --write docs/features.md
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)

@@ -197,7 +197,7 @@ def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
         kind = "wall" if views == 1 else "stand"
-        how = f"; --{'' if printing else 'print --'}mount {kind} adds one."
+        how = f"; --mount {kind} adds one."
         return [without + how, loose] if knots > 1 else [without + how]
     if mount.get("foot") == "dowel":
         each = " Each knot has its own." if knots > 1 else ""

@@ -57,10 +57,10 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
 
     Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
     shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
-    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well. With a mount each frame stands or hangs
-    by itself, and has its own setup-NN.pdf and setup-NN.svg; the zoetrope has none. Frames are verified and
-    sliced while later ones are searched. As with one picture, what fails a required check is written whole
-    to DIR/rejected.
+    be printed, slicer.ini, zoetrope.stl and zoetrope.3mf as well; of wire, bends-NN.csv and its templates.
+    With a mount each frame stands or hangs by itself, and has its own setup-NN.pdf and setup-NN.svg; the
+    zoetrope has none. Frames are verified and sliced while later ones are searched. As with one picture,
+    what fails a required check is written whole to DIR/rejected.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
@@ -165,11 +165,22 @@ def _report_frame(
     progress: Progress,
 ) -> dict[str, Any]:
     """The report of one frame, as that of a piece of its own, and its drawings where it has a mount."""
-    part = made.part
+    part, plan = made.part, None
+    if made.scene.material.process == "wire":
+        from knotfab.wire.plan import write_bending_plan
+
+        with progress.stage("bending plan"):
+            picture = folder.file(made.scene.views[0].picture)
+            knots = made.frame.made.knots
+            plan = write_bending_plan(
+                folder.work, knots, made.scene, [picture], suffix=f"-{made.number}"
+            )
+            verdict["checks"] += plan.checks
     bodies = [] if part is None else part.bodies
     report = report_of(request, made.frame.made, made.knots, bodies, verdict, progress)
+    if part is not None and (plan is not None or made.scene.mount.kind != "none"):
+        add_fabrication(report, part.mounted, None, plan, request.printing)
     if part is not None and made.scene.mount.kind != "none":
-        add_fabrication(report, part.mounted, None, None, request.printing)
         with progress.stage("drawings"):
             names = write_drawings(folder, part, made.scene, [target], verdict, f"-{made.number}")
         report["print"]["drawings"] = names

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from knotfab.errors import InputError
-from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 
@@ -27,12 +26,6 @@ def require_sequence(scene: Scene) -> None:
             f"{scene.piece.knots} knots (--knots {scene.piece.knots})",
             "a sequence is of one knot",
             "Leave it out, or use 1",
-        )
-    if resolve(scene).material.process == "wire":
-        raise InputError(
-            f"the material {scene.material.name}",
-            "the frames of a sequence are printed, not bent",
-            "Use a material to print with, such as --material pla",
         )
     settings = search_settings(scene.accuracy.name, scene.search)
     if settings.free_view:

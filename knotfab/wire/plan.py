@@ -93,6 +93,7 @@ def write_bending_plan(
     iou_floor: float | None = None,
     tolerance_mm: float | None = None,
     depth_factor: float = DEPTH_FACTOR,
+    suffix: str = "",
 ) -> WirePlan:
     """Write bends.csv and the templates of a piece of wire, and measure what the files give.
 
@@ -106,6 +107,7 @@ def write_bending_plan(
             default.
         tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
         depth_factor: how much more is allowed along the rays of a single view.
+        suffix: in the names of the files, such as "-01" of a sequence's frame.
 
     Raises:
         InputError: the material is no wire, or its diameter is not the tube's.
@@ -134,7 +136,9 @@ def write_bending_plan(
     # what runs along the rays of one view lies across those of another
     light = shadows[0].geometry.light if len(shadows) == 1 else None
     names = (
-        ["bends.csv"] if len(curves) == 1 else [f"bends-{k + 1}.csv" for k in range(len(curves))]
+        [f"bends{suffix}.csv"]
+        if len(curves) == 1
+        else [f"bends{suffix}-{k + 1}.csv" for k in range(len(curves))]
     )
     judge = Judge(curves, shadows, material, tolerance, depth_factor, floor)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
@@ -188,7 +192,7 @@ def write_bending_plan(
     facts = _list_facts(verdict.knots, material, tolerance)
     pages = {}
     for key, paper in PAPERS.items():
-        path = folder / f"bending-templates-{key}.pdf"
+        path = folder / f"bending-templates-{key}{suffix}.pdf"
         pages[path.name] = write_templates(
             path, paper, drawings, facts, "print at 100 %, not fitted to the page"
         )

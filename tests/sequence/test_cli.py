@@ -33,12 +33,8 @@ def _refused(code: int, *arguments: str | Path) -> str:
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        (["--time-budget", "30"], "it is for one picture"),
         (["--knots", "2"], "one knot"),
-        (["--search", "inn"], "--search inn"),
-        (["--search", "inn+flow"], "by the flow alone"),
         (["--free", "view"], "--free view"),
-        (["--material", "steel-wire-2mm"], "printed, not bent"),
         (["--depth", "9999"], "towards the light"),
     ],
 )
