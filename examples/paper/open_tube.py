@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.geometry.tube import (
-    _checked,
+    _check_points,
     _require_room,
     _require_unfolded,
     _side_faces,
@@ -54,7 +54,7 @@ def sweep_open(
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
-    p = _checked(points, radius_mm, sides, least=2)
+    p = _check_points(points, radius_mm, sides, least=2)
     edges = np.diff(p, axis=0)
     lengths = np.sqrt(np.einsum("ij,ij->i", edges, edges))
     _require_room(p, edges, lengths, radius_mm, closed=False)

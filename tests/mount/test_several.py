@@ -23,7 +23,7 @@ from knotfab.mount.solids import strut_solid
 from knotfab.mount.stand import StandMount, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.words import steps_of
-from knotfab.part.assemble import _posed
+from knotfab.part.assemble import _choose_poses
 from knotfab.scene.camera import Camera
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Mount, Printer, Scene, View
@@ -133,7 +133,7 @@ def test_an_eye_is_as_a_lamp() -> None:
     low = scene.model_copy(update={"printer": Printer(build_volume_mm=(250.0, 250.0, 100.0))})
     for asked, upright in ((scene, BASE_DOWN), (low, None)):
         made = SimpleNamespace(scene=asked, knots=ONE)
-        mounted, pose, plates = _posed(made, lit, True, CAMERAS, TARGETS)  # type: ignore[arg-type]
+        mounted, pose, plates = _choose_poses(made, lit, True, CAMERAS, TARGETS)  # type: ignore[arg-type]
         assert mounted.upright is upright and plates is None
         assert (pose.size_mm <= asked.printer.build_volume_mm).all()
 

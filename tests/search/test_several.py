@@ -16,7 +16,7 @@ from shapely import MultiPolygon, Point, box
 from torch import Tensor
 
 from knotfab.design.hull import HullBound
-from knotfab.design.question import _left_by_others, ask
+from knotfab.design.question import _crop_to_hull, ask
 from knotfab.effects.base import State
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
@@ -312,11 +312,11 @@ def test_what_the_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
     upper = np.arange(100)[:, None] < 50
     for covered, area in ((wanted, DISC.area), (wanted & upper, 0.5 * DISC.area)):
         bound = HullBound(covered, wanted, 1.0, np.zeros(3), np.zeros(3))
-        left = _left_by_others(view, target, bound)
+        left = _crop_to_hull(view, target, bound)
         assert left.area == pytest.approx(area, rel=0.04)
         assert left.difference(DISC.buffer(0.6)).is_empty
     nothing = HullBound(wanted & False, wanted, 0.0, np.zeros(3), np.zeros(3))
-    assert _left_by_others(view, target, nothing).is_empty
+    assert _crop_to_hull(view, target, nothing).is_empty
 
 
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:

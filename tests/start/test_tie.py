@@ -25,7 +25,7 @@ from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
-from knotfab.start.tie import Room, Tied, _poses, _sites, _spliced, tie
+from knotfab.start.tie import Room, Tied, _poses, _sites, _splice, tie
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
@@ -146,14 +146,14 @@ def test_a_knot_among_the_strands_is_not_taken_for_proved() -> None:
     plain = np.ones(len(curve), dtype=bool)
     knot = load_knot("3_1") * disc.unit
     site = next(iter(_sites(curve, [], plain, _poses(knot, disc.unit), disc)))
-    assert _spliced(curve, [], plain, site, disc) is not None
+    assert _splice(curve, [], plain, site, disc) is not None
     sunk = replace(site, points=site.points - [0.0, 0.0, 3.0 * disc.unit * site.side])
-    assert _spliced(curve, [], plain, sunk, disc) is None
+    assert _splice(curve, [], plain, sunk, disc) is None
     # nor is one that some other curve passes in front of
     x, y = shadow(site.points).mean(axis=0)
     height = float(site.side * (site.side * site.points[:, 2]).max())
     ring = np.column_stack([circle(5.0, 40)[:, :2] + [x, y], np.full(40, height)])
-    assert _spliced(curve, [ring], plain, site, disc) is None
+    assert _splice(curve, [ring], plain, site, disc) is None
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,33 @@
+"""The table of features: the quickest build of each row, and refusals that name the physical reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from examples.features import CELLS, ROWS, Cell, build_cell
+
+# rows that whole builds elsewhere in the tests cover cell by cell, at the same settings
+ELSEWHERE = {
+    "wall mount": "tests/test_pipeline.py",
+    "desk stand": "tests/mount",
+    "slicing": "tests/slicer",
+}
+QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
+
+
+@pytest.mark.build
+@pytest.mark.parametrize("cell", QUICKEST, ids=lambda c: c.row.name)
+def test_the_quickest_build_of_each_row(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good, said
+
+
+@pytest.mark.parametrize(
+    "cell", [c for c in CELLS if c.refusal], ids=lambda c: f"{c.row.name}, {c.column}"
+)
+def test_a_refusal_names_the_physical_reason(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good and said.startswith("refused: "), said
+    assert not (tmp_path / "out").exists()

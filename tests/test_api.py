@@ -1,0 +1,85 @@
+"""The public API: what it lists, that it loads nothing heavy, and that its names survive every import."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import knotfab
+from examples.api_page import PAGE, api_page
+from knotfab.options import BuildOptions, options_from
+
+PUBLIC = [
+    *("Design", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome", "Part"),
+    *(
+        "Problem",
+        "Question",
+        "ResolvedScene",
+        "Scene",
+        "SceneError",
+        "SearchResult",
+        "Start",
+        "Target",
+    ),
+    *("assemble_part", "build", "choose_tube", "design_knots", "pose_question", "read_picture"),
+    *("search_knots", "settle_design", "sweep_tube", "validate_part", "write_files"),
+]
+
+
+def test_the_public_names_are_these() -> None:
+    assert knotfab.__all__ == PUBLIC
+    assert set(PUBLIC) <= set(dir(knotfab))
+    with pytest.raises(AttributeError, match="no attribute 'serch'"):
+        knotfab.serch  # noqa: B018
+
+
+def test_no_module_takes_the_place_of_a_public_name() -> None:
+    """Importing a submodule sets an attribute of its package: none may bear the name of a function."""
+    for module in pkgutil.walk_packages(knotfab.__path__, "knotfab."):
+        if module.name != "knotfab.__main__":
+            importlib.import_module(module.name)
+    for name in PUBLIC:
+        thing = getattr(knotfab, name)
+        assert callable(thing), name
+        assert not inspect.ismodule(thing), name
+        assert inspect.getdoc(thing), name
+
+
+def test_importing_loads_nothing_heavy_and_asking_for_data_little() -> None:
+    code = (
+        "import sys, knotfab; knotfab.Scene; knotfab.InputError; knotfab.Knots;"
+        "print([m for m in ('torch', 'vtk', 'OCP', 'pyvista', 'cadquery') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_options_take_a_librarys_own_types(tmp_path: Path) -> None:
+    given = options_from(
+        {"tube_radius": 2.5, "time_budget": 30, "scene": "a.toml", "skip": "slicer", "print": True}
+    )
+    assert given == BuildOptions(
+        tube_radius="2.5", time_budget="30", scene=Path("a.toml"), skip=("slicer",), print_=True
+    )
+    with pytest.raises(knotfab.InputError, match="option mout") as error:
+        knotfab.build("text:o", tmp_path / "out", mout="wall")
+    assert error.value.exit_code == 2 and "mount" in str(error.value)
+    with pytest.raises(knotfab.InputError, match="tube-radius -1"):
+        knotfab.build("text:o", tmp_path / "out", tube_radius=-1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_page_is_made_from_the_docstrings() -> None:
+    assert PAGE.read_text(encoding="utf-8") == api_page(), "run python -m examples.api_page"
+
+
+def test_the_packages_are_typed() -> None:
+    for package in ("knotfab", "knotfab_validators", "knotfab_fixtures"):
+        root = importlib.import_module(package).__path__[0]
+        assert (Path(root) / "py.typed").is_file()
