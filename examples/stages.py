@@ -18,7 +18,7 @@ def main(picture: str = "text:♥", out: str = "stages-out", accuracy: str = "dr
     question = knotfab.pose_question(knotfab.Scene(), [target])
     question, radius, start = knotfab.choose_tube(question, accuracy)
     print(f"{len(start.curves)} knot(s), tube radius {radius:.2f} mm: {start.why}")
-    found = knotfab.search_knots(question.problem, start, radius, accuracy)
+    found = knotfab.search_knots(question, start, radius, accuracy)
     print(f"search: IoU {found.iou_estimate:.4f}, {found.log.accepted} certified steps")
     design = knotfab.settle_design(question, found, accuracy)
     part = knotfab.assemble_part(design, [target])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from knotfab.design.question import Question
     from knotfab.knots import Knot
     from knotfab.part.assemble import Part
-    from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.problem import SearchResult, Start
     from knotfab.request import Outcome
 
 __all__ = [
@@ -131,7 +131,7 @@ def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Questio
 
 
 def search_knots(
-    problem: Problem,
+    question: Question,
     start: Start,
     radius: float,
     accuracy: str = "standard",
@@ -139,18 +139,22 @@ def search_knots(
     device: str = "cpu",
     **settings: Any,
 ) -> SearchResult:
-    """Knots that draw every picture of the problem, by certified steps from the start.
+    """Knots that draw every picture of the question, by certified steps from the start.
 
     Args:
-        radius: of the tube, mm. settings: keys of the scene's [search], over those of the accuracy.
+        radius: of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
 
     Returns:
         `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
     """
+    from knotfab.design.design import refine_settings
     from knotfab.scene.settings import search_settings
     from knotfab.search.search import search
 
-    return search(problem, start, radius, search_settings(accuracy, settings), device=device)
+    asked = search_settings(accuracy, {**question.scene.search, **settings})
+    # vertices as close together as the outline's limit needs them
+    fine = refine_settings(question, asked, radius)
+    return search(question.problem, start, radius, fine, device=device)
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:

@@ -36,7 +36,7 @@ from knotfab.start.start import make_start
 from knotfab.start.views import start_ious
 from knotfab.target.read import Target
 
-__all__ = ["Design", "choose_tube", "design_knots", "settle_design"]
+__all__ = ["Design", "choose_tube", "design_knots", "refine_settings", "settle_design"]
 
 REGION_FILE = "region.stl"
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
@@ -92,7 +92,7 @@ def design_knots(
         question = ask(scene, targets, progress)
     question, radius, start, choice = choose_tube(question, settings, progress, device)
     problem = question.problem
-    settings = _fine_enough(question, settings, radius)
+    settings = refine_settings(question, settings, radius)
     pose: Pose | None = None
     if budget_s is not None:
         with progress.stage("calibrate"):
@@ -146,7 +146,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         question: seen from where the search ended.
     """
     radius = result.knots.radius_mm
-    fine = _fine_enough(question, settings, radius)
+    fine = refine_settings(question, settings, radius)
     settings = settings.model_copy(update={"mesh_sides": fine.mesh_sides})
     region, region_stl = question.problem.region, None
     if region.file is not None:  # the build writes it beside the scene
@@ -210,7 +210,7 @@ def _knots_asked(scene: Scene) -> int | None:
     return None if isinstance(scene.piece.knots, str) else scene.piece.knots
 
 
-def _fine_enough(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
+def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """The settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
     limit_px = question.scene.accuracy.max_outline_error_px

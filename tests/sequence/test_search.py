@@ -1,0 +1,92 @@
+"""A frame of a sequence is the same search: it keeps the vertices, every limit, and its motion's bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from questions import ask_views
+from shapely import MultiPolygon, Point, affinity
+
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.problem import CertificateLog, Problem, SearchResult
+from knotfab.scene.settings import PRESETS
+from knotfab.search.search import search
+from knotfab.sequence.motion import Anchor, outline_motion
+from knotfab.sequence.search import finish, follow
+from knotfab.start.start import make_start
+
+Array = NDArray[np.float64]
+RADIUS = 5.0
+QUICK = PRESETS["draft"].model_copy(
+    update={
+        "coarse_px": 64,
+        "fine_px": 96,
+        "coarse_iterations": 20,
+        "fine_iterations": 20,
+        "settle_iterations": 20,
+        "depth_candidates": 2,
+    }
+)
+DISC = MultiPolygon([Point(-4, 0).buffer(30.0)])
+MOVED = affinity.translate(DISC, 8.0, 3.0)
+
+
+def asked(polygon: MultiPolygon) -> Problem:
+    return replace(ask_views([polygon], 0.0), depth_mm=30.0)
+
+
+@pytest.fixture(scope="module")
+def first() -> SearchResult:
+    """The first frame, from a template."""
+    return search(asked(DISC), make_start(asked(DISC), RADIUS, QUICK), RADIUS, QUICK)
+
+
+def rings_of(points: Array) -> Polylines:
+    return polylines_of_sizes((len(points),))
+
+
+def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> None:
+    before, rings = first.knots.points, rings_of(first.knots.points)
+    assert first.feasible
+    bound = outline_motion(DISC, MOVED) + RADIUS
+    anchor = Anchor(before, bound, RADIUS)
+    problems = asked(DISC), asked(MOVED)
+    length = 1.1 * first.knots.knots[0].length_mm
+    found = follow(before, rings, problems, RADIUS, QUICK, length, [anchor])
+    assert found.sound and found.result.feasible and found.beyond_mm <= 0
+    assert found.points.shape == before.shape  # the same vertices, in their order
+    assert found.result.log.certified and found.result.log.resamplings == 0
+    assert 0 < found.transported <= 1
+    # a frame that had stayed would draw little of the new picture
+    stayed = problems[1].views[0].image_at(RADIUS, 96).iou(before, rings, RADIUS)
+    assert found.result.iou_estimate > max(0.93, stayed + 0.1)
+
+
+def test_a_finished_frame_has_twice_the_vertices_and_its_limits_mended(first: SearchResult) -> None:
+    """A limit that the doubled frame violates is repaired, and the frame it is tied to stays in reach."""
+    points = first.knots.points
+    bends = first.feasibility.bend_mm
+    stiff = replace(asked(DISC), bend_radius=1.02 * bends)
+    log = CertificateLog("the first frame", ("unknot",))
+    still = finish(points, rings_of(points), asked(DISC), RADIUS, QUICK, [], log)
+    anchor = Anchor(still.points, 2.0, RADIUS)
+    log = CertificateLog("the first frame", ("unknot",))
+    found = finish(points, rings_of(points), stiff, RADIUS, QUICK, [anchor], log)
+    for frame in (still, found):
+        assert len(frame.points) == 2 * len(points)
+        assert frame.sound and frame.result.log.certified
+    assert found.result.log.repairs > 0
+    assert found.result.feasibility.bend_mm >= 1.02 * bends
+    assert anchor.kept(found.points)
+
+
+def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
+    points, log = first.knots.points, CertificateLog("the first frame", ("unknot",))
+    far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]
+    torn = finish(
+        points, rings_of(points), asked(DISC), RADIUS, QUICK, [Anchor(far, 1.0, RADIUS)], log
+    )
+    assert not torn.sound and torn.beyond_mm > 0
