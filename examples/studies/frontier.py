@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import argparse
 import statistics
+from functools import partial
 
 from examples.measurement import read_question
 from examples.pictures import pictures
-from knotfab.scene.settings import search_settings
 from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import measure
 from knotfab.tradeoff.points import points
@@ -27,13 +27,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     asked = parser.parse_args()
-    problems, settings = [], search_settings("standard", {})
+    problems = []
     for name, image in pictures().items():
         if name in asked.names:
             question = read_question(image)
             radius = RADIUS * question.views[0].frame_width_mm
             problem = question.with_depth(radius).problem
-            problems.append((problem, radius, make_start(problem, radius, settings)))
+            problems.append((problem, radius, partial(make_start, problem, radius)))
     print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
     rows = [measure(p, t, r, points()) for p, r, t in problems]
     for column in zip(*rows, strict=True):

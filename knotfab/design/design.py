@@ -98,14 +98,16 @@ def design_knots(
         with progress.stage("calibrate"):
 
             def trial(few: SearchSettings) -> None:
-                moved = start_pose(scene, problem, radius, few)[0] if few.free_view else None
+                moved = (
+                    start_pose(scene, problem, radius, few, device)[0] if few.free_view else None
+                )
                 plan = replace(plan_of(few, len(problem.views)), repairs=0)
                 search(problem, start, radius, few, pose=moved, plan=plan, device=device)
 
             settings = scale_to_budget(budget_s - (time.perf_counter() - begun), settings, trial)
     with progress.stage("search"):
         if settings.free_view:
-            pose, settings = start_pose(scene, problem, radius, settings)
+            pose, settings = start_pose(scene, problem, radius, settings, device)
         result = search(
             problem, start, radius, settings, pose=pose, device=device, report=progress.update
         )

@@ -35,7 +35,11 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
 
 
 def start_pose(
-    scene: Scene, problem: Problem, radius: float, settings: SearchSettings
+    scene: Scene,
+    problem: Problem,
+    radius: float,
+    settings: SearchSettings,
+    device: str = "cpu",
 ) -> tuple[Pose, SearchSettings]:
     """The pose of the one view as an unknown, and the settings that say where it started.
 
@@ -46,7 +50,8 @@ def start_pose(
     free = ALL if not given else tuple(name for name in ALL if name != "radius")
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
-    pose = Pose(start, Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm))
+    bounds = Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm)
+    pose = Pose(start, bounds, device=device)
     if not given:
         settings = settings.model_copy(update={"free_radius_mm": radius})
     return pose, settings

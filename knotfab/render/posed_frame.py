@@ -55,7 +55,7 @@ def posed_frame(
     """
     turn = turn_matrix(turn_deg)
     right, upright, back = turn.T
-    tilt = torch.deg2rad(torch.as_tensor(sheet.wall_tilt_deg, dtype=turn.dtype))
+    tilt = torch.deg2rad(turn.new_tensor(sheet.wall_tilt_deg))
     down = -(tilt.cos() * upright + tilt.sin() * back)
     axes = torch.stack([right, down, torch.linalg.cross(right, down)])
     # from the light to the middle of the sheet, in the receiver's axes

@@ -87,7 +87,11 @@ class Pose:
     """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
 
     def __init__(
-        self, start: ViewNumbers, bounds: Bounds, dtype: torch.dtype = torch.float64
+        self,
+        start: ViewNumbers,
+        bounds: Bounds,
+        dtype: torch.dtype = torch.float64,
+        device: str = "cpu",
     ) -> None:
         if not bounds.least_radius_mm <= start.radius_mm <= bounds.most_radius_mm:
             raise InputError(
@@ -98,12 +102,17 @@ class Pose:
             )
         self.start, self.bounds = start, bounds
         turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
-        self.turn_deg = torch.tensor(turn, dtype=dtype, requires_grad=True)
-        self.logs = torch.zeros(3, dtype=dtype, requires_grad=True)  # light, wall, radius
+        self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
+        self.logs = torch.zeros(
+            3, dtype=dtype, device=device, requires_grad=True
+        )  # light, wall, radius
         lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
-        self._first_mm = torch.tensor(lengths, dtype=dtype)
+        self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
         self._first_turn = self.turn_deg.detach().clone()
-        self._mask = [torch.tensor([n in bounds.free for n in part]) for part in (ALL[:3], ALL[3:])]
+        self._mask = [
+            torch.tensor([n in bounds.free for n in part], device=device)
+            for part in (ALL[:3], ALL[3:])
+        ]
         self._adam = torch.optim.Adam(
             [
                 {"params": [self.turn_deg], "lr": _TURN_RATE},
@@ -169,7 +178,7 @@ class Pose:
             # what is not free stays where the person put it, near or not
             light = max(light, front / _LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
             wall = max(wall, back / _WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
-            kept = torch.tensor([light, wall, radius], dtype=self.logs.dtype) / self._first_mm
+            kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm
             self.logs.copy_(kept.log())
             if "wall" in b.free:
                 self.logs[1] -= self.logs[0]
@@ -188,7 +197,8 @@ def descend_pose(
     A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
     to a sharp one, and to the limits as they weigh at the end.
     """
-    image, fixed = objective.images[0], torch.tensor(points)
+    image = objective.images[0]
+    fixed = torch.tensor(points, device=image.target.device)
     dtype = image.target.dtype
     seen = objective.image_term(
         0,
@@ -206,7 +216,7 @@ def descend_pose(
     turn, logs = torch.autograd.grad(seen + limits_at(radius), pose.tensors)
     with torch.no_grad():
         change = limits_at(radius * (1 + _CHANGE)) - limits_at(radius * (1 - _CHANGE))
-    slope = torch.tensor([0.0, 0.0, float(change) / (2 * _CHANGE)], dtype=logs.dtype)
+    slope = logs.new_tensor([0.0, 0.0, float(change) / (2 * _CHANGE)])
     pose.move((turn, logs + slope), points, progress)
     look_from(pose, objective, problem)
 

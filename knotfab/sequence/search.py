@@ -53,7 +53,7 @@ def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
         walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
         return replace(repair_phase(settings, number), walk=walk)
 
-    return Plan(tuple(phases), repair, repairs=_REPAIRS, mendings=0, keep_vertices=True)
+    return Plan(tuple(phases), repair, repairs=_REPAIRS, keep_vertices=True)
 
 
 def follow(

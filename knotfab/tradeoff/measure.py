@@ -29,6 +29,7 @@ __all__ = [
     "true_iou",
 ]
 
+MakeStart = Callable[[SearchSettings], Start]
 YARDSTICK_PX = 1024  # longer side of the picture on which every point is judged
 
 
@@ -69,10 +70,10 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
 
 
 def _run(
-    problem: Problem, start: Start, radius: float, settings: SearchSettings, device: str
+    problem: Problem, make: MakeStart, radius: float, settings: SearchSettings, device: str
 ) -> tuple[Knots, bool, int, float, float, int]:
     begun = time.perf_counter()
-    result = search(problem, start, radius, settings, device=device)
+    result = search(problem, make(settings), radius, settings, device=device)
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0
@@ -87,7 +88,7 @@ def _run(
 
 def measure(
     problem: Problem,
-    start: Start,
+    make: MakeStart,
     radius: float,
     points: Sequence[Point],
     repeats: int = 1,
@@ -104,7 +105,7 @@ def measure(
     for turn in range(repeats):
         for k, point in enumerate(points):
             knots, feasible, repairs, searched, swept, faces = _run(
-                problem, start, radius, point.settings, device
+                problem, make, radius, point.settings, device
             )
             seconds[k].append((searched, swept))
             if turn == 0:

@@ -13,9 +13,11 @@ from knotfab import __version__
 from knotfab.design.design import choose_tube
 from knotfab.design.question import ask
 from knotfab.errors import InputError
+from knotfab.problem import Start
 from knotfab.progress import Progress
 from knotfab.scene.model import Scene
-from knotfab.scene.settings import search_settings
+from knotfab.scene.settings import SearchSettings, search_settings
+from knotfab.start.start import make_start
 from knotfab.target.read import read_target
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.measure import Measured, measure, to_dict
@@ -62,10 +64,15 @@ def tradeoff(
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
     target = read_target(source, invert=scene.views[0].invert, base=base)
     settings = search_settings(scene.accuracy.name, scene.search)
-    question, radius, start, _ = choose_tube(ask(scene, [target]), settings, progress, device)
+    question, radius, _, choice = choose_tube(ask(scene, [target]), settings, progress, device)
+    problem, template = question.problem, None if choice is None else choice.template
+
+    def make(point: SearchSettings) -> Start:
+        return make_start(problem, radius, point, template=template)
+
     asked = list(chosen) if chosen is not None else points(settings)
     with progress.stage("measure"):
-        measured = measure(question.problem, start, radius, asked, repeats, device, progress.update)
+        measured = measure(problem, make, radius, asked, repeats, device, progress.update)
     content: dict[str, Any] = {
         "schema": 1,
         "picture": target.name,
