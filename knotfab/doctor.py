@@ -109,7 +109,7 @@ def _torch() -> Finding:
 
 def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
     """Installed, found by the import system, and really imported by a child."""
-    found = [_version_of(distribution, module) for distribution, module in wanted]
+    found = [_look_for(distribution, module) for distribution, module in wanted]
     present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
     broken = _import_errors(present)
     return [
@@ -125,7 +125,7 @@ def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
     ]
 
 
-def _version_of(distribution: str, module: str) -> Finding:
+def _look_for(distribution: str, module: str) -> Finding:
     remedy = f"pip install {distribution}"
     try:
         version = metadata.version(distribution)

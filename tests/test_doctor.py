@@ -39,13 +39,13 @@ def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPa
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", version)
-    finding = doctor._installed("shapely", "shapely")
+    finding = doctor._look_for("shapely", "shapely")
     assert finding == Finding("shapely", "missing", "not installed", "pip install shapely")
 
 
 def test_a_broken_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert doctor._installed("shapely", "shapely").status == "missing"
+    assert doctor._look_for("shapely", "shapely").status == "missing"
     assert doctor._rendering().remedy == "pip install pyvista"
     assert doctor._fonts().remedy == "pip install matplotlib"
 

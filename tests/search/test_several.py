@@ -268,7 +268,7 @@ def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: flo
     ("scene", "key"),
     [
         (Scene(piece=Piece(depth="flat")), "piece.depth"),
-        (Scene(mount=Mount(kind="wall")), "mount.kind"),
+        (Scene(mount=Mount(kind="wall")), "stand in the picture of the other"),
         (Scene(search={"free_view": True}), "free view"),
     ],
 )
