@@ -28,7 +28,7 @@ class SearchSettings(BaseModel):
     coarse_iterations: int = Field(80, ge=0)
     fine_iterations: int = Field(80, ge=0)
     settle_iterations: int = Field(40, ge=0)  # the last phase: feasibility first
-    edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # vertex spacing in tube radii
+    edge_radii: float = Field(0.6, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
@@ -36,7 +36,9 @@ class SearchSettings(BaseModel):
     tolerance_px: float = Field(
         0.25, gt=0
     )  # an effect below this is not simulated (fine_px pixels)
-    grace: float = Field(0.0, ge=0, le=10)  # weight of the bending energy: how smoothly strands run
+    grace: float = Field(
+        0.02, ge=0, le=10
+    )  # weight of the bending energy: how smoothly strands run
     mesh_sides: int = Field(24, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
     free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too
@@ -82,6 +84,7 @@ PRESETS: dict[str, SearchSettings] = {
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
+        edge_radii=0.45,
         coarse_iterations=160,
         fine_iterations=160,
         settle_iterations=80,

@@ -76,7 +76,7 @@ def three_phases(
         Phase(
             settings.coarse_px,
             FlowSettings(iterations=settings.coarse_iterations, rate=start, rate_end=middle),
-            Weights(),
+            Weights(grace=4.0),  # smooth first: what the picture asks for comes in later
             (1.0 if several else 1.5, 3.0),
             spill=several,
             balanced=False,  # the coarse picture is too soft to say what a view falls short of
@@ -84,7 +84,7 @@ def three_phases(
         Phase(
             settings.fine_px,
             FlowSettings(iterations=settings.fine_iterations, rate=middle, rate_end=end),
-            Weights(clearance=3.0, bend=0.5),
+            Weights(clearance=3.0, bend=0.5, grace=2.0),
             (3.0, _SHARP),
         ),
         Phase(
