@@ -28,7 +28,10 @@ def main() -> None:
     folder = make_folder(asked.out, "table")
     skipped = ["--skip", "slicer"] if asked.skip_slicer else []
     rows: list[dict[str, float]] = []
-    print(f"{'picture':<10} code    IoU  r/width%  depth  leg45  flat45  failed  seconds  peak MB")
+    print(
+        f"{'picture':<10} code    IoU  r/width%  depth  leg30  leg45  flat45   bend  turns  failed  "
+        "seconds  peak MB"
+    )
     for name, path in save_pictures(pictures(), folder, asked.names).items():
         built = build_apart(path, folder / name, *skipped)
         report = built.report
@@ -40,6 +43,8 @@ def main() -> None:
         frame = max(view["width"], view["height"])
         radius = 100 * report["settings"]["tube_radius_mm"] / (180.0 * view["width"] / frame)
         failed = failed_checks(report)
+        knots = report["knots"]
+        length = sum(k["length_mm"] for k in knots)
         flat = None
         if asked.flat:
             other = build_apart(path, folder / f"{name}-flat", "--depth", "flat", *skipped).report
@@ -48,7 +53,10 @@ def main() -> None:
             "iou": view["iou_tube"],
             "radius": radius,
             "depth": report["print"]["depth_ratio"],
+            "leg30": view["legibility"]["30"],
             "leg": view["legibility"]["45"],
+            "bend": sum(k["mean_curvature_radii"] * k["length_mm"] for k in knots) / length,
+            "turns": sum(k["turns"] for k in knots),
             "failed": len(failed),
             "seconds": built.wall_s,
             "peak": built.peak_mb,
@@ -59,7 +67,8 @@ def main() -> None:
         rows.append(row)
         print(
             f"{name:<10} {built.code:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
-            f"{row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  {len(failed):>6}  "
+            f"{row['leg30']:.3f}  {row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  "
+            f"{row['bend']:.3f}  {row['turns']:5.0f}  {len(failed):>6}  "
             f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}",
             flush=True,
         )
@@ -70,7 +79,9 @@ def main() -> None:
     print(
         f"\n{len(rows)} pictures: IoU mean {statistics.mean(all_of('iou')):.4f}, "
         f"least {min(all_of('iou')):.4f}; "
-        f"legibility at 45 deg mean {statistics.mean(all_of('leg')):.3f}; depth ratio least "
+        f"legibility at 30 deg mean {statistics.mean(all_of('leg30')):.3f}, "
+        f"at 45 deg {statistics.mean(all_of('leg')):.3f}; curvature x radius mean "
+        f"{statistics.mean(all_of('bend')):.3f}, most {max(all_of('bend')):.3f}; depth ratio least "
         f"{min(all_of('depth')):.3f}; failed checks {int(sum(all_of('failed')))}; "
         f"exit codes other than 0: {sum(code != 0 for code in all_of('code'))}"
     )
