@@ -21,6 +21,7 @@ from torch import Tensor
 
 from examples.measurement import paint_comparison, read_question
 from examples.side_view import beside, side_view
+from knotfab.arrays import Array
 from knotfab.effects.base import State
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.problem import Problem
@@ -36,7 +37,6 @@ from knotfab.start.start import make_start
 
 __all__ = ["film", "watch_search"]
 
-Array = NDArray[np.float64]
 
 PANEL = 320  # px
 EVERY = 5  # iterations between pictures

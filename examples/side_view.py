@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
+
+from knotfab.arrays import Array
 
 __all__ = ["beside", "side_view"]
 
-Array = NDArray[np.float64]
 
 _FINER = 2  # pixels a side of one in the picture
 _APART = 0.12  # tube radii between spheres

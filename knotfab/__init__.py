@@ -66,35 +66,7 @@ _MODULES = {
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
-__all__ = [
-    "Design",
-    "InputError",
-    "Knot",
-    "KnotfabError",
-    "Knots",
-    "MachineError",
-    "Outcome",
-    "Part",
-    "Problem",
-    "Question",
-    "ResolvedScene",
-    "Scene",
-    "SceneError",
-    "SearchResult",
-    "Start",
-    "Target",
-    "assemble_part",
-    "build",
-    "choose_tube",
-    "design_knots",
-    "pose_question",
-    "read_picture",
-    "search_knots",
-    "settle_design",
-    "sweep_tube",
-    "validate_part",
-    "write_files",
-]
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array, Mask
 from knotfab.effects.base import Decision, Limits
 from knotfab.effects.feasibility import Feasibility
 from knotfab.knots import Knots
@@ -27,8 +27,6 @@ __all__ = [
     "ViewNumbers",
 ]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.arrays import Array
 
 __all__ = [
     "Array",
@@ -22,8 +23,6 @@ __all__ = [
     "wavy",
     "whitehead",
 ]
-
-Array = NDArray[np.float64]
 
 
 def _angles(n: int) -> Array:

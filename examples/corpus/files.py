@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+
+from knotfab.arrays import Mask
 
 from .curves import Array
 from .parts import Body
 
 __all__ = ["Files", "Mask", "Part", "encoded", "shadow", "write"]
 
-Mask = NDArray[np.bool_]
 
 DEFAULT_VIEW = {
     "name": "front",

@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
+
 __all__ = ["linking_number", "passes_through"]
 
-Array = NDArray[np.float64]
 _BERNSTEIN = np.linalg.inv(
     np.array(
         [

@@ -8,11 +8,10 @@ from functools import partial
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.arrays import Array
 
 __all__ = ["HardKnot", "circle", "hard_knots", "torus_knot"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from examples.hard_cases.crossing import linking_number, passes_through
 from examples.hard_cases.curves import HardKnot
+from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
@@ -22,7 +22,6 @@ from knotfab_validators.knots.knot_types import knot_types
 
 __all__ = ["Fuzzed", "fuzz", "types_of"]
 
-Array = NDArray[np.float64]
 RUN = 500  # steps from a fresh start
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from knotfab.arrays import Mask
+
 __all__ = ["HardPicture", "hard_pictures"]
 
-Mask = NDArray[np.bool_]
 FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 

@@ -6,7 +6,6 @@ from copy import deepcopy
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from examples.paper.losses import (
@@ -19,6 +18,7 @@ from examples.paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
+from knotfab.arrays import Array
 from knotfab.effects.region import outside
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
@@ -28,7 +28,6 @@ from .values import ValueCase, network_case
 
 __all__ = ["random_loss", "random_network", "random_polygons", "round_trip_share"]
 
-Array = NDArray[np.float64]
 KINDS = ("length", "budget", "Moebius", "curvature", "bending", "box", "ball", "region")
 
 

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from torch import Tensor
 
 from examples.paper.camera import PaperCamera, camera_around
@@ -29,6 +28,7 @@ from examples.paper.optimise import PaperView, iou, search_paper
 from examples.paper.ring import Curve, circle, even_ring
 from examples.paper.settings import PAPER, PaperSettings
 from examples.pictures import pictures
+from knotfab.arrays import Array
 from knotfab.render.outlines import render_outlines
 from knotfab.target.silhouette import resample_mask
 
@@ -50,8 +50,6 @@ SCALED = {
 VIEW = box((-1.25, -1.25, 2.4), (1.25, 1.25, 3.6))
 CUBE = box((-1.25, -1.25, 1.75), (1.25, 1.25, 4.25))  # of three views
 SMALL = (-0.8, -0.8, 2.5), (0.8, 0.8, 3.5)  # the region of the occupancy ablation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from math import gcd
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import InputError
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "torus_link",
 ]
 
-Array = NDArray[np.float64]
 
 _STEPS = 6  # vertices that a braid's strand has in each letter
 

@@ -11,11 +11,11 @@ import argparse
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from examples.measurement import Stopwatch, read_question
 from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
+from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.posed_frame import Sheet, posed_frame
@@ -28,7 +28,6 @@ from knotfab.start.start import make_start
 
 __all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
 
-Array = NDArray[np.float64]
 
 SHEET = Sheet(160, 160, 1.25)
 RADII_MM = {"heart": 3.0, "stickman": 2.0, "wheel": 2.5, "spiral": 2.2, "cat": 3.0}

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.geometry.tube import (
     _check_points,
     _require_room,
@@ -22,7 +23,6 @@ from knotfab.geometry.tube import (
 
 __all__ = ["Cap", "open_volume", "sweep_open"]
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 Cap = Literal["round", "flat"]
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from examples.paper.curves import torus_knot
 from examples.paper.shaded_render import Shading, render_shaded
+from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
@@ -30,7 +30,6 @@ from knotfab.scene.model import ResolvedView
 
 __all__ = ["Trial", "curve_distance", "fit", "main", "trial"]
 
-Array = NDArray[np.float64]
 Render = Callable[[Tensor, float], Tensor]  # (points, tau) -> image
 
 RADIUS_MM = 7.0

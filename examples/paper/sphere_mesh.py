@@ -23,6 +23,7 @@ from torch import Tensor
 
 from examples.measurement import Stopwatch, read_question
 from examples.pictures import Canvas, pictures
+from knotfab.arrays import Array, Mask
 from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
 from knotfab.progress import Progress
@@ -34,8 +35,6 @@ from knotfab.search.search import search
 
 __all__ = ["fit_sphere", "hard_silhouette", "holes", "main", "soft_silhouette"]
 
-Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 NAMES = ("ring", "wheel", "smiley", "teapot")

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Limits, State
 from knotfab.effects.bend import BEND
 from knotfab.effects.clearance import CLEARANCE
@@ -22,7 +22,6 @@ from knotfab.search.flow import FlowSettings, flow
 
 __all__ = ["Tight", "tighten"]
 
-Array = NDArray[np.float64]
 
 _PULL = 0.08  # weight of the length against the hinges while the knot shrinks
 _SLOWING = 0.003  # share of the length that a round must take off for another one to follow

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from PIL import Image
 
 from examples.measurement import Stopwatch
 from examples.paper.two_views import draw_case
+from knotfab.arrays import Array
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
@@ -26,7 +26,6 @@ from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
 
 __all__ = ["main", "rebuild", "views_of_viviani", "viviani"]
 
-Array = NDArray[np.float64]
 
 RADIUS_MM = 2.0
 _FRAME_MM, _PIXELS = 160.0, 640

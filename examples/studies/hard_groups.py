@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 import torch
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from examples.hard_cases.curves import circle, hard_knots
 from examples.hard_cases.isotopy import fuzz
@@ -32,6 +31,7 @@ from examples.studies.hard_sheets import (
     draw_shadow,
     draw_tube,
 )
+from knotfab.arrays import Array
 from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
@@ -44,7 +44,6 @@ from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["GROUPS", "Line", "groups"]
 
-Array = NDArray[np.float64]
 STEPS = 300  # adversarial ones, of each knot
 SLOW = {"checkerboard", "noise", "carpet"}  # their outlines alone take seconds to minutes
 

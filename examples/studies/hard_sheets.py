@@ -17,6 +17,7 @@ from PIL import Image
 from torch import Tensor
 
 from examples.paper.shaded_render import Shading, render_shaded
+from knotfab.arrays import Array
 from knotfab.render.frame import frame_of
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
@@ -33,7 +34,6 @@ __all__ = [
     "sheet",
 ]
 
-Array = NDArray[np.float64]
 Draw = Callable[[Axes], None]  # draws one case
 INK, PALE, WARM, COOL = "#222222", "#c9c9c9", "#d9480f", "#1c6fb5"
 _COLOURS = 96  # of a sheet's palette: a third of the bytes

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from knotfab.arrays import Array, Mask
 from knotfab.scene.camera import Camera
 
 __all__ = ["HullBound", "hull_bounds", "inside_hull"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _RAYS_PX = 192  # longer side of the grid of rays
 _STEPS = 240  # samples of a ray

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon, Polygon
 
+from knotfab.arrays import Array
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
@@ -27,8 +27,6 @@ from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["Question", "ask", "opening_iou", "silhouette_polygon"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

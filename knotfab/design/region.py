@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.design.hull import HullBound
@@ -15,7 +14,6 @@ from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["depth_extent", "resolve_region"]
 
-Array = NDArray[np.float64]
 
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 _WIDER = 1.25  # than the picture

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.pages import Box
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Scaled", "draw_dimension", "fit_scale", "length", "project_outlines"]
 
-Array = NDArray[np.float64]
 
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 _LINE = 0.35  # points

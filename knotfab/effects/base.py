@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion, ResolvedView
 
 __all__ = ["Decision", "Effect", "EffectContext", "Limits", "State"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Limits
 from knotfab.effects.region import tube_outside
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import Polylines
 
 __all__ = ["Feasibility", "measure_feasibility"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

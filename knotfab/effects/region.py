@@ -6,16 +6,14 @@ from math import hypot
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Effect, EffectContext, Limits, State
 from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
-
-Array = NDArray[np.float64]
 
 
 def outside(points: Tensor, region: ResolvedRegion, radius: float) -> Tensor:

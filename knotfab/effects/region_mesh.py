@@ -12,11 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.errors import InputError
 
 __all__ = ["RegionMesh", "beyond", "region_mesh"]
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 _REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."

@@ -12,16 +12,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
 
 __all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters", "space_evenly"]
 
-Array = NDArray[np.float64]
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
 

@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices
 from knotfab.geometry.neighbours import Neighbours, closest_parameters
 from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Certificate", "certify", "step_limits"]
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-13  # of the coordinates: what double precision may be off by
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Certificate:
     margin: float
 
 
-def _gap_bound(points: Array, rings: Polylines, i: Index, j: Index) -> Array:
+def _gap_bound(points: Array, rings: Polylines, i: Indices, j: Indices) -> Array:
     """A lower bound of the distance of segments i and j: that of their middles less their halves."""
     edge = points[rings.next] - points
     half = 0.5 * np.sqrt(dot(edge, edge))
@@ -41,14 +39,14 @@ def _gap_bound(points: Array, rings: Polylines, i: Index, j: Index) -> Array:
     return np.asarray(np.sqrt(dot(apart, apart)) - half[i] - half[j])
 
 
-def _exact_gap(points: Array, rings: Polylines, i: Index, j: Index) -> Array:
+def _exact_gap(points: Array, rings: Polylines, i: Indices, j: Indices) -> Array:
     u, v = points[rings.next[i]] - points[i], points[rings.next[j]] - points[j]
     s, t = closest_parameters(points[i], u, points[j], v)
     apart = points[i] + s[:, None] * u - points[j] - t[:, None] * v
     return np.asarray(np.sqrt(dot(apart, apart)))
 
 
-def _relative(step: Array, rings: Polylines, i: Index, j: Index) -> Array:
+def _relative(step: Array, rings: Polylines, i: Indices, j: Indices) -> Array:
     """The largest relative displacement between the ends of segments i and those of j."""
     ends_i, ends_j = (step[i], step[rings.next[i]]), (step[j], step[rings.next[j]])
     worst = np.zeros(len(i))
@@ -91,7 +89,7 @@ def _scale(points: Array) -> float:
     return float(np.abs(points).max())
 
 
-def _far_margin(points: Array, step: Array, rings: Polylines, i: Index, j: Index) -> float:
+def _far_margin(points: Array, step: Array, rings: Polylines, i: Indices, j: Indices) -> float:
     """The least (distance - relative displacement) of segment pairs (i, j), as a lower bound."""
     if len(i) == 0:
         return np.inf

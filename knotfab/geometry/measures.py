@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.geometry.neighbours import closest_parameters, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Curvature", "StrandGap", "bend_radii", "measure_curvature", "strand_gap"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.arrays import Array, Indices
 from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Neighbours", "closest_parameters", "find_neighbours", "segment_distance"]
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Neighbours:
     """Segment pairs (i -> i+1, j -> j+1), i < j, whose middles were within `reach` at `points`."""
 
-    i: Index
-    j: Index
+    i: Indices
+    j: Indices
     reach: float
     points: Array
     skip: int  # pairs closer than this many steps along the curve are left out

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.arrays import Array, Indices
 
 __all__ = ["Polylines", "dot", "polylines_of_sizes"]
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -23,18 +21,18 @@ class Polylines:
     """How the rows of an (N, 3) array form closed polylines: `sizes` rows each, in order."""
 
     sizes: tuple[int, ...]
-    start: Index  # [N] first row of the ring of each row
-    size: Index  # [N] size of the ring of each row
-    ring: Index  # [N] number of the ring of each row
-    next: Index  # [N] the following row
-    previous: Index  # [N]
+    start: Indices  # [N] first row of the ring of each row
+    size: Indices  # [N] size of the ring of each row
+    ring: Indices  # [N] number of the ring of each row
+    next: Indices  # [N] the following row
+    previous: Indices  # [N]
 
-    def ahead(self, steps: int) -> Index:
+    def ahead(self, steps: int) -> Indices:
         """[N] the row `steps` further along each row's ring."""
         rows = np.arange(len(self.start))
         return self.start + (rows - self.start + steps) % self.size
 
-    def index_distance(self, i: Index, j: Index) -> Index:
+    def index_distance(self, i: Indices, j: Indices) -> Indices:
         """Steps between rows along the curve; a huge number between different rings."""
         apart = np.abs(i - j)
         apart = np.minimum(apart, self.size[i] - apart)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["resample", "subdivide"]
-
-Array = NDArray[np.float64]
 
 
 def _at(points: Array, parameter: Array, where: Array) -> Array:

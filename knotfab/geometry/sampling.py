@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.arrays import Array
 
 __all__ = ["arc_lengths", "sample_evenly"]
-
-Array = NDArray[np.float64]
 
 
 def arc_lengths(points: Array) -> Array:

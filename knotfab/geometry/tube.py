@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["mesh_volume", "sides_for", "sweep", "tube_manifold"]
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 

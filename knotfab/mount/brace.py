@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Frame, round_beams, stiffness_of
 from knotfab.mount.piece_frame import Stiffness, piece_frame
@@ -15,9 +15,6 @@ from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined
 
 __all__ = ["Braced", "brace"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 NORM = 12.0  # of the displacements: nearly their largest, but smooth
 TRIED = 5  # hidden members that are tried before one is added
@@ -148,7 +145,7 @@ class _Search:
         self.free = np.zeros(len(candidates), dtype=bool)  # nothing is in the way by now
         self.spoiled: list[int] = []  # of no use by now, nor what is near them
 
-    def best(self, promise: Array, group: Mask, most: int) -> Ints:
+    def best(self, promise: Array, group: Mask, most: int) -> Indices:
         """Up to `most` clear candidates of a group, of high promise, and well apart."""
         open_ones = np.flatnonzero(group & ~self.blocked & (promise > 0))
         count = min(LOOKED_AT, len(open_ones))
@@ -175,7 +172,7 @@ class _Search:
         end = np.linalg.norm(c.end[others] - c.end[number], axis=1)
         return bool(((start < self.apart) & (end < self.apart)).any())
 
-    def spoil(self, tried: Ints) -> None:
+    def spoil(self, tried: Indices) -> None:
         """These are of no use, until something is added."""
         self.spoiled += [int(n) for n in tried]
 

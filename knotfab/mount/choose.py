@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import frame_of, round_beams
 from knotfab.mount.piece_frame import DOWN, JOINT_RADII, PIECES, Stiffness, piece_beams, taper
@@ -15,8 +15,6 @@ from knotfab.mount.struts import nothing, sites_of
 
 __all__ = ["Pegs", "choose_pegs"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
 CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
@@ -31,7 +29,7 @@ POWER = 4
 class Pegs:
     """Chosen pegs, as numbers of rays, and the largest displacement (mm) with them, and where (3,)."""
 
-    rays: Ints
+    rays: Indices
     sag_mm: float
     sag_at: Array
 
@@ -107,12 +105,12 @@ def _of_knot(
     return [int(model.candidates[p]) for p in pegs], now.sag_mm, now.at
 
 
-def _apart(rays: Rays, own: Ints, taken: list[int], radius: float) -> Ints:
+def _apart(rays: Rays, own: Indices, taken: list[int], radius: float) -> Indices:
     """Those rays whose feet keep away from those taken."""
     if not taken:
         return own
     gaps = np.linalg.norm(rays.foot[own][:, None] - rays.foot[taken][None], axis=2).min(axis=1)
-    apart: Ints = own[gaps >= APART_RADII * radius]
+    apart: Indices = own[gaps >= APART_RADII * radius]
     return apart
 
 
@@ -139,7 +137,7 @@ class _Model:
         knots: Knots,
         rays: Rays,
         k: int,
-        own: Ints,
+        own: Indices,
         top_radius: float,
         foot_radius: Array,
         stiffness: Stiffness,

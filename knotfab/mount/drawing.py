@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.dimensions import (
     Scaled,
     draw_dimension,
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["write_setup"]
 
-Array = NDArray[np.float64]
 Misplacement = Mapping[str, Mapping[str, float]] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.dimensions import length
 from knotfab.drawing.pages import (
     PAPERS,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PLAY_MM", "SPARE_DEPTH_MM", "write_drill_template"]
 
-Array = NDArray[np.float64]
 
 PLAY_MM = 0.3  # by which a hole is wider than its dowel
 SPARE_DEPTH_MM = 1.0  # and deeper

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.arrays import Array, Indices
 
 __all__ = ["Beams", "Frame", "deflection", "frame_of", "round_beams", "stiffness_of"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 GRAVITY_M_S2 = 9.81
 POISSON = 0.35  # of filament plastics; it enters through the twist alone
@@ -29,13 +28,13 @@ class Beams:
     """
 
     joints: Array
-    ends: Ints
+    ends: Indices
     area: Array
     inertia: Array
     twist: Array
 
 
-def round_beams(joints: Array, ends: Ints, radius: Array) -> Beams:
+def round_beams(joints: Array, ends: Indices, radius: Array) -> Beams:
     """Beams of round section, `radius` (m,) mm."""
     area = np.pi * radius**2
     return Beams(joints, ends, area, np.pi / 4 * radius**4, np.pi / 2 * radius**4)
@@ -50,7 +49,7 @@ class Frame:
     """
 
     joints: int
-    loose: Ints
+    loose: Indices
     weight: Array
     factor: Any
 
@@ -58,7 +57,7 @@ class Frame:
         """(n, 6) displacements and turns of the joints under the frame's own weight."""
         return self._solved(self.weight[:, None]).reshape(self.joints, 6)
 
-    def flexibility(self, joints: Ints) -> Array:
+    def flexibility(self, joints: Indices) -> Array:
         """(6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
@@ -79,7 +78,7 @@ class Frame:
 
 def frame_of(
     beams: Beams,
-    fixed: Ints,
+    fixed: Indices,
     young_mpa: float,
     density_g_cm3: float,
     down: Array,
@@ -135,7 +134,7 @@ def frame_of(
 
 
 def deflection(
-    beams: Beams, fixed: Ints, young_mpa: float, density_g_cm3: float, down: Array
+    beams: Beams, fixed: Indices, young_mpa: float, density_g_cm3: float, down: Array
 ) -> Array:
     """(n, 3) displacement of the joints, mm, under the beams' own weight (see `frame_of`)."""
     return frame_of(beams, fixed, young_mpa, density_g_cm3, down).moved()[:, :3]

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
@@ -20,8 +21,6 @@ from knotfab.scene.require import require_mount
 
 __all__ = ["Mounted", "mount_piece"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed

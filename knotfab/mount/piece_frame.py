@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, Frame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
@@ -22,8 +22,6 @@ __all__ = [
     "taper",
 ]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # of a tapering member, each taken as round
@@ -51,7 +49,7 @@ def piece_beams(
     members: Candidates,
     pieces: int = 1,
     end_radius_mm: Array | None = None,
-) -> tuple[Beams, Ints]:
+) -> tuple[Beams, Indices]:
     """The beams of tubes and members, and the joints that the ground (desk or wall) holds.
 
     The sites are the first joints, in their order.

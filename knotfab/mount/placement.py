@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
 from knotfab.scene.camera import Camera
 
 __all__ = ["Footing", "Mark", "Placement", "placement_of"]
 
-Array = NDArray[np.float64]
 
 EDGES = ("front", "right", "back", "left")  # of a base, as the first light goes round it
 QUARTER_DEG = 90.0

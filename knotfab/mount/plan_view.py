@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.dimensions import Scaled, draw_dimension, fit_scale, length, project_outlines
 from knotfab.drawing.pages import PAPERS, Box, make_page
 from knotfab.mount.mount import Mounted
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plan_sheet"]
 
-Array = NDArray[np.float64]
 
 ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # where on the page it is drawn
 BESIDE_MM = 12.0  # of a wall, beside its frame

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.scene.camera import Camera
 
@@ -22,7 +22,6 @@ __all__ = [
     "slope_below",
 ]
 
-Array = NDArray[np.float64]
 Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 
 CORNER_MM = 6.0

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
 from knotfab.mount.struts import beside_on_rings, off_segments, opens_slowly
 
 __all__ = ["Rays", "free_rays"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 LEAST_SINE = 0.6  # between tube and ray: a peg that leaves along its tube would graze it
 JOINT_RADII = 3.0  # of arc on each side of a peg's top that belong to its joint
@@ -29,8 +26,8 @@ class Rays:
     `free` says that a peg may stand there; `tangent` (n, 3) are the tube's unit directions.
     """
 
-    knot: Ints
-    vertex: Ints
+    knot: Indices
+    vertex: Indices
     top: Array
     foot: Array
     tangent: Array
@@ -84,8 +81,8 @@ def _tangents(points: Array) -> Array:
 def _clear(
     knots: Knots,
     light: Array,
-    knot: Ints,
-    vertex: Ints,
+    knot: Indices,
+    vertex: Indices,
     top: Array,
     foot: Array,
     share: float,
@@ -141,7 +138,7 @@ def _arc(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _samples(knots: Knots) -> tuple[Array, Ints, Array, Array]:
+def _samples(knots: Knots) -> tuple[Array, Indices, Array, Array]:
     """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
     points, owner, arcs, lengths = [], [], [], []
     for i, k in enumerate(knots.knots):

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import Camera
 
 __all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LONGER_PX = 1024  # of the frame; the shadow is verified on as many
 SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
@@ -44,9 +44,6 @@ from knotfab.scene.camera import Camera
 
 __all__ = ["StandMount", "StandSettings", "plan_stand"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
@@ -87,7 +84,7 @@ class StandMount:
     """
 
     members: Candidates
-    holds: Ints
+    holds: Indices
     base: Base
     margin_mm: float
     tip_deg: float
@@ -252,7 +249,7 @@ def _spanning(
     candidates: Candidates,
     obstacles: Obstacles,
     shadows: Shadows,
-) -> tuple[Candidates, Ints]:
+) -> tuple[Candidates, Indices]:
     """The members that join every knot to the ground, and which knot each was taken for.
 
     Raises:

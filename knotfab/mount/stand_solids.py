@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
 from knotfab.mount.solids import as_manifold, frame_along, strut_solid
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["stand_bodies"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 ROOT_HEIGHT_MM = 3.0

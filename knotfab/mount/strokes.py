@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.dimensions import Scaled, length
 from knotfab.scene.model import View
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FAINT", "INK", "LIGHT", "PIECE", "draw_lamp", "fill", "hatch", "lamp_name", "note"]
 
-Array = NDArray[np.float64]
 
 INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
 

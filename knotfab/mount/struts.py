@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.geometry.neighbours import segment_distance
 from knotfab.knots import Knots
 
@@ -26,9 +26,6 @@ __all__ = [
     "struts",
 ]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 GROUND = -1  # the second site of a post
 SITE_RADII = 1.5  # between sites along a tube
@@ -49,17 +46,17 @@ class Sites:
     first vertex; `perimeter` (k,) of each knot; `following` (n,) the next site along the same knot.
     """
 
-    knot: Ints
-    vertex: Ints
+    knot: Indices
+    vertex: Indices
     point: Array
     tangent: Array
     arc: Array
     perimeter: Array
-    following: Ints
+    following: Indices
 
 
 def sites_of(
-    knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Ints] | None = None
+    knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Indices] | None = None
 ) -> Sites:
     """Vertices about `step_radii` tube radii apart, at least 8 on each knot, and those in `also`, by knot."""
     knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
@@ -100,8 +97,8 @@ class Candidates:
     (n, 3) where those are, `radius` (n,) mm.
     """
 
-    first: Ints
-    second: Ints
+    first: Indices
+    second: Indices
     start: Array
     end: Array
     radius: Array
@@ -109,7 +106,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.first)
 
-    def of(self, some: Ints | Mask | list[int]) -> Candidates:
+    def of(self, some: Indices | Mask | list[int]) -> Candidates:
         return Candidates(
             self.first[some],
             self.second[some],
@@ -152,7 +149,7 @@ def joined(parts: list[Candidates]) -> Candidates:
     )
 
 
-def struts(sites: Sites, pairs: Ints, tube_mm: float, radius_mm: float) -> Candidates:
+def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Candidates:
     """The straight members of one radius between pairs (m, 2) of sites that meet both tubes squarely."""
     a, b = pairs[:, 0], pairs[:, 1]
     gap = np.abs(sites.arc[a] - sites.arc[b])
@@ -244,7 +241,7 @@ class Obstacles:
         return free
 
     def _narrow(
-        self, some: Candidates, i: Ints, j: Ints, ahead: Mask, unit: Array, length: Array
+        self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
         """(m,) whether a strand leaves its joint with member i too slowly at its sample j, or comes back."""
         onward = self.beside[np.where(ahead, 1, 0), j]
@@ -262,7 +259,7 @@ def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tup
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
 
 
-def beside_on_rings(counts: Ints) -> Ints:
+def beside_on_rings(counts: Indices) -> Indices:
     """(2, n) of samples on rings of so many each: the one before and the one after on the same ring."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     place, around = np.arange(int(counts.sum())) - first, np.repeat(counts, counts)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.choose import choose_pegs
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Peg", "WallMount", "WallSettings", "plan_wall", "wall_bodies"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,

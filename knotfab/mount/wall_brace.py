@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness
@@ -17,9 +17,6 @@ from knotfab.scene.camera import Camera
 
 __all__ = ["hidden_braces", "pegs_on", "sites_with"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 STARTS = 160  # of leaning pegs, evenly along all tubes, and as many ends
 MOST_SLOPE = 1.0  # of a leaning peg: along the wall per mm towards it
@@ -69,13 +66,13 @@ def hidden_braces(
     return braced.members.of(np.arange(len(given), len(braced.members)))
 
 
-def sites_with(knots: Knots, rays: Rays, chosen: Ints) -> Sites:
+def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
     """Sites along all tubes, and those where the chosen rays begin."""
     of = rays.knot[chosen]
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
 
-def pegs_on(sites: Sites, rays: Rays, chosen: Ints, top_radius_mm: float) -> Candidates:
+def pegs_on(sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: float) -> Candidates:
     """The pegs along the chosen rays as members, as thick all along as at the tube."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import sweep, tube_manifold
@@ -24,8 +25,6 @@ from knotfab.target.read import Target
 
 __all__ = ["Part", "part_of", "rules_of"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most

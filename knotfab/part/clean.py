@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
+
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["clean_body"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 # Slivers along the seams of a union may turn over when their corners are rounded; edges shorter than

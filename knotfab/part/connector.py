@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.part.cut import CLEARANCE_MM, Cut
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["KERF_MM", "Piece", "cut_body"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 KERF_MM = 0.01  # of matter that is lost at a cut

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Indices
 from knotfab.errors import SceneError
 from knotfab.part.orient import spread_turns
 
 __all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PIN_RADII = 2.0  # that a pin sticks out of the cut, in tube radii
 PIN_SHARE = 0.5  # of the tube's radius: a pin's, where the bend leaves room for it
@@ -40,7 +39,7 @@ class Line:
     hidden: Array
     barred: NDArray[np.bool_]
     beside: Array
-    beside_of: Ints
+    beside_of: Indices
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,7 @@ class _Spans:
         return self.known[first]
 
 
-def _greedy(span: _Spans, at: Ints, worth: Array, first: int, early: float) -> list[int] | None:
+def _greedy(span: _Spans, at: Indices, worth: Array, first: int, early: float) -> list[int] | None:
     """Vertices of cuts from `first` all round; None where a piece would not reach the next place."""
     n, cuts, here, gone = span.count, [first], first, 0
     while True:

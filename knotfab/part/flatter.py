@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.knots import Knot, Knots
 from knotfab.part.orient import estimate_supports_cm3, propose_turns, rank_turns
@@ -13,7 +12,6 @@ from knotfab.part.supports import Rules, strands_of
 
 __all__ = ["Flattening", "flatter_depth"]
 
-Array = NDArray[np.float64]
 
 STEPS = 5  # of halving, to a thirty-second of the depth
 AIM = 0.95  # of the limit: the search that follows lays the strands anew

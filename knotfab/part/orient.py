@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from knotfab.arrays import Array
 from knotfab.part.supports import Estimate, Rules, Strands, estimate
 
 __all__ = [
@@ -23,7 +23,6 @@ __all__ = [
     "spread_turns",
 ]
 
-Array = NDArray[np.float64]
 
 # Scene to bed, in order of preference: back down (the light above), a side down, and the reverses.
 AXES = (

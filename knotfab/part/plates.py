@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
 from knotfab.part.clean import clean_body
@@ -19,7 +20,6 @@ from knotfab.part.supports import Rules
 
 __all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 APART_MM = 5.0  # between pieces on one plate

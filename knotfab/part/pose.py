@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns
@@ -19,7 +20,6 @@ from knotfab.part.supports import Rules, strands_of
 
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from knotfab.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
 from knotfab.part.cut import Line
@@ -16,8 +17,6 @@ from knotfab.scene.camera import Camera
 
 __all__ = ["can_be_split", "list_printables", "measure_hiding"]
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FULLY_RADII = 3.0  # of the tube's shadow from the outline, from which on a place is well inside
 PEG_RADII = 2.0  # of the tube, clear of a peg's side
@@ -71,7 +70,7 @@ def measure_hiding(
 
 def _pegs(
     mounted: Mounted, knot: int, points: Array, radius: float
-) -> tuple[NDArray[np.bool_], Array, Ints]:
+) -> tuple[NDArray[np.bool_], Array, Indices]:
     """Which vertices are next to a peg, the points that bound the knot's pegs, and their vertices."""
     barred = np.zeros(len(points), dtype=np.bool_)
     beside, beside_of = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from knotfab.arrays import Array
 from knotfab.knots import Knots
 
 __all__ = ["Estimate", "Rules", "Strands", "estimate", "strands_of"]
 
-Array = NDArray[np.float64]
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.design.design import Design
 from knotfab.files.folder import OutputFolder
 from knotfab.files.stl import write_stl
@@ -19,7 +19,6 @@ from knotfab.target.read import Target
 
 __all__ = ["COLOURED", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
 
-Array = NDArray[np.float64]
 Row = tuple[float, float, float, float]
 
 COLOURED = "part-colours.3mf"

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.report.report_html import Picture
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["draw_part", "find_pictures", "place_eyes", "turn_eye"]
 
-Array = NDArray[np.float64]
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
 PANEL_PX = 360

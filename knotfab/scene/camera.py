@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.scene.model import ResolvedView, View
 
 __all__ = ["Camera", "camera_of", "view_axes"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

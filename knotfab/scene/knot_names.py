@@ -15,14 +15,13 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import InputError
 from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["BRAIDS", "Factor", "KnotName", "load_knot", "parse_knot_name"]
 
-Array = NDArray[np.float64]
 
 # Letter k > 0: strands k and k + 1 cross right-handedly; k < 0: left-handedly.
 BRAIDS: dict[str, tuple[int, ...]] = {

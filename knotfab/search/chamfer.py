@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.effects.base import State
 from knotfab.problem import TargetView
 from knotfab.scene.camera import camera_of
@@ -24,7 +24,6 @@ from knotfab.search.objective import Term, Weights
 
 __all__ = ["TENSION", "Chamfer"]
 
-Array = NDArray[np.float64]
 
 _SAMPLES = 700  # of each silhouette
 TENSION = 3.0

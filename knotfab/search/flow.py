@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Between", "FlowResult", "FlowSettings", "flow"]
 
-Array = NDArray[np.float64]
 Loss = Callable[[Tensor, Neighbours, float], Tensor]  # (points, near, progress) -> loss
 Between = Callable[[Array, Neighbours, int, float], None]  # (points, near, iteration, progress)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Decision, Limits
 from knotfab.geometry.carry import (
     Curves,
@@ -26,7 +26,6 @@ from knotfab.search.state import SearchState
 
 __all__ = ["keep_largest", "search_network"]
 
-Array = NDArray[np.float64]
 _REFRESH = 40  # iterations between even samplings of the curves
 _EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
 _TAU = (1.0, 6.0)  # from softer than the flow's: there is further to go

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Decision, Limits, State
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
@@ -18,8 +19,6 @@ from knotfab.render.picture import CUTOFF, ViewImage
 from knotfab.render.tiled import render_tiled, winners
 
 __all__ = ["Objective", "Term", "Weights", "add_limits"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.optimize import least_squares
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
@@ -40,7 +40,6 @@ __all__ = [
     "settle_pose",
 ]
 
-Array = NDArray[np.float64]
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
 
 ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radius")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.arrays import Array
 from knotfab.effects.feasibility import Feasibility
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines
@@ -22,7 +23,6 @@ from knotfab.search.state import SearchState, resample_state, run_phase
 
 __all__ = ["find_stretches", "mend_stretches", "repair"]
 
-Array = NDArray[np.float64]
 
 _REACH = 4.0  # of a stretch about a violation, in tube radii
 _ITERATIONS = 60

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import Decision, EffectContext, Limits
 from knotfab.effects.feasibility import Feasibility, measure_feasibility
 from knotfab.effects.survey import survey
@@ -27,7 +28,6 @@ from knotfab.search.spill import Spill
 
 __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
-Array = NDArray[np.float64]
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
 

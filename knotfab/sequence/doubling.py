@@ -8,14 +8,13 @@ spline through the others: vertex 2 i is the old vertex i, and 2 i + 1 the new o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.geometry.carry import Carried, Curves, carry
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 
 __all__ = ["double_vertices"]
 
-Array = NDArray[np.float64]
 
 _SHORTEST = 1 / 32  # of the way to the spline
 

@@ -11,16 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 import torch
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.effects.base import State
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion"]
 
-Array = NDArray[np.float64]
 
 _SPACING_MM = 0.1  # of samples on the outlines
 _TAUT = 0.05  # weight of the length beyond what the picture's area calls for

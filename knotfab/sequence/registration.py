@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, zoom
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
+
 __all__ = ["Displacement", "register"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _LONGER = 144  # grid points on the longer side at the finest level
 _LEVELS = (0.25, 0.5, 1.0)  # of that

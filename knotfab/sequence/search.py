@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
@@ -20,7 +20,6 @@ from knotfab.sequence.transport import transport
 
 __all__ = ["FrameResult", "finish", "follow"]
 
-Array = NDArray[np.float64]
 
 _REPAIRS = 6
 _ROOM = 1.04  # times the bend radius that the part must keep

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.design.question import opening_iou
 from knotfab.geometry.polylines import Polylines
 from knotfab.problem import Problem
@@ -17,7 +18,6 @@ from knotfab.sequence.search import FrameResult, follow
 
 __all__ = ["Following", "Likeness", "Trial"]
 
-Array = NDArray[np.float64]
 
 _MORE = 2.0  # times the iterations, where a frame did not come out
 _POOR = 0.025  # of IoU below what the radius allows: another start is tried

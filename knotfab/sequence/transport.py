@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
 from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines
 from knotfab.sequence.registration import register
 
 __all__ = ["transport"]
 
-Array = NDArray[np.float64]
 
 _LONGEST = 0.5  # tube radii that a vertex goes in one step
 _SHORTEST = 1e-3  # of the way

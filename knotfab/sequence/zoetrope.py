@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.knots import Knot, Knots
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Zoetrope", "build_zoetrope", "find_footholds"]
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 _SIDES = 12  # of a tube, which is scaled down

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.files.threemf import Body
 from knotfab.geometry.tube import mesh_volume
 from knotfab.scene.model import Scene
@@ -18,7 +18,6 @@ from knotfab.slicer.result import CrossCheck
 
 __all__ = ["box_of", "compare_gcode", "compare_info"]
 
-Array = NDArray[np.float64]
 
 SPACING_MM = 1.0  # of the points that stand for a printed line
 SAMPLES = 20_000  # of the surface, over all bodies

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
+
 __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]
 
-Array = NDArray[np.float64]
 
 MOST_BYTES = 1_000_000_000
 TAIL_BYTES = 100_000  # the figures stand before the settings, which close the file

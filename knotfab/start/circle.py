@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
@@ -18,7 +18,6 @@ from knotfab.start.filling import Template
 
 __all__ = ["start_at_circles"]
 
-Array = NDArray[np.float64]
 
 _CIRCLE = 0.35  # radius of a circle over the shorter side of what it is to draw
 _WAVES, _OUTLINE, _FITS = 4, 300, 30  # of a circle bent in depth

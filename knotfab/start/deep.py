@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter1d, uniform_filter
 
+from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
@@ -22,8 +23,6 @@ from knotfab.start.filling import fill, simple_curves, smooth_closed
 
 __all__ = ["deep_curves"]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _LEVEL = 0.7  # tube radii between depths
 _STEP = 2.0  # tube radii between samples: as far apart as two sweeps must be
@@ -43,19 +42,19 @@ class _Other:
     """
 
     wanted: NDArray[np.bool_]
-    drawn: Index
-    disc: Index
-    at: Index
+    drawn: Indices
+    disc: Indices
+    at: Indices
     spill: Array
 
-    def draw(self, samples: Index, levels: Sequence[tuple[int, int]], sign: int) -> None:
+    def draw(self, samples: Indices, levels: Sequence[tuple[int, int]], sign: int) -> None:
         """Draw, or with sign -1 take back, the sweeps of these samples."""
         for n, (one, end) in zip(samples.tolist(), levels, strict=True):
             cells = self.at[n, min(one, end) : max(one, end) + 1]
             each = (cells[:, None] + self.disc).reshape(-1, 2)
             np.add.at(self.drawn, (each[:, 0], each[:, 1]), sign)
 
-    def gains(self, samples: Index) -> Array:
+    def gains(self, samples: Indices) -> Array:
         """(k, levels) the share of a disc that is wanted and not drawn yet."""
         wide = 2 * int(self.disc.max()) + 1
         new = uniform_filter((self.wanted & (self.drawn == 0)).astype(np.float64), wide)
@@ -110,7 +109,7 @@ def _find_levels(gain: Array, first: int, last: int | None) -> list[int]:
     return path[::-1]
 
 
-def _sweeps_of(nodes: list[int], samples: Index) -> list[tuple[int, int]]:
+def _sweeps_of(nodes: list[int], samples: Indices) -> list[tuple[int, int]]:
     return [(nodes[n], nodes[(n + 1) % len(nodes)]) for n in samples.tolist()]
 
 

@@ -8,18 +8,15 @@ least be read elsewhere.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import erf
 
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.problem import DepthChoice
 from knotfab.start.legibility import legibility
 
 __all__ = ["choose_depth", "lift"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
@@ -45,7 +42,7 @@ def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: floa
     )
 
 
-def _overlapping(curves: tuple[Array, ...], radius: float) -> tuple[Index, Index]:
+def _overlapping(curves: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
     """Pairs of points that hide each other seen from the light, so that they must differ in depth.
 
     Where two strands run in a stroke about one tube wide, neither can step aside without a trace.

@@ -10,17 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from knotfab.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
 
 __all__ = ["Template", "fill", "rings_of", "simple_curves", "smooth_closed"]
 
-Array = NDArray[np.float64]
 
 _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
 _BRIDGES = 4  # nearest curves that a curve may be joined to

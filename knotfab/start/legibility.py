@@ -7,13 +7,12 @@ their bounding boxes, largest IoU), on a coarse grid and from the centre line al
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+
+from knotfab.arrays import Array, Mask
 
 __all__ = ["legibility", "stretch_mask"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _GRID = 64
 

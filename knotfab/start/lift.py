@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
@@ -15,7 +12,6 @@ from knotfab.start.legibility import stretch_mask
 
 __all__ = ["lift_template"]
 
-Array = NDArray[np.float64]
 
 _FLAT_RADII = 3.0  # depth of a flat piece: strands pass over each other, no more
 

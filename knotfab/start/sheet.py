@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
 from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["Row", "Sheet", "laid_on", "rows_of", "sheet_of"]
 
-Array = NDArray[np.float64]
 
 _SNAP = 0.22  # gaps of both silhouettes at fractions this close are one gap
 _SMALLEST = 6.0  # area in squared radii of a piece that is drawn

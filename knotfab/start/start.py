@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.region import tube_outside
 from knotfab.problem import Problem, Start
 from knotfab.scene.knot_names import parse_knot_name
@@ -18,8 +18,6 @@ from knotfab.start.tie import Room, tie
 from knotfab.start.views import start_between_views
 
 __all__ = ["make_start", "tie_knot"]
-
-Array = NDArray[np.float64]
 
 
 def make_start(

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPoint, MultiPolygon
 
+from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
 from knotfab.scene.knot_names import Factor, load_knot
 
 __all__ = ["Room", "Tied", "tie"]
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
 _SPARE = 1.03  # how much larger than tight the knot is made
@@ -104,7 +103,7 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> T
     """
     lengths = [float(np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1).sum()) for c in curves]
     component = int(np.argmax(lengths))
-    plain: Flags = np.ones(len(curves[component]), dtype=bool)  # vertices still of the template
+    plain: Mask = np.ones(len(curves[component]), dtype=bool)  # vertices still of the template
     tied = Tied(curves, component, np.zeros(3), 0.0)
     for factor in factors:
         knot = load_knot(factor.name, factor.mirrored) * (room.unit * _SPARE)
@@ -112,7 +111,7 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> T
     return tied
 
 
-def _tie_one(tied: Tied, plain: Flags, poses: _Poses, name: str, room: Room) -> tuple[Tied, Flags]:
+def _tie_one(tied: Tied, plain: Mask, poses: _Poses, name: str, room: Room) -> tuple[Tied, Mask]:
     """The knot in the best of its places where the construction holds."""
     curve = tied.curves[tied.component]
     rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
@@ -169,7 +168,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
 
 
 def _sites(
-    curve: Array, rest: list[Array], plain: Flags, poses: _Poses, room: Room
+    curve: Array, rest: list[Array], plain: Mask, poses: _Poses, room: Room
 ) -> Iterator[_Site]:
     """Every pose at every promising place, with its cost: spill first, then depth."""
     unit, light = room.unit, room.light
@@ -237,7 +236,7 @@ class _Inside:
 
 
 def _places(
-    curve: Array, shadows: list[Array], plain: Flags, inside: _Inside, cut: int
+    curve: Array, shadows: list[Array], plain: Mask, inside: _Inside, cut: int
 ) -> Iterator[int]:
     """Vertices where the strand may be cut, those deepest in the silhouette first.
 
@@ -266,8 +265,8 @@ def _places(
 
 
 def _splice(
-    curve: Array, rest: list[Array], plain: Flags, site: _Site, room: Room
-) -> tuple[Array, Flags] | None:
+    curve: Array, rest: list[Array], plain: Mask, site: _Site, room: Room
+) -> tuple[Array, Mask] | None:
     """The curve with the knot in it, and which vertices are the template's; None: not proved."""
     unit, light, side = room.unit, room.light, site.side
     step = float(np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1).mean())

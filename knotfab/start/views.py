@@ -7,8 +7,8 @@ from itertools import combinations, product
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.sampling import sample_evenly
@@ -21,7 +21,6 @@ from knotfab.start.sheet import laid_on, sheet_of
 
 __all__ = ["start_between_views", "start_ious"]
 
-Array = NDArray[np.float64]
 
 _ROUNDS = 5  # of following the rays of both lights to one point
 _SEEN_PX = 160

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from knotfab.arrays import Mask
 from knotfab.errors import InputError
 
 __all__ = ["LARGEST_SIDE", "SMALLEST_SIDE", "SUFFIXES", "decode", "looks_like_raster", "silhouette"]
 
-Mask = NDArray[np.bool_]
 Levels = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.int32]
 
 SMALLEST_SIDE = 16

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Mask
+
 if TYPE_CHECKING:
     import scipy.sparse
     from shapely import MultiPolygon, Polygon
 
 __all__ = ["LONGER_SIDE", "pieces", "resample_mask", "sample_1024", "trace_polygon"]
 
-Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 
 LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
 _SPECK = 2.0  # px²: smaller pieces and holes are dropped from polygons

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from knotfab.arrays import Array, Indices
+
 __all__ = [
     "Wire",
     "WireSites",
@@ -17,8 +19,6 @@ __all__ = [
     "space_sites",
 ]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LARGEST_TURN = np.deg2rad(175.0)  # a corner that turns farther has no fillet at hand
 
@@ -68,7 +68,7 @@ class Wire:
 class WireSites:
     """Places on a wire: the number of the piece, whether its bend or its straight, and the share."""
 
-    piece: Index  # (k,)
+    piece: Indices  # (k,)
     bend: NDArray[np.bool_]  # (k,)
     share: Array  # (k,), 0 to 1 along that bend or straight
 
@@ -103,7 +103,7 @@ def round_corners(corners: Array, radius: float) -> Wire:
     )
 
 
-def find_nearest_sites(wire: Wire, points: Array, near: Index) -> tuple[WireSites, Array]:
+def find_nearest_sites(wire: Wire, points: Array, near: Indices) -> tuple[WireSites, Array]:
     """The place on the wire nearest to each of the points (k, 3), and the distance (k,).
 
     Args:
@@ -161,7 +161,7 @@ def space_sites(wire: Wire, step: float) -> tuple[WireSites, Array]:
     return sites, np.concatenate(along)
 
 
-def _group_corners(m: int) -> list[Index]:
+def _group_corners(m: int) -> list[Indices]:
     """Corners in groups whose members are at least five apart around the wire."""
     if m < 10:
         return [np.array([j]) for j in range(m)]

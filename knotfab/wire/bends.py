@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.wire.arcs import Wire
 
 __all__ = ["Bend", "BendList", "list_bends", "tool_angle_deg"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.wire.arcs import Wire, WireSites, round_corners
 from knotfab.wire.residual import FitLimits, Strand, compute_residual, measure_distances
 
 __all__ = ["FitLimits", "fit_wires"]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _STEP_MM = 0.6  # between the points of the curve that are fitted
 _LONGEST = 150  # points that one straight may stand for at first
@@ -26,7 +24,7 @@ _SPLIT_DEG = 70.0  # a bend that misses the curve and turns farther becomes two
 _MERGED_DEG = 110.0  # the most that one corner in place of two may turn
 
 
-def _first_corners(points: Array, scaled: Array, tolerance: float) -> Index:
+def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
     """Corners (indices) of a polygon on the curve whose chords stay within a tolerance.
 
     The longest chord from each point is taken in turn, from each of the first points as a start,
@@ -275,7 +273,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
     return True
 
 
-def _in_order(corners: Array, index: Index, n: int) -> tuple[Array, Index]:
+def _in_order(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
     """Corners in the wire's order from the curve's first point on, each with a point of its own."""
     rising = (index - index[0]) % n
     for k in range(1, len(rising)):

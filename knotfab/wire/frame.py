@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
+from knotfab.arrays import Mask
 from knotfab.scene.model import Material, View
 from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["WireFrame", "measure_frame"]
 
-Mask = NDArray[np.bool_]
 
 ENOUGH_IOU = 0.95  # of the picture and what strands of the wire's thickness can fill of it
 STEPS = 20  # of the search for a width: a millionth of its range

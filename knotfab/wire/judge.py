@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.scene.model import Material, View
 from knotfab.wire.bends import BendList
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_wire"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
 _SHORT_MM = 0.01  # of a straight, for rounding

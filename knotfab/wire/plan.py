@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab import __version__
 from knotfab.drawing.pages import PAPERS
@@ -26,7 +25,6 @@ from knotfab.wire.template_pdf import draw_views, write_templates
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
-Array = NDArray[np.float64]
 
 TOLERANCE_RADII = 0.5
 DEPTH_FACTOR = 2.0

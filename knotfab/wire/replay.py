@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from knotfab.arrays import Array
 from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.wire.bends import BendList
 
@@ -21,7 +22,6 @@ __all__ = [
     "replay",
 ]
 
-Array = NDArray[np.float64]
 
 _WINDOW = 30  # samples
 

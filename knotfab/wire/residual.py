@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from knotfab.arrays import Array, Indices
 from knotfab.wire.arcs import (
     Wire,
     WireSites,
@@ -20,8 +20,6 @@ from knotfab.wire.arcs import (
 
 __all__ = ["FitLimits", "Strand", "compute_residual", "measure_distances", "weigh_depth"]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
@@ -52,10 +50,10 @@ class Strand:
     points: Array
     scaled: Array
     corners: Array
-    index: Index  # (m,) rising; the point of the curve that each corner stands for
+    index: Indices  # (m,) rising; the point of the curve that each corner stands for
     tolerance: Array  # (n,) mm, at each point
 
-    def near(self) -> Index:
+    def near(self) -> Indices:
         """(n,) the corner whose straight each point lies about."""
         n = len(self.points)
         number = np.searchsorted(self.index, np.arange(n), side="right") - 1
@@ -138,7 +136,7 @@ def _join_blocks(blocks: Array) -> sparse.csr_matrix:
     )
 
 
-def _put_in_columns(block: sparse.spmatrix, offsets: Index, number: int) -> sparse.csr_matrix:
+def _put_in_columns(block: sparse.spmatrix, offsets: Indices, number: int) -> sparse.csr_matrix:
     """A strand's block in the columns of all strands."""
     left = sparse.csr_matrix((block.shape[0], int(offsets[number])))
     right = sparse.csr_matrix((block.shape[0], int(offsets[-1] - offsets[number + 1])))
@@ -146,7 +144,7 @@ def _put_in_columns(block: sparse.spmatrix, offsets: Index, number: int) -> spar
 
 
 def _push_apart(
-    wires: list[Wire], offsets: Index, limits: FitLimits, with_jacobian: bool
+    wires: list[Wire], offsets: Indices, limits: FitLimits, with_jacobian: bool
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Residuals that push apart strands nearer than the wire's diameter."""
     least = limits.wire_diameter_mm + _GAP_MM

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.drawing.pages import Paper, Tile, draw_facts, draw_tile, lay_tiles, write_pages
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["WireDrawing", "draw_views", "write_templates"]
 
-Array = NDArray[np.float64]
 
 _LABEL_MM = 1.0
 _BEFORE = "bend"  # the ruler is measured
