@@ -66,7 +66,35 @@ _MODULES = {
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
-__all__ = sorted(_HOME)
+__all__ = [
+    "Design",
+    "InputError",
+    "Knot",
+    "KnotfabError",
+    "Knots",
+    "MachineError",
+    "Outcome",
+    "Part",
+    "Problem",
+    "Question",
+    "ResolvedScene",
+    "Scene",
+    "SceneError",
+    "SearchResult",
+    "Start",
+    "Target",
+    "assemble_part",
+    "build",
+    "choose_tube",
+    "design_knots",
+    "pose_question",
+    "read_picture",
+    "search_knots",
+    "settle_design",
+    "sweep_tube",
+    "validate_part",
+    "write_files",
+]
 
 
 def __getattr__(name: str) -> Any:
