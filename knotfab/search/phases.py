@@ -71,12 +71,14 @@ def three_phases(
             the end of the fine one; None: by the number of views.
     """
     several = views > 1
+    # smooth first, what the picture asks for comes in later; several ask for more than that leaves them
+    smooth = (1.0, 1.0) if several else (4.0, 2.0)
     start, middle, end = rates or ((0.2, 0.08, 0.03) if several else (0.15, 0.06, 0.02))
     return (
         Phase(
             settings.coarse_px,
             FlowSettings(iterations=settings.coarse_iterations, rate=start, rate_end=middle),
-            Weights(grace=4.0),  # smooth first: what the picture asks for comes in later
+            Weights(grace=smooth[0]),
             (1.0 if several else 1.5, 3.0),
             spill=several,
             balanced=False,  # the coarse picture is too soft to say what a view falls short of
@@ -84,7 +86,7 @@ def three_phases(
         Phase(
             settings.fine_px,
             FlowSettings(iterations=settings.fine_iterations, rate=middle, rate_end=end),
-            Weights(clearance=3.0, bend=0.5, grace=2.0),
+            Weights(clearance=3.0, bend=0.5, grace=smooth[1]),
             (3.0, _SHARP),
         ),
         Phase(
