@@ -20,7 +20,8 @@ class Point:
 
 _KNOBS: dict[str, tuple[str, tuple[float, ...]]] = {
     "picture size": ("fine_px", (192, 256, 512)),
-    "vertex spacing": ("edge_radii", (0.3, 0.6, 0.75)),
+    "vertex spacing": ("edge_radii", (0.3, 0.45, 0.75)),
+    "grace": ("grace", (0.0, 0.05)),
     "winner search": ("winners_every", (1, 8)),
     "effect tolerance": ("tolerance_px", (0.05, 2.0)),
     "mesh facets": ("mesh_sides", (12, 48, 96)),
@@ -28,6 +29,7 @@ _KNOBS: dict[str, tuple[str, tuple[float, ...]]] = {
 _UNITS = {
     "fine_px": "{:g} px",
     "edge_radii": "{:g} r",
+    "grace": "weight {:g}",
     "winners_every": "every {:g} iterations",
     "tolerance_px": "{:g} px",
     "mesh_sides": "{:g} sides",

@@ -78,7 +78,8 @@ def test_the_objective_weighs_each_image_by_its_share() -> None:
     asked = problem()
     (curve,) = fill(DISC, RADIUS, 1).curves
     points = np.column_stack([curve, 4.0 * np.cos(np.arange(len(curve)))])
-    state = begin(asked, Start((points,), "nearly flat"), RADIUS, DRAFT)
+    plain = DRAFT.model_copy(update={"grace": 0.0})
+    state = begin(asked, Start((points,), "nearly flat"), RADIUS, plain)
     none = Weights(image=0.5, clearance=0.0, bend=0.0, region=0.0, length=0.0)
     phase = Phase(96, FlowSettings(), none, (2.0, 2.0))
     near = find_neighbours(points, state.rings, 12.0, 6)

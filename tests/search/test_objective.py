@@ -24,7 +24,7 @@ from knotfab.search.state import begin
 
 Array = NDArray[np.float64]
 RADIUS, TAU = 4.0, 2.0
-DRAFT = PRESETS["draft"]
+DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # what is added up here has no term
 DISC = MultiPolygon([Point(0, 0).buffer(40.0)])
 SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
 IMAGE_ALONE = Weights(clearance=0.0, bend=0.0, region=0.0, length=0.0)

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 COUNT, RADIUS = 240, 3.0
 EDGE = 2 * np.pi * 30 / COUNT
-DRAFT = PRESETS["draft"]
+DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # it would mend bends by itself
 
 
 def room(side: float = 100.0, length: float = 1e4) -> Problem:

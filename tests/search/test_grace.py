@@ -1,0 +1,65 @@
+"""The bending energy: exact on circles, free of scale, and its slope that of finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from knotfab.effects.base import State
+from knotfab.geometry.measures import measure_curvature
+from knotfab.geometry.neighbours import find_neighbours
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.search.grace import Grace
+from knotfab.search.objective import Weights
+
+
+def energy(points: torch.Tensor, radius: float, weight: float = 1.0) -> torch.Tensor:
+    polylines = polylines_of_sizes((len(points),))
+    near = find_neighbours(points.detach().numpy(), polylines, 1.0, 6)
+    state = State.at(points, torch.as_tensor(polylines.next), polylines, near)
+    return Grace(radius, weight)(state, Weights())
+
+
+def circle(radius: float, count: int = 400) -> torch.Tensor:
+    t = 2 * np.pi * np.arange(count) / count
+    flat = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    return torch.as_tensor(radius * flat)
+
+
+@pytest.mark.parametrize("size", [2.0, 7.0, 50.0])
+def test_of_a_circle_it_is_the_tubes_radius_times_its_turn_over_its_radius(size: float) -> None:
+    assert float(energy(circle(size), 1.5)) == pytest.approx(1.5 * 2 * np.pi / size, rel=1e-4)
+
+
+def test_it_is_free_of_scale_and_in_proportion_to_its_weight() -> None:
+    wavy = circle(20.0)
+    wavy = wavy + 2.0 * torch.sin(9 * torch.atan2(wavy[:, 1], wavy[:, 0]))[:, None] * wavy / 20.0
+    once = float(energy(wavy, 2.0))
+    assert float(energy(3.0 * wavy, 6.0)) == pytest.approx(once, rel=1e-12)
+    assert float(energy(wavy, 2.0, weight=0.02)) == pytest.approx(0.02 * once, rel=1e-12)
+    assert once > 2 * float(energy(circle(20.0), 2.0))
+
+
+def test_its_slope_is_that_of_finite_differences() -> None:
+    points = circle(10.0, 40) + 0.4 * torch.sin(torch.arange(120.0, dtype=torch.float64)).reshape(
+        40, 3
+    )
+    points.requires_grad_(True)
+    (slope,) = torch.autograd.grad(energy(points, 1.0), points)
+    step, fixed = 1e-6, points.detach()
+    for row, column in ((0, 0), (7, 1), (39, 2)):
+        ahead, behind = fixed.clone(), fixed.clone()
+        ahead[row, column] += step
+        behind[row, column] -= step
+        change = float(energy(ahead, 1.0) - energy(behind, 1.0)) / (2 * step)
+        assert float(slope[row, column]) == pytest.approx(change, rel=1e-5, abs=1e-7)
+
+
+def test_curvature_and_turns_of_a_circle_walked_twice() -> None:
+    t = 4 * np.pi * np.arange(500) / 500
+    twice = np.stack([5 * np.cos(t), 5 * np.sin(t), 0.1 * np.sin(t / 2)], axis=1)
+    found = measure_curvature(twice, 2.0)
+    assert found.turns == pytest.approx(2.0, rel=1e-3)
+    assert found.mean == pytest.approx(0.4, rel=1e-3)
+    assert found.quantile_90 == pytest.approx(0.4, rel=1e-2)
