@@ -218,7 +218,8 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
         own, text = own.replace("settle_iterations = 25", text), ""
     if "[region]" in text:
         _write_box(folder / "region.stl", (75.0, 75.0, 75.0))
-    options: dict[str, Any] = {"skip": ("slicer",), **dict(cell.row.options)}
+    # the exact polygons decide about shadows: rendering them costs as much as all the rest
+    options: dict[str, Any] = {"skip": ("slicer", "shadow-render"), **dict(cell.row.options)}
     if cell.column == "several views":
         drawn = [draw_disc(), draw_house()]
     elif cell.column == "sequence":

@@ -8,11 +8,14 @@ import pytest
 
 from examples.features import CELLS, ROWS, Cell, build_cell
 
-# rows that whole builds elsewhere in the tests cover cell by cell, at the same settings
+# rows that other tests cover, at a lower cost than a whole build
 ELSEWHERE = {
     "wall mount": "tests/test_pipeline.py",
     "desk stand": "tests/mount",
     "slicing": "tests/slicer",
+    "network (inn)": "tests/search/test_inn.py",
+    "limit prices": "tests/examples/test_hard_cases_values.py",
+    "wire plan": "tests/wire/test_plan.py",
 }
 QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
 
