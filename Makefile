@@ -49,7 +49,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-l
 test: system slicer $(DONE) lint
 	$(PYTEST)
 
-# in the middle of a change: without whole builds and what else takes seconds (about a minute)
+# in the middle of a change: without whole builds and what else takes seconds
 test-quick: $(DONE)
 	$(PYTEST) -m "not build and not slow"
 
