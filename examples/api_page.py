@@ -8,8 +8,6 @@ from pathlib import Path
 
 import knotfab
 
-__all__ = ["PAGE", "api_page", "main"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "api.md"
 _HEAD = """# The public API
 

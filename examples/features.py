@@ -22,8 +22,6 @@ from PIL import Image, ImageDraw
 
 import knotfab
 
-__all__ = ["CELLS", "COLUMNS", "ROWS", "Cell", "Found", "build_cell", "main"]
-
 _PX = 160
 _QUICK = """
 [accuracy]

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from PIL import Image
 
-__all__ = ["compose"]
-
 WIDTH = 1200
 
 

@@ -20,19 +20,6 @@ from PIL import Image
 if TYPE_CHECKING:
     from knotfab.design.question import Question
 
-__all__ = [
-    "STOPPED",
-    "Built",
-    "Stopwatch",
-    "build_apart",
-    "failed_checks",
-    "make_folder",
-    "paint_comparison",
-    "read_question",
-    "read_report",
-    "save_pictures",
-]
-
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
 _POLL_S = 0.1
 

@@ -14,8 +14,6 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-__all__ = ["Canvas", "pictures"]
-
 Point = tuple[float, float]
 
 SIZE = 1024  # px, longer side

@@ -35,9 +35,6 @@ from knotfab.search.search import search
 from knotfab.sequence.gif import write_gif
 from knotfab.start.start import make_start
 
-__all__ = ["film", "watch_search"]
-
-
 PANEL = 320  # px
 EVERY = 5  # iterations between pictures
 SHARE = 0.0125  # tube radius, of the frame's width

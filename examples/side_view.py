@@ -9,9 +9,6 @@ from PIL import Image
 
 from knotfab.arrays import Array
 
-__all__ = ["beside", "side_view"]
-
-
 _FINER = 2  # pixels a side of one in the picture
 _APART = 0.12  # tube radii between spheres
 _LIGHT = np.array([-0.42, 0.55, 0.72])  # from above to the left, in the viewer's axes

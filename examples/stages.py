@@ -9,8 +9,6 @@ import sys
 
 import knotfab
 
-__all__ = ["main"]
-
 
 def main(picture: str = "text:♥", out: str = "stages-out", accuracy: str = "draft") -> float:
     """Build `picture` into `out`, printing what each stage gives; returns the verified IoU."""

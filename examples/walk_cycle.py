@@ -20,8 +20,6 @@ from examples.measurement import Stopwatch
 from examples.pictures import Canvas, Point
 from knotfab.scene.model import Scene
 
-__all__ = ["FRAMES", "main", "swings", "walk_cycle"]
-
 FRAMES = 12
 IOU = 0.97  # to be reached by each part
 _WIDTH, _HEIGHT = 0.86, 1.0

@@ -22,8 +22,6 @@ from knotfab.sequence.written import read_knot_in_scene
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
 
-__all__ = ["walk_film", "zoetrope_picture"]
-
 SIZE = 320  # px, of each half's height
 TURN_DEG = 50.0
 FRAME_MS = 100

@@ -9,8 +9,6 @@ from .broken_print import broken_print
 from .broken_shadow import broken_shadow
 from .case import Broken
 
-__all__ = ["broken"]
-
 
 def broken() -> list[Broken]:
     """All broken cases; their names differ."""

@@ -17,8 +17,6 @@ from .curves import circle
 from .files import Part, encoded
 from .parts import Body, box
 
-__all__ = ["broken_files"]
-
 NAN, INF = float("nan"), float("inf")
 
 

@@ -28,8 +28,6 @@ from .files import Part, encoded
 from .good import bend_of_circle, length_of
 from .parts import box
 
-__all__ = ["broken_knots"]
-
 RADIUS = 3.0
 NEAR = 2 * RADIUS
 

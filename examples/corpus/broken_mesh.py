@@ -30,8 +30,6 @@ from .damage import (
 from .files import Part
 from .parts import Body, ball, box, join, tube
 
-__all__ = ["broken_mesh"]
-
 RADIUS = 3.0
 NEAR = 2 * RADIUS
 APART = np.array([80.0, 0.0, 0.0])

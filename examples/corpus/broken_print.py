@@ -14,8 +14,6 @@ from .files import Part
 from .parts import Body, blocks, box, drum, join
 from .print_parts import arch, gallows, island, on_its_side, plain, slab, slot, table
 
-__all__ = ["broken_print"]
-
 NEAR = 4.0
 NO_SUPPORTS = {"supports": False}
 

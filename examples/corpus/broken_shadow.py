@@ -14,8 +14,6 @@ from .curves import Array, bulge, circle, torus_knot
 from .files import Part
 from .parts import Body, ball, join, tube
 
-__all__ = ["broken_shadow"]
-
 RADIUS, SIDES = 3.0, 24
 WIDTH_MM = 120.0  # of the frame
 PIXEL_MM = WIDTH_MM / 1024 * 500 / 560  # a pixel of the compared shadow, at the middle of the part

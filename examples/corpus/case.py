@@ -13,19 +13,6 @@ from .curves import Array
 from .files import DEFAULT_VIEW, Mask, Part, shadow
 from .parts import Body, tubes
 
-__all__ = [
-    "READ",
-    "Broken",
-    "Good",
-    "Place",
-    "knotted",
-    "places_of",
-    "tied",
-    "tweaked",
-    "with_picture",
-    "with_scene",
-]
-
 READ = "read"
 """Stands for the readers: a file that they refuse is rejected by them, not by a check."""
 

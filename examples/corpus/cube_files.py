@@ -7,22 +7,6 @@ import json
 import struct
 import zipfile
 
-__all__ = [
-    "CORE",
-    "MESH",
-    "RELATIONS",
-    "archive",
-    "as_3mf",
-    "cube_3mf",
-    "cube_obj",
-    "cube_ply",
-    "cube_stl",
-    "cube_text",
-    "model",
-    "ply_header",
-    "seeds",
-]
-
 CORNERS = [(x, y, z) for x in (0.0, 20.0) for y in (0.0, 20.0) for z in (0.0, 20.0)]
 FACES = [
     *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),

@@ -6,24 +6,6 @@ import numpy as np
 
 from knotfab.arrays import Array
 
-__all__ = [
-    "Array",
-    "borromean",
-    "bulge",
-    "circle",
-    "ellipse",
-    "figure_eight",
-    "granny",
-    "hopf",
-    "lissajous",
-    "mirrored",
-    "square",
-    "stadium",
-    "torus_knot",
-    "wavy",
-    "whitehead",
-]
-
 
 def _angles(n: int) -> Array:
     return 2 * np.pi * np.arange(n) / n

@@ -9,25 +9,6 @@ import numpy as np
 from .curves import Array
 from .parts import Body
 
-__all__ = [
-    "FACE",
-    "RING",
-    "SIDES",
-    "backed",
-    "capped",
-    "collapsed",
-    "dented",
-    "doubled",
-    "fin",
-    "flipped",
-    "handle",
-    "needle",
-    "repeated",
-    "spike",
-    "t_junction",
-    "unmerged",
-]
-
 SIDES = 24  # of the tubes that are damaged
 RING, SIDE = 10, 5  # where most of the damage is done
 FACE = 2 * (RING * SIDES + SIDE)

@@ -12,8 +12,6 @@ from examples.corpus.fuzzed import company
 from examples.corpus.hostile import Hostile
 from knotfab_validators import validate
 
-__all__ = ["Outcome", "examine"]
-
 
 @dataclass(frozen=True)
 class Outcome:

@@ -19,9 +19,6 @@ from knotfab.arrays import Mask
 from .curves import Array
 from .parts import Body
 
-__all__ = ["Files", "Mask", "Part", "encoded", "shadow", "write"]
-
-
 DEFAULT_VIEW = {
     "name": "front",
     "kind": "shadow",

@@ -17,8 +17,6 @@ from .curves import circle
 from .files import write
 from .hostile import Hostile
 
-__all__ = ["company", "fuzzed"]
-
 NUMBER = re.compile(rb"-?\d+\.?\d*(?:e[+-]?\d+)?")
 
 TOKENS = (

@@ -28,8 +28,6 @@ from .files import Part, encoded
 from .parts import Body, ball, blocks, box, drum, join, tube
 from .print_parts import arch, gallows, island, plain, slab, slot, table
 
-__all__ = ["good"]
-
 APART = np.array([80.0, 0.0, 0.0])
 
 

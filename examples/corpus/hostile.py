@@ -23,8 +23,6 @@ from .cube_files import (
     ply_header,
 )
 
-__all__ = ["HANDMADE", "Hostile"]
-
 
 @dataclass(frozen=True)
 class Hostile:

@@ -13,8 +13,6 @@ from examples.corpus.case import READ, Broken, Good, Place
 from examples.corpus.files import write
 from knotfab_validators import Check, validate
 
-__all__ = ["NO_RENDERING", "Row", "judge_case"]
-
 NAMED = 5
 """Of the places that a check names, worst first, so many may be the one."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from .curves import Array
 
-__all__ = ["Body", "Faces", "ball", "blocks", "box", "drum", "join", "tube", "tubes"]
-
 Faces = NDArray[np.int64]
 
 

@@ -12,8 +12,6 @@ from .case import with_scene
 from .files import Part
 from .parts import Body, blocks
 
-__all__ = ["arch", "gallows", "island", "on_its_side", "plain", "slab", "slot", "table"]
-
 
 def plain(
     body: Body,

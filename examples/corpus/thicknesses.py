@@ -10,17 +10,6 @@ import numpy as np
 from examples.corpus.curves import Array
 from knotfab_validators.tube.thickness import thickness
 
-__all__ = [
-    "ConvergenceRow",
-    "ThicknessRow",
-    "convergence_rows",
-    "racetrack",
-    "ring",
-    "thickness_rows",
-    "tilt",
-    "torus_curve",
-]
-
 Curve = Callable[[Array], Array]
 ALLOWED = 1e-9  # relative, where the value is that of the polygon itself
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 
-__all__ = ["linking_number", "passes_through"]
-
 _BERNSTEIN = np.linalg.inv(
     np.array(
         [

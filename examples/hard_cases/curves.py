@@ -11,8 +11,6 @@ import numpy as np
 
 from knotfab.arrays import Array
 
-__all__ = ["HardKnot", "circle", "hard_knots", "torus_knot"]
-
 
 @dataclass(frozen=True)
 class HardKnot:

@@ -20,8 +20,6 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
-__all__ = ["Fuzzed", "fuzz", "types_of"]
-
 RUN = 500  # steps from a fresh start
 
 

@@ -16,21 +16,6 @@ from knotfab.render.tiled import render_tiled
 from .oracle import signed_distance_px
 from .rendering import RenderCase, frame_at
 
-__all__ = [
-    "EPSILONS",
-    "Distances",
-    "ForwardError",
-    "GradientError",
-    "distances",
-    "double_error",
-    "forward_error",
-    "gradient_condition",
-    "gradient_error",
-    "image",
-    "sampled_error",
-    "subgradient_excess",
-]
-
 EPSILONS = 16.0  # how many machine epsilons times the condition number an error may be
 _CUTOFF = 40.0
 

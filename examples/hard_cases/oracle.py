@@ -6,8 +6,6 @@ import mpmath
 
 from knotfab.render.clip import NEAREST_RADII
 
-__all__ = ["signed_distance_px"]
-
 _ZERO = mpmath.mpf(0)
 Vector = list[mpmath.mpf]
 

@@ -12,8 +12,6 @@ from knotfab.render.outlines import render_outlines, signed_distance
 from .measure import EPSILONS
 from .rendering import RenderCase
 
-__all__ = ["applies", "paper_error", "printed_corners", "printed_fails"]
-
 
 def applies(case: RenderCase) -> bool:
     """The paper's camera has no picture of one pixel across, and its tube has a radius."""

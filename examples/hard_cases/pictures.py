@@ -15,8 +15,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from knotfab.arrays import Mask
 
-__all__ = ["HardPicture", "hard_pictures"]
-
 FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 

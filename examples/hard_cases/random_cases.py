@@ -20,8 +20,6 @@ from knotfab.render.dense import render_dense
 from knotfab.start.filling import fill
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["KINDS"]
-
 
 def _capsules(rng: np.random.Generator) -> str:
     """Capsules anywhere, before and behind the light, at any scale: "" or what is wrong."""

@@ -26,8 +26,6 @@ from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 from .measure import EPSILONS
 from .values import ValueCase, network_case
 
-__all__ = ["random_loss", "random_network", "random_polygons", "round_trip_share"]
-
 KINDS = ("length", "budget", "Moebius", "curvature", "bending", "box", "ball", "region")
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.render.frame import Frame
 
-__all__ = ["RenderCase", "frame_at", "large_cases", "render_cases", "ring"]
-
 STEP = 2.0**-10  # x/z per pixel: 1024 px of focal length, and pixel centres are exact numbers
 
 

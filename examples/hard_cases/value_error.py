@@ -12,8 +12,6 @@ from torch import Tensor
 from .measure import EPSILONS
 from .values import ValueCase
 
-__all__ = ["Found", "slope_excess", "value_error"]
-
 
 @dataclass(frozen=True)
 class Found:

@@ -28,8 +28,6 @@ from knotfab.search.network.rigid import rotation
 
 from .curves import circle, torus_knot
 
-__all__ = ["Function", "ValueCase", "loss_cases", "network_case", "network_cases"]
-
 Function = Callable[..., Tensor]
 
 

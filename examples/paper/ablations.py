@@ -32,8 +32,6 @@ from knotfab.arrays import Array
 from knotfab.render.outlines import render_outlines
 from knotfab.target.silhouette import resample_mask
 
-__all__ = ["ABLATIONS", "Row", "main"]
-
 PIXELS = 64
 SCALED = {
     "radius": 0.1,

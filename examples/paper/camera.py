@@ -14,8 +14,6 @@ from math import cos, hypot, radians, sin
 import torch
 from torch import Tensor
 
-__all__ = ["PaperCamera", "camera_around"]
-
 Triple = tuple[float, float, float]
 
 

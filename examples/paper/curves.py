@@ -14,19 +14,6 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.errors import InputError
 
-__all__ = [
-    "arc",
-    "circle",
-    "closed_braid",
-    "figure_eight",
-    "helix",
-    "hopf_link",
-    "spiral",
-    "torus_knot",
-    "torus_link",
-]
-
-
 _STEPS = 6  # vertices that a braid's strand has in each letter
 
 

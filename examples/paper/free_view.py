@@ -26,9 +26,6 @@ from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 
-__all__ = ["angle_deg", "designs", "main", "recoveries", "shadow_of"]
-
-
 SHEET = Sheet(160, 160, 1.25)
 RADII_MM = {"heart": 3.0, "stickman": 2.0, "wheel": 2.5, "spiral": 2.2, "cat": 3.0}
 

@@ -14,8 +14,6 @@ from pathlib import Path
 from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
 from examples.paper.pictures import PUBLISHED, paper_pictures
 
-__all__ = ["main"]
-
 
 def main() -> int:
     """Print the table; 0 where every picture is above the paper's."""

@@ -12,20 +12,6 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-__all__ = [
-    "Region",
-    "ball",
-    "bending_loss",
-    "box",
-    "image_loss",
-    "knot_lengths",
-    "length_loss",
-    "mobius_loss",
-    "occupancy_loss",
-    "random_pairs",
-    "squared_curvature",
-]
-
 Region = Callable[[Tensor], Tensor]  # points [..., 3] -> signed distance [...], positive inside
 
 _LEAST = 1e-2  # of the radius: no distance of the Moebius loss counts as smaller

@@ -19,8 +19,6 @@ from knotfab.files.stl import write_stl
 from knotfab.geometry.tube import sides_for, tube_manifold
 from knotfab.knots import Knot, Knots
 
-__all__ = ["main"]
-
 RADIUS_MM = 2.0
 RISE_MM = 60.0  # of the outer end above the inner one
 

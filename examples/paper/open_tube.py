@@ -21,8 +21,6 @@ from knotfab.geometry.tube import (
     _transport,
 )
 
-__all__ = ["Cap", "open_volume", "sweep_open"]
-
 Faces = NDArray[np.int32]
 Cap = Literal["round", "flat"]
 

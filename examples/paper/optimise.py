@@ -31,8 +31,6 @@ from knotfab.errors import InputError, SceneError
 from knotfab.render.outlines import REACH, Won, render_outlines, winners
 from knotfab.render.threads import one_thread
 
-__all__ = ["PaperResult", "PaperView", "iou", "search_paper"]
-
 
 @dataclass(frozen=True)
 class PaperView:

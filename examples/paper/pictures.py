@@ -14,8 +14,6 @@ from PIL import Image
 from examples.measurement import make_folder, save_pictures
 from examples.pictures import Canvas, pictures
 
-__all__ = ["PUBLISHED", "paper_pictures"]
-
 # IoU of the paper's own published pictures with their targets, measured from its figures; the first five
 # with all its constraints, the others without.
 PUBLISHED = {

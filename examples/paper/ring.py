@@ -8,8 +8,6 @@ from math import pi
 import torch
 from torch import Tensor
 
-__all__ = ["Curve", "circle", "even_ring", "random_ring"]
-
 Curve = Callable[[Tensor], Tensor]  # places [n] in [0, 1) of a closed curve -> points [n, 3]
 
 

@@ -28,8 +28,6 @@ from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
 
-__all__ = ["Run", "main", "run"]
-
 RADIUS = 0.025  # of the frame's width, as in the paper
 SCALES = (0.25, 0.5, 1.0, 2.0)  # of the iterations
 WAYS: dict[str, dict[str, str | int]] = {

@@ -6,8 +6,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["PAPER", "PaperSettings"]
-
 
 class PaperSettings(BaseModel):
     """Every number of the paper's search; lengths in its own unit. The defaults are the preset `paper`.

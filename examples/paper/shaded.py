@@ -28,8 +28,6 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["Trial", "curve_distance", "fit", "main", "trial"]
-
 Render = Callable[[Tensor, float], Tensor]  # (points, tau) -> image
 
 RADIUS_MM = 7.0

@@ -14,8 +14,6 @@ from torch import Tensor
 from knotfab.render.capsule import capsule_distance, ray_miss
 from knotfab.render.frame import Frame
 
-__all__ = ["Layers", "Shading", "capsule_hit", "layers_of", "render_shaded"]
-
 _LAYERS = 3  # strands seen through each other's soft edges; what lies deeper is not seen
 _CHUNK = 1 << 18  # (pixel, capsule) pairs evaluated at once
 _GRAZING = 0.01  # of the squared radius: the surface's slope grows without bound towards its limb

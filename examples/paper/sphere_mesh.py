@@ -33,8 +33,6 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
 
-__all__ = ["fit_sphere", "hard_silhouette", "holes", "main", "soft_silhouette"]
-
 Faces = NDArray[np.int64]
 
 NAMES = ("ring", "wheel", "smiley", "teapot")

@@ -16,8 +16,6 @@ from pathlib import Path
 
 from examples.measurement import Stopwatch
 
-__all__ = ["SECTIONS", "Section", "main"]
-
 
 @dataclass(frozen=True)
 class Section:

@@ -20,9 +20,6 @@ from knotfab.render.threads import one_thread
 from knotfab.scene.model import Region
 from knotfab.search.flow import FlowSettings, flow
 
-__all__ = ["Tight", "tighten"]
-
-
 _PULL = 0.08  # weight of the length against the hinges while the knot shrinks
 _SLOWING = 0.003  # share of the length that a round must take off for another one to follow
 _MOST_ROUNDS = 40

@@ -24,8 +24,6 @@ from knotfab.report.pictures import PAPER, draw_part, turn_eye
 from knotfab.request import Outcome, Request
 from knotfab.scene.model import Scene
 
-__all__ = ["CASES", "build_case", "draw_case", "main"]
-
 _WIDE = 760  # pixels of a comparison
 
 CASES: dict[str, tuple[str, ...]] = {

@@ -24,9 +24,6 @@ from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
 
-__all__ = ["main", "rebuild", "views_of_viviani", "viviani"]
-
-
 RADIUS_MM = 2.0
 _FRAME_MM, _PIXELS = 160.0, 640
 

@@ -14,8 +14,6 @@ from pathlib import Path
 from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
 from examples.pictures import pictures
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Print the table and its summary."""

@@ -15,8 +15,6 @@ from examples.corpus.case import Broken, Good
 from examples.corpus.good import good
 from examples.corpus.judge import NO_RENDERING, Row, judge_case
 
-__all__ = ["corpus_rows", "main", "summary"]
-
 
 def corpus_rows(
     cases: Iterable[Broken | Good] | None = None, skip: Sequence[str] = (NO_RENDERING,)

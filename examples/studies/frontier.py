@@ -16,8 +16,6 @@ from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import measure
 from knotfab.tradeoff.points import points
 
-__all__ = ["main"]
-
 NAMES = ("knight", "smiley", "anchor", "ampersand", "cat", "wheel")
 RADIUS = 0.0115  # of the frame's width
 

@@ -22,8 +22,6 @@ from examples.corpus.examine import Outcome, examine
 from examples.corpus.fuzzed import fuzzed
 from examples.corpus.hostile import HANDMADE, Hostile
 
-__all__ = ["main", "run_all"]
-
 SLOW_S = 5.0
 MOST_MB = 1000.0
 WORKERS = 2

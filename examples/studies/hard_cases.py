@@ -31,8 +31,6 @@ from examples.hard_cases.rendering import RenderCase, render_cases
 from examples.studies.hard_groups import Line, groups
 from examples.studies.hard_sheets import draw_image, sheet
 
-__all__ = ["Row", "main", "row_of"]
-
 WELL = 1e-4  # a gradient that a rounding of single precision changes by less is well conditioned
 
 

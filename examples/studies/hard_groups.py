@@ -42,8 +42,6 @@ from knotfab.start.filling import fill
 from knotfab.target.read import Target, read_target
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["GROUPS", "Line", "groups"]
-
 STEPS = 300  # adversarial ones, of each knot
 SLOW = {"checkerboard", "noise", "carpet"}  # their outlines alone take seconds to minutes
 

@@ -22,18 +22,6 @@ from knotfab.render.frame import frame_of
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = [
-    "Draw",
-    "draw_image",
-    "draw_knots",
-    "draw_loss",
-    "draw_map",
-    "draw_outline",
-    "draw_shadow",
-    "draw_tube",
-    "sheet",
-]
-
 Draw = Callable[[Axes], None]  # draws one case
 INK, PALE, WARM, COOL = "#222222", "#c9c9c9", "#d9480f", "#1c6fb5"
 _COLOURS = 96  # of a sheet's palette: a third of the bytes

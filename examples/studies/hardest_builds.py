@@ -15,8 +15,6 @@ from pathlib import Path
 from examples.hard_cases.pictures import hard_pictures
 from examples.measurement import build_apart, make_folder, save_pictures
 
-__all__ = ["main"]
-
 
 def main(argv: list[str] | None = None) -> int:
     """Print one line a picture; 1 where any build ended as none may."""

@@ -14,8 +14,6 @@ from examples.hard_cases.curves import hard_knots
 from examples.hard_cases.isotopy import fuzz
 from examples.measurement import Stopwatch
 
-__all__ = ["main"]
-
 
 def main(argv: list[str] | None = None) -> int:
     """Print one line a knot; 1 where any accepted step crossed or any type changed."""

@@ -20,8 +20,6 @@ from typing import Any
 from examples.measurement import build_apart
 from examples.pictures import pictures
 
-__all__ = ["main", "row_of"]
-
 
 def row_of(report: dict[str, Any]) -> dict[str, float]:
     """The figures of one build, from its report.json."""

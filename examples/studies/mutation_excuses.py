@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import Protocol
 
-__all__ = ["EXCUSES", "excuse"]
-
 
 class _Named(Protocol):
     @property

@@ -22,8 +22,6 @@ from pathlib import Path
 
 from examples.studies.mutation_excuses import excuse
 
-__all__ = ["Mutant", "main", "mutants_of", "tests_of"]
-
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "validators" / "knotfab_validators"
 TESTS = ROOT / "tests"

@@ -19,8 +19,6 @@ import numpy as np
 from examples.hard_cases.random_cases import KINDS
 from knotfab.errors import KnotfabError
 
-__all__ = ["main", "one_round"]
-
 
 def one_round(seed: int) -> dict[str, str]:
     """What is wrong with the cases of this seed, by kind: "", "refused", or the fault."""

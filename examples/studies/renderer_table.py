@@ -19,8 +19,6 @@ from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["curve", "main"]
-
 
 def curve(capsules: int, dtype: torch.dtype) -> Tensor:
     """A closed wavy curve [n, 3] that fills much of a 180 mm frame, mm."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from examples.corpus.curves import Array
 from examples.corpus.thicknesses import (
     convergence_rows,
     racetrack,
@@ -19,10 +20,6 @@ from examples.corpus.thicknesses import (
     torus_curve,
 )
 from knotfab_validators.tube.thickness import thickness
-
-__all__ = ["CostRow", "cost_rows", "main"]
-
-from examples.corpus.curves import Array
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,6 @@ from knotfab.request import Request
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Piece, Scene
 
-__all__ = ["Row", "main", "measure"]
-
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")
 MOST_DROP = 0.005  # of the IoU
 HEADER = (

@@ -9,8 +9,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-__all__ = ["PARTS", "main"]
-
 PARTS = ("thickness_table", "corpus_table", "fuzz_files")
 
 

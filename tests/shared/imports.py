@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 
-__all__ = ["imports_of"]
-
 
 def imports_of(source: str) -> set[str]:
     """Every absolute name that a file imports, wherever in it the import stands."""

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
-__all__ = ["judge_type", "linking_numbers"]
-
 Array = NDArray[np.float64]
 
 

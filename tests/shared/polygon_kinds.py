@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KINDS", "Polygons", "placed"]
-
 Array = NDArray[np.float64]
 Random = np.random.Generator
 Polygons = list[Array]

@@ -20,8 +20,6 @@ from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab.target.read import read_target
 
-__all__ = ["ask_heart", "ask_views", "draw_mask", "see_from", "start_and_search"]
-
 
 def ask_heart(scene: Scene | None = None) -> Problem:
     """The problem of a heart in a scene's one view."""

@@ -10,8 +10,6 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Enumerated", "enumerate_chords", "exact_thickness"]
-
 Array = NDArray[np.float64]
 Long = np.longdouble
 Wide = NDArray[np.longdouble]
