@@ -8,6 +8,7 @@ import struct
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 from .cube_files import (
     MESH,
@@ -113,7 +114,31 @@ def _obj(face: str) -> bytes:
     return cube_obj() + face.encode() + b"\n"
 
 
-def _handmade() -> Iterator[Hostile]:
+_IMPOSSIBLE = (  # a word of the refusal, and the scene
+    ("[piece] must be a table", "piece = 3"),
+    ("tube_radius_mm", "[piece]\ntube_radius_mm = -1"),
+    ("tube_radius_mm", "[piece]\ntube_radius_mm = '2 mm'"),
+    ("clearance_mm", "[piece]\nclearance_mm = -1.0"),
+    ("clearance_mm", "[piece]\nclearance_mm = nan"),
+    ("clearance_mm", "[piece]\nclearance_mm = true"),
+    ("kind must be one of box", "[region]\nkind = 'cone'"),
+    ("three numbers", "[region]\nsize_mm = [1, 2]"),
+    ("size_mm", "[region]\nsize_mm = [1, 2, 0]"),
+    ("three numbers", "[printer]\nbuild_volume_mm = 'auto'"),
+    ("light_distance_mm", "[[views]]\nlight_distance_mm = 0"),
+    ("4 rows", "[pose]\nmatrix = 'none'"),
+    ("rigid", "[pose]\nmatrix = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
+    ("rigid", "[pose]\nmatrix = [[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
+)
+
+
+@cache
+def handmade() -> tuple[Hostile, ...]:
+    """The files made by hand."""
+    return tuple(_make_by_hand())
+
+
+def _make_by_hand() -> Iterator[Hostile]:
     stl = cube_stl()
     yield Hostile("empty.stl", b"", "empty")
     yield Hostile("noise.stl", random.Random(1).randbytes(5000), "not an STL")
@@ -135,6 +160,9 @@ def _handmade() -> Iterator[Hostile]:
         yield Hostile(f"{word}.obj", cube_obj().replace(b"v 20.0", f"v {name}".encode(), 1), says)
         rest = cube_ply().replace(b"\n20.0", f"\n{name}".encode(), 1)
         yield Hostile(f"{word}.ply", rest, says)
+    yield Hostile("none-text.stl", b"solid x\nendsolid x\n", "no triangles")
+    yield Hostile("page.stl", b"<!DOCTYPE html><html><body>404</body></html>" * 9, "not an STL")
+    yield Hostile("picture.stl", b"\x89PNG\r\n\x1a\n" + bytes(200), "not an STL")
     yield Hostile("words.stl", cube_text().replace(b"20.0", b"twenty", 1), "three numbers")
     between = cube_text().replace(b"endfacet", b"endfacet\nnonsense", 1)
     yield Hostile("between.stl", between, "after line")
@@ -160,6 +188,9 @@ def _handmade() -> Iterator[Hostile]:
     yield Hostile("fan.obj", _obj(fan), None)
     huge = ply_header("ascii", vertices=4_000_000_000).encode() + b"0 0 0\n"
     yield Hostile("huge.ply", huge, "more than the file can hold")
+    yield Hostile(
+        "none.ply", cube_ply().split(b"3 0 1")[0].replace(b"face 12", b"face 0"), "no tri"
+    )
     yield Hostile("minus.ply", ply_header("ascii", vertices=-3).encode(), "more than")
     lists = ply_header("binary_little_endian", 1, 1).encode() + bytes(12) + b"\xff" + bytes(8)
     yield Hostile("lists.ply", lists, "cut off")
@@ -188,6 +219,10 @@ def _handmade() -> Iterator[Hostile]:
     yield Hostile("outside.3mf", as_3mf(model("", ""), **outside), "leads elsewhere")
     yield Hostile("names.3mf", archive({f"{i}": b"" for i in range(10_500)}), "entries")
     yield Hostile("nan.3mf", _with("nan 0 0 0 1 0 0 0 1 0 0 0"), "transform")
+    lost = MESH.replace('x="20.0"', 'x="nan"', 1)
+    lost = model(f'<object id="1" type="model">{lost}</object>', '<item objectid="1"/>')
+    yield Hostile("nan-vertex.3mf", as_3mf(lost), "3mf")
+    yield Hostile("broken.3mf", as_3mf("<model"), "3mf")
     yield Hostile("short.3mf", _with("1 0 0 0 1"), "transform")
     yield Hostile("far.3mf", _with("1e30 0 0 0 1 0 0 0 1 0 0 0"), "as large as")
     yield Hostile("beyond.3mf", _with("1e999 0 0 0 1 0 0 0 1 0 0 0"), "not finite")
@@ -249,6 +284,21 @@ def _handmade() -> Iterator[Hostile]:
     yield Hostile("flat.json", _knots("[1,2,3]"), "points")
     yield Hostile("ragged.json", _knots("[[1,2,3],[1,2],[3,4,5]]"), "points")
     yield Hostile("twice.json", _knots("[[0,0,0],[0,0,0],[1,1,0]]"), "coincide")
+    yield Hostile(
+        "closed.json", _knots("[[0,0,0],[9,0,0],[9,9,0],[0,0,0]]"), "points 3 and 0 coincide"
+    )
+    yield Hostile("plane.json", _knots("[[0,0],[1,0],[0,1]]"), "at least 3")
+    yield Hostile("few.json", _knots("[[0,0,0],[1,0,0]]"), "at least 3")
+    yield Hostile("word.json", _knots('"abc"'), "list of")
+    yield Hostile("number.json", b'{"schema": 1, "knots": [7]}', "knot 0 has no points")
+    yield Hostile("inch.json", _knots(square, unit='"inch"'), "unit")
+    yield Hostile("empty.json", b"", "JSON")
+    yield Hostile("zero.json", _knots(square, radius_mm="0"), "radius_mm")
+    yield Hostile("nan-radius.json", _knots(square, radius_mm="NaN"), "radius_mm")
+    yield Hostile("word-radius.json", _knots(square, radius_mm='"2"'), "radius_mm")
+    for key, value in (("closed", b"0"), ("type", b"3")):
+        keyed = _knots(square).replace(b'"points"', b'"%s": %s, "points"' % (key.encode(), value))
+        yield Hostile(f"{key}-key.json", keyed, key)
     yield Hostile("radius.json", _knots(square, radius_mm="-1"), "radius_mm")
     yield Hostile("girth.json", _knots(square, radius_mm="9" * 400), "radius_mm")
     yield Hostile("utf.json", b'{"schema": 1, "\xff": 2}', "UTF-8")
@@ -272,10 +322,9 @@ def _handmade() -> Iterator[Hostile]:
     yield Hostile("dots2.toml", b'"a,"' + b'."a,"' * 150_000 + b" = 1", "key of more than")
     tiny = "[[views]]\nframe_width_mm = 1e-300"
     yield Hostile("tiny.toml", _scene(tiny), "frame_width_mm")
+    for n, (says, text) in enumerate(_IMPOSSIBLE):
+        yield Hostile(f"impossible-{n}.toml", _scene(text), says)
+    yield Hostile("schema.toml", b"schema = 2", "schema")
     yield Hostile("views.toml", b"schema = 1\nviews = []", "views")
     yield Hostile("views2.toml", b"schema = 1\nviews = [1, 2]", "view")
     yield Hostile("utf.toml", b"schema = 1 # \xff", "UTF-8")
-
-
-HANDMADE = _handmade
-"""() -> the files made by hand, one after the other."""

@@ -12,8 +12,8 @@ import argparse
 import numpy as np
 import torch
 
+from examples.corpus.curves import figure_eight, torus_knot
 from examples.measurement import Stopwatch, read_question
-from examples.paper.curves import figure_eight, torus_knot
 from examples.pictures import pictures
 from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose

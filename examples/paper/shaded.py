@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from examples.paper.curves import torus_knot
+from examples.corpus.curves import torus_knot
 from examples.paper.shaded_render import Shading, render_shaded
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify

@@ -7,7 +7,7 @@ import pytest
 import torch
 from questions import ask_heart, start_and_search
 
-from examples.paper.curves import torus_knot
+from examples.corpus.curves import torus_knot
 from knotfab.design.design import design_knots
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours

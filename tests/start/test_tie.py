@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
-from examples.paper.curves import circle
+from examples.corpus.curves import circle
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.options import BuildOptions

@@ -15,6 +15,7 @@ from examples.corpus.case import READ, Broken, Good, knotted, with_scene
 from examples.corpus.curves import circle
 from examples.corpus.files import write
 from examples.corpus.good import good
+from examples.corpus.hostile import handmade
 from examples.corpus.judge import judge_case
 from examples.corpus.parts import Body, blocks, box, join, tube
 from examples.corpus.print_parts import arch, slab, slot
@@ -332,10 +333,12 @@ def test_a_mount_may_darken_a_thousandth_of_the_frame(seen: VerifiedView) -> Non
 
 
 BROKEN, GOOD = broken(), good()
+HANDMADE = {file.name for file in handmade()}
 
 
 def some(cases: list[Broken]) -> Iterator[Broken]:
-    """Every fourth case, and the first one of each check."""
+    """Every fourth case, and the first one of each check; test_hostile gives the files made by hand."""
+    cases = [case for case in cases if case.name not in HANDMADE]
     seen: set[str] = set()
     for number, case in enumerate(cases):
         if number % 4 == 0 or case.meant not in seen:
@@ -359,7 +362,7 @@ def test_a_good_part_is_not_rejected(case: Good, tmp_path: Path) -> None:
 
 def test_the_corpus_is_as_large_as_promised() -> None:
     assert len(BROKEN) >= 200 and len(GOOD) >= 100
-    assert sum(case.meant == READ for case in BROKEN) < len(BROKEN) / 2
+    assert sum(case.meant != READ for case in BROKEN) >= 140
 
 
 def test_every_required_check_has_a_part_that_it_must_reject(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from PIL import Image
 from scipy import ndimage
 from validator_parts import Array, PlainView, trefoil, tube
 
+from examples.corpus.files import encoded
+from examples.corpus.parts import Body
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.render import why_no_rendering
@@ -27,14 +29,6 @@ RADIUS = 3.0
 POSE = np.array([[0.0, 1, 0, -70], [0, 0, 1, -60], [1, 0, 0, -65], [0, 0, 0, 1]])
 
 
-def write_stl(path: Path, vertices: Array, faces: Array) -> None:
-    corners = vertices[faces].astype("<f4")
-    record = np.zeros(len(faces), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-    record["v"] = corners
-    head = bytes(80) + np.array(len(faces), dtype="<u4").tobytes()
-    path.write_bytes(head + record.tobytes())
-
-
 def to_part(points: Array) -> Array:
     return (points - POSE[:3, 3]) @ POSE[:3, :3]
 
@@ -44,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
     """A part, its knots, its scene, and as its picture the shadow that it casts."""
     curve = trefoil(400, 16.0)
     vertices, faces = tube(curve, RADIUS, 64)
-    write_stl(tmp_path / "part.stl", to_part(vertices), faces)
+    (tmp_path / "part.stl").write_bytes(encoded(Body(to_part(vertices), faces), "stl"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
     (tmp_path / "knots.json").write_text(
         json.dumps({"schema": 1, "unit": "mm", "radius_mm": RADIUS, "knots": knots})

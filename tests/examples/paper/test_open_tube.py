@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from examples.paper.curves import arc, helix, spiral
+from examples.corpus.curves import circle
+from examples.paper.curves import spiral
 from examples.paper.open_tube import Cap, open_volume, sweep_open
 from knotfab.errors import SceneError
 from knotfab.files.stl import write_stl
@@ -16,10 +17,11 @@ from knotfab.geometry.tube import mesh_volume, tube_manifold
 from knotfab.knots import Knot, Knots
 from knotfab_validators.validate import validate
 
+SPIRAL = spiral(6.0, 5.0, 2.5, 0.8)
 OPEN = {
-    "arc": arc(20.0, 250.0, 120),
-    "helix": helix(10.0, 12.0, 2.5, 200),
-    "spiral": spiral(6.0, 5.0, 2.5, 0.8),
+    "arc": circle(20.0, 170)[:120],
+    "screw": SPIRAL + np.linspace(0, 40, len(SPIRAL))[:, None] * [0, 0, 1],
+    "spiral": SPIRAL,
     "straight": np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 9.0]]),
 }
 
@@ -49,7 +51,7 @@ def test_the_caps_end_where_they_must() -> None:
 
 def test_open_lines_that_no_tube_fits_are_refused() -> None:
     with pytest.raises(SceneError, match="bends to a radius"):
-        sweep_open(arc(1.0, 250.0, 100), 1.5, 12)
+        sweep_open(circle(1.0, 140)[:100], 1.5, 12)
     with pytest.raises(SceneError, match="coincide"):
         sweep_open(np.zeros((2, 3)), 1.5, 12)
     with pytest.raises(ValueError, match="points must be"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from examples.paper.curves import torus_knot
+from examples.corpus.curves import torus_knot
 from examples.paper.shaded import curve_distance, fit, trial
 from examples.paper.shaded_render import Shading, capsule_hit, layers_of, render_shaded
 from knotfab.render.frame import Frame, frame_of

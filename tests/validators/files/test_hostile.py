@@ -20,13 +20,13 @@ from examples.corpus.cube_files import (
 )
 from examples.corpus.examine import examine
 from examples.corpus.fuzzed import fuzzed
-from examples.corpus.hostile import HANDMADE, Hostile
+from examples.corpus.hostile import Hostile, handmade
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_scene
 
-MADE = list(HANDMADE())
+MADE = handmade()
 
 
 def volume(path: Path) -> float:

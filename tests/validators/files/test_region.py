@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from region_meshes import KNOT, box_mesh
 
+from examples.corpus.files import encoded
+from examples.corpus.parts import Body
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.region import read_region_mesh
 from knotfab_validators.files.scene import parse_scene, read_scene
@@ -18,12 +20,8 @@ def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -
     mesh = box_mesh((86.0, 100.0, 10.0))
 
     def write(used: Mesh, name: str = "room.stl") -> None:
-        lines = ["solid room"]
-        for corners in used.vertices[used.faces]:
-            lines += ["facet normal 0 0 0", "outer loop"]
-            lines += ["vertex {} {} {}".format(*c) for c in corners]
-            lines += ["endloop", "endfacet"]
-        (tmp_path / name).write_text("\n".join([*lines, "endsolid room"]))
+        body = Body(used.vertices, used.faces)
+        (tmp_path / name).write_bytes(encoded(body, "stl"))
 
     scene = tmp_path / "scene.toml"
     scene.write_text('[region]\nkind = "mesh"\nfile = "room.stl"\n')

@@ -1,4 +1,4 @@
-"""scene.toml is read with the documented defaults, and impossible values are refused."""
+"""scene.toml is read with the documented defaults. Impossible values: test_hostile."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import re
 import tomllib
 from pathlib import Path
 
-import pytest
-
-from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene, read_scene
 
 CONVENTIONS = Path(__file__).parents[3] / "docs" / "conventions.md"
@@ -61,36 +58,3 @@ def test_auto_is_left_open() -> None:
     )
     assert scene.piece.tube_radius_mm is None and scene.region.size_mm is None
     assert scene.material.min_bend_radius_mm is None and scene.accuracy.iou_floor is None
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("schema = 2", "schema"),
-        ("piece = 3", r"\[piece\] must be a table"),
-        ("[piece]\ntube_radius_mm = -1", "tube_radius_mm"),
-        ("[piece]\ntube_radius_mm = '2 mm'", "tube_radius_mm"),
-        ("[piece]\nclearance_mm = nan", "clearance_mm"),
-        ("[piece]\nclearance_mm = true", "clearance_mm"),
-        ("[region]\nkind = 'cone'", "kind must be one of box"),
-        ("[region]\nsize_mm = [1, 2]", "three numbers"),
-        ("[region]\nsize_mm = [1, 2, 0]", "size_mm"),
-        ("[printer]\nbuild_volume_mm = 'auto'", "three numbers"),
-        ("views = []", "at least one view"),
-        ("[[views]]\nlight_distance_mm = 0", "light_distance_mm"),
-        ("[pose]\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0]]", "4 rows"),
-        ("[pose]\nmatrix = 'none'", "4 rows"),
-        ("[pose]\nmatrix = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "rigid"),
-        ("[pose]\nmatrix = [[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "rigid"),
-        ("[pose", "not TOML"),
-    ],
-)
-def test_impossible_values_are_refused(text: str, says: str, tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(text)
-    with pytest.raises(BadFile, match=says):
-        read_scene(tmp_path / "scene.toml")
-
-
-def test_a_missing_scene_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadFile, match="cannot be read"):
-        read_scene(tmp_path / "none.toml")
