@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -56,90 +57,75 @@ def test_a_namesake_is_no_import_from_behind_the_wall() -> None:
     assert not any(behind(n, WALLS[knotfab_validators]) for n in names)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        ["-c", "import knotfab"],
-        ["-m", "knotfab", "--help"],
-        ["-m", "knotfab", "build", "--help"],
-        ["-m", "knotfab", "build", "nowhere.png", "--accuracy", "superb"],
-        ["-m", "knotfab", "printers"],
-    ],
-    ids=["import", "help", "build-help", "wrong-call", "printers"],
-)
-def test_a_light_command_loads_nothing_heavy(call: list[str]) -> None:
+# Runs commands one after the other in a process of its own, and tells what of the heavy each loaded.
+RUN = """
+import json, sys
+import knotfab
+from knotfab.cli.app import main
+told = [["import", None, [m for m in HEAVY if m in sys.modules]]]
+for call in json.loads(sys.argv[1]):
+    code = None
+    try:
+        main(call)
+    except SystemExit as left:
+        code = left.code
+    told.append([" ".join(call), code, [m for m in HEAVY if m in sys.modules]])
+print(json.dumps(told), file=sys.__stderr__)
+"""
+LIGHT = [["--help"], ["build", "--help"], ["printers"]]
+REFUSED = [
+    ["build", "nowhere.png", "--accuracy", "superb"],
+    ["build", "missing.png"],
+    ["build", "blank.png"],
+    ["build", "words.png"],
+    ["build", "good.png", "missing.png"],
+    ["build", "text: "],
+    ["build", "page.svg"],
+    ["build", "good.png", "--tube-radius", "thick"],
+    ["build", "good.png", "--time-budget", "soon"],
+    ["build", "good.png", "--printer", "nonsense"],
+    ["build", "good.png", "--skip", "everything"],
+    ["build", "good.png", "--font", "DejaVu Sans"],
+    ["build", "good.png", "--knot", "9_99"],
+    ["build", "good.png", "--scene", "missing.toml"],
+    ["build", "good.png", "--scene", "search.toml"],
+    ["build", "--sequence", "good.png"],
+    ["build"],
+    ["tradeoff", "missing.png"],
+    ["tradeoff", "blank.png", "--accuracy", "draft"],
+    ["validate", "missing"],
+]
+
+
+def run(folder: Path, calls: list[list[str]], before: str = "") -> list[tuple[str, int, list[str]]]:
+    """Of each call its exit code, and what heavy libraries are loaded after it."""
+    code = f"{before}\nHEAVY = {HEAVY!r}\n{RUN}"
     done = subprocess.run(
-        [sys.executable, "-X", "importtime", *call],
+        [sys.executable, "-c", code, json.dumps(calls)],
+        cwd=folder,
         capture_output=True,
         encoding="utf-8",
-        timeout=60,
+        timeout=120,
     )
-    loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines() if "|" in line}
-    assert "knotfab" in loaded
-    heavy = {name for name in loaded if behind(name, HEAVY)}
-    assert not heavy, sorted(heavy)[:5]
+    assert done.returncode == 0, done.stderr
+    return [tuple(told) for told in json.loads(done.stderr.splitlines()[-1])]
 
 
-# Runs a command in a process of its own and prints what that left in sys.modules.
-REFUSED = """
-import sys
-from knotfab.cli.app import main
-try:
-    main(sys.argv[1:])
-except SystemExit as left:
-    print(*sys.modules, sep="\\n")
-    sys.exit(left.code)
-"""
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        ["build", "missing.png"],
-        ["build", "blank.png"],
-        ["build", "words.png"],
-        ["build", "good.png", "missing.png"],
-        ["build", "text: "],
-        ["build", "page.svg"],
-        ["build", "good.png", "--tube-radius", "thick"],
-        ["build", "good.png", "--time-budget", "soon"],
-        ["build", "good.png", "--printer", "nonsense"],
-        ["build", "good.png", "--skip", "everything"],
-        ["build", "good.png", "--font", "DejaVu Sans"],
-        ["build", "good.png", "--knot", "9_99"],
-        ["build", "good.png", "--scene", "missing.toml"],
-        ["build", "good.png", "--scene", "search.toml"],
-        ["build", "--sequence", "good.png"],
-        ["build"],
-        ["tradeoff", "missing.png"],
-        ["tradeoff", "blank.png", "--accuracy", "draft"],
-        ["validate", "missing"],
-    ],
-    ids=" ".join,
-)
-def test_what_is_refused_loads_nothing_heavy(tmp_path: Path, call: list[str]) -> None:
+def test_a_light_command_and_what_is_refused_load_nothing_heavy(tmp_path: Path) -> None:
     picture(tmp_path / "good.png", square())
     picture(tmp_path / "blank.png", np.zeros((64, 64), dtype=bool))
     (tmp_path / "words.png").write_text("I am no picture.")
     (tmp_path / "page.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="0"/>')
     (tmp_path / "search.toml").write_text("[search]\niterations = 10\n")
-    done = subprocess.run(
-        [sys.executable, "-c", REFUSED, *call], cwd=tmp_path, capture_output=True, encoding="utf-8"
-    )
-    assert done.returncode == 2 and done.stderr.startswith("knotfab: "), done.stderr
-    loaded = done.stdout.split()
-    assert "knotfab.cli.app" in loaded
-    heavy = [name for name in loaded if behind(name, HEAVY)]
-    assert not heavy, heavy[:5]
+    told = run(tmp_path, [*LIGHT, *REFUSED])
+    for call, code, heavy in told:
+        assert not heavy, f"{call} loads {heavy}"
+        assert code == (0 if call.split() in LIGHT else None if call == "import" else 2), call
 
 
-def test_the_scan_of_what_was_loaded_sees_torch() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", f"import torch\n{REFUSED}", "validate", "missing"],
-        capture_output=True,
-        encoding="utf-8",
-    )
-    assert any(behind(name, HEAVY) for name in done.stdout.split())
+def test_what_was_loaded_is_seen(tmp_path: Path) -> None:
+    for _, _, heavy in run(tmp_path, [["validate", "missing"]], "import torch"):
+        assert heavy == ["torch"]
 
 
 @pytest.mark.parametrize("folder", ["validators", "fixtures"])

@@ -72,8 +72,8 @@ def _tangle(count: int, seed: int) -> tuple[Array, NDArray[np.int64]]:
     return np.concatenate([xy, z], 1), np.arange(2 * count, dtype=np.int64).reshape(-1, 2)
 
 
-def render_cases() -> tuple[RenderCase, ...]:
-    """All of them, in one order."""
+def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
+    """All of them, in one order; `samples` of the curve that has most."""
     q, r = (5.5 * STEP, 3.5 * STEP), 4.5 * STEP
     chain = _closed(ring(60))
     return (
@@ -171,9 +171,9 @@ def render_cases() -> tuple[RenderCase, ...]:
         ),
         RenderCase("triangle", "N = 3", *_closed(ring(3)), real=True),
         RenderCase(
-            "50,000 samples",
+            f"{samples:,} samples",
             "edges of a micrometre: every sum of squares is tiny",
-            *_closed(ring(50_000)),
+            *_closed(ring(samples)),
             width=12,
             height=3,
             step=2.0**-8,

@@ -14,6 +14,8 @@ ELSEWHERE = {
     "desk stand": "tests/mount",
     "slicing": "tests/slicer",
     "network (inn)": "tests/search/test_inn.py",
+    "network, then flow (inn+flow)": "tests/search/test_inn.py",
+    "region mesh": "tests/effects/test_region_mesh.py",
     "limit prices": "tests/examples/test_hard_cases_values.py",
     "wire plan": "tests/wire/test_plan.py",
 }

@@ -27,7 +27,7 @@ from knotfab.render.tiled import render_tiled, winners
 
 pytestmark = pytest.mark.slow
 
-CASES = {case.name: case for case in render_cases()}
+CASES = {case.name: case for case in render_cases(samples=5_000)}
 
 
 @pytest.fixture(autouse=True)
@@ -136,7 +136,7 @@ finite = st.floats(-1.0, 1.0, allow_subnormal=True)
 point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     points=st.lists(point, min_size=2, max_size=6),
     log_scale=st.integers(-6, 6),

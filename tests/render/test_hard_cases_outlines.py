@@ -12,7 +12,7 @@ from examples.hard_cases.rendering import render_cases
 
 pytestmark = pytest.mark.slow
 
-CASES = {case.name: case for case in render_cases() if applies(case)}
+CASES = {case.name: case for case in render_cases(samples=5_000) if applies(case)}
 
 
 @pytest.mark.parametrize("balls", [True, False], ids=["ellipse", "capsule"])

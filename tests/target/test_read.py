@@ -420,7 +420,7 @@ def test_svg_that_multiplies_by_use_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", ["♞", "R", "abc", "♫", "☺", "∮", "-"])
+@pytest.mark.parametrize("text", ["♞", "abc", "∮", "-"])
 def test_text_hugs_the_ink(tmp_path: Path, text: str) -> None:
     target = read_target(f"text:{text}")
     rows, columns = target.mask.any(axis=1).nonzero()[0], target.mask.any(axis=0).nonzero()[0]
