@@ -12,6 +12,8 @@ from examples.features import CELLS, ROWS, Cell, build_cell
 ELSEWHERE = {
     "wall mount": "tests/test_pipeline.py",
     "desk stand": "tests/mount",
+    "depth given": "tests/test_pipeline.py",
+    "flat": "tests/test_pipeline.py",
     "slicing": "tests/slicer",
     "network (inn)": "tests/search/test_inn.py",
     "network, then flow (inn+flow)": "tests/search/test_inn.py",
