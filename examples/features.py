@@ -83,18 +83,18 @@ class Row:
 COLUMNS = ("one view", "several views", "free view", "sequence")
 
 
-def _mounted(kind: str) -> Callable[[Found], bool]:
+def _is_mounted(kind: str) -> Callable[[Found], bool]:
     return lambda f: f.scene["mount"]["kind"] == kind and "fail" not in f.check("gap")
 
 
 ROWS: tuple[Row, ...] = (
     Row(
         "wall mount",
-        _mounted("wall"),
+        _is_mounted("wall"),
         options=(("mount", "wall"),),
         refused=(("several views", "light"),),
     ),
-    Row("desk stand", _mounted("stand"), options=(("mount", "stand"),)),
+    Row("desk stand", _is_mounted("stand"), options=(("mount", "stand"),)),
     Row(
         "knot of a given type",
         lambda f: any("3_1" in k["type"] or "trefoil" in k["type"] for k in f.knots),

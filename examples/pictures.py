@@ -77,7 +77,7 @@ class Canvas:
         self.image = Image.new("L", large, 255)
         self.draw = ImageDraw.Draw(self.image)
 
-    def finished(self) -> Image.Image:
+    def finish(self) -> Image.Image:
         """The sheet at its final size, smooth at the edges."""
         return self.image.resize(self.size, Image.Resampling.BOX)
 
@@ -162,7 +162,7 @@ def _cat() -> Image.Image:
         0.085,
         0.05,
     )
-    return c.finished()
+    return c.finish()
 
 
 def _bird() -> Image.Image:
@@ -187,7 +187,7 @@ def _bird() -> Image.Image:
         (0.225, 0.09), (0.245, 0.145), (0.305, 0.155), (0.315, 0.21), (0.36, 0.225),
         (0.355, 0.30), (0.37, 0.40), (0.42, 0.52),
     ])  # fmt: skip
-    return c.finished()
+    return c.finish()
 
 
 def _wheel() -> Image.Image:
@@ -198,7 +198,7 @@ def _wheel() -> Image.Image:
         angle = pi / 2 + k * pi / 3
         c.stroke([_polar(0.5, 0.5, 0.1, angle), _polar(0.5, 0.5, 0.41, angle)], 0.05)
     c.ring(0.5, 0.5, 0.095, 0.065)
-    return c.finished()
+    return c.finish()
 
 
 def _bicycle() -> Image.Image:
@@ -220,7 +220,7 @@ def _bicycle() -> Image.Image:
     c.ring(*crank, 0.045, 0.02)
     c.stroke([(0.42, 0.525), crank, (0.49, 0.345)], 0.018)
     c.stroke([(0.39, 0.527), (0.45, 0.527)], 0.018)
-    return c.finished()
+    return c.finish()
 
 
 def _tree() -> Image.Image:
@@ -240,7 +240,7 @@ def _tree() -> Image.Image:
 
     for turn, length in ((-0.95, 0.158), (-0.32, 0.19), (0.28, 0.182), (0.92, 0.162)):
         branch(0.472, 0.62, -pi / 2 + turn, length, 0.05, 3)
-    return c.finished()
+    return c.finish()
 
 
 def _pieces() -> Image.Image:
@@ -256,7 +256,7 @@ def _pieces() -> Image.Image:
         (0.06, 0.68), (0.24, 0.50), (0.31, 0.555), (0.47, 0.39), (0.62, 0.535), (0.69, 0.475),
         (0.94, 0.68),
     ])  # fmt: skip
-    return c.finished()
+    return c.finish()
 
 
 def _spiral() -> Image.Image:
@@ -264,7 +264,7 @@ def _spiral() -> Image.Image:
     c = Canvas()
     angles = np.linspace(0.4 * pi, 6.6 * pi, 500)
     c.stroke([_polar(0.5, 0.5, 0.43 * float(a) / (6.6 * pi), float(a)) for a in angles], 0.055)
-    return c.finished()
+    return c.finish()
 
 
 def _stickman() -> Image.Image:
@@ -278,7 +278,7 @@ def _stickman() -> Image.Image:
     c.stroke([neck, (0.29, 0.335), (0.19, 0.465)], width)
     c.stroke([hip, (0.60, 0.64), (0.56, 0.84), (0.66, 0.86)], width)
     c.stroke([hip, (0.35, 0.75), (0.13, 0.80), (0.10, 0.88)], width)
-    return c.finished()
+    return c.finish()
 
 
 def _teapot() -> Image.Image:
@@ -298,7 +298,7 @@ def _teapot() -> Image.Image:
     c.curve(
         [(0.34, 0.27), (0.21, 0.21), (0.10, 0.27), (0.12, 0.41), (0.21, 0.50), (0.33, 0.53)], 0.06
     )
-    return c.finished()
+    return c.finish()
 
 
 if __name__ == "__main__":

@@ -53,18 +53,18 @@ def _skeleton(phase: float) -> dict[str, list[Point]]:
     # the lower sole is on the ground: the hip bobs twice a cycle
     lowest = max(y for leg in legs for _, y in leg)
     hip = (0.40, _GROUND - 0.03 - lowest)
-    neck = _moved(hip, (0.035, -0.28))
+    neck = _add(hip, (0.035, -0.28))
     found = {
-        "back": [hip, _moved(hip, (0.02, -0.14)), neck],
-        "leg": [_moved(hip, p) for p in legs[0]],
-        "other leg": [_moved(hip, p) for p in legs[1]],
+        "back": [hip, _add(hip, (0.02, -0.14)), neck],
+        "leg": [_add(hip, p) for p in legs[0]],
+        "other leg": [_add(hip, p) for p in legs[1]],
     }
     # both arms reach ahead, where they can be seen: the lower one swings, the upper one waves
     for limb, shoulder, raised, bend in (
         ("arm", neck, 0.95 - 0.30 * cos(phase), 0.20),
         (
             "other arm",
-            _moved(neck, (0.02, 0.0)),
+            _add(neck, (0.02, 0.0)),
             1.95 + 0.15 * sin(phase),
             0.35 + 0.4 * sin(phase),
         ),
@@ -83,13 +83,13 @@ def _walker(phase: float) -> Image.Image:
         sheet.stroke([knee, ankle], 0.08, 0.07)
         sheet.stroke([ankle, toe], 0.07, 0.065)
     hip, waist, neck = body["back"]
-    sheet.stroke([hip, waist, _moved(neck, (0.0, 0.02))], 0.13, 0.15)
-    sheet.disc(*_moved(neck, (0.02, -0.125)), 0.082, 0.092)
+    sheet.stroke([hip, waist, _add(neck, (0.0, 0.02))], 0.13, 0.15)
+    sheet.disc(*_add(neck, (0.02, -0.125)), 0.082, 0.092)
     for limb in ("arm", "other arm"):
         shoulder, elbow, hand = body[limb]
         sheet.stroke([shoulder, elbow], 0.085, 0.075)
         sheet.stroke([elbow, hand], 0.075, 0.07)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def _leg(phase: float) -> list[Point]:
@@ -107,7 +107,7 @@ def _polar_down(at: Point, length: float, angle: float) -> Point:
     return at[0] + length * sin(angle), at[1] + length * cos(angle)
 
 
-def _moved(at: Point, by: Point) -> Point:
+def _add(at: Point, by: Point) -> Point:
     return at[0] + by[0], at[1] + by[1]
 
 

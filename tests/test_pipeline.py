@@ -233,7 +233,7 @@ def test_validate_agrees_with_the_report(good: Good) -> None:
     assert answer["views"][0]["iou"] == good.report["views"][0]["iou"]
 
 
-def broken(good: Good, into: Path, change: Any) -> Path:
+def break_part(good: Good, into: Path, change: Any) -> Path:
     """A copy of the good result whose part.stl was changed behind knotfab's back."""
     shutil.copytree(good.folder, into)
     data = (into / "part.stl").read_bytes()
@@ -244,21 +244,21 @@ def broken(good: Good, into: Path, change: Any) -> Path:
     return into
 
 
-def shifted(facets: NDArray[Any]) -> NDArray[Any]:
+def shift(facets: NDArray[Any]) -> NDArray[Any]:
     facets["corners"] += np.array([0.0, 1.0, 0.0], dtype="<f4")
     return facets
 
 
-def scaled(facets: NDArray[Any]) -> NDArray[Any]:
+def scale(facets: NDArray[Any]) -> NDArray[Any]:
     facets["corners"] *= np.float32(1.02)
     return facets
 
 
-def holed(facets: NDArray[Any]) -> NDArray[Any]:
+def pierce(facets: NDArray[Any]) -> NDArray[Any]:
     return facets[5:]
 
 
-def turned(facets: NDArray[Any]) -> NDArray[Any]:
+def turn_over(facets: NDArray[Any]) -> NDArray[Any]:
     facets["corners"] = facets["corners"][:, ::-1]
     return facets
 
@@ -266,16 +266,16 @@ def turned(facets: NDArray[Any]) -> NDArray[Any]:
 @pytest.mark.parametrize(
     ("change", "failing"),
     [
-        (shifted, {"tube"}),
-        (scaled, {"tube", "mesh_volume"}),
-        (holed, {"mesh_closed"}),
-        (turned, {"mesh_volume"}),
+        (shift, {"tube"}),
+        (scale, {"tube", "mesh_volume"}),
+        (pierce, {"mesh_closed"}),
+        (turn_over, {"mesh_volume"}),
     ],
 )
 def test_validate_rejects_a_part_that_was_changed(
     good: Good, tmp_path: Path, change: Any, failing: set[str]
 ) -> None:
-    folder = broken(good, tmp_path / "broken", change)
+    folder = break_part(good, tmp_path / "broken", change)
     done = knotfab("validate", folder, "--json", "--skip", "shadow-render")
     answer = json.loads(done.out)
     assert (done.code, answer["status"]) == (1, "fail")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
-from .case import READ, Broken, knotted, with_scene
+from .case import READ, Broken, make_part, with_scene
 from .curves import circle
 from .files import Part
 from .hostile import Hostile, handmade
@@ -19,18 +19,18 @@ def broken_files() -> Iterator[Broken]:
             yield Broken(file.name, partial(_alone, file), READ, says=file.says)
     yield Broken(
         "a picture that is none",
-        lambda: replace(with_scene(knotted(circle())), raw={"front.png": b"GIF89a and no more"}),
+        lambda: replace(with_scene(make_part(circle())), raw={"front.png": b"GIF89a and no more"}),
         READ,
         says="front.png",
     )
     yield Broken(
         "a picture that is missing",
-        lambda: replace(with_scene(knotted(circle())), pictures={}),
+        lambda: replace(with_scene(make_part(circle())), pictures={}),
         READ,
     )
     yield Broken(
         "a part behind the light",
-        lambda: with_scene(knotted(circle()), view={"light_distance_mm": 1.0}),
+        lambda: with_scene(make_part(circle()), view={"light_distance_mm": 1.0}),
         READ,
         says="light",
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Broken, Place, knotted, places_of, tied, with_scene
+from .case import Broken, Place, make_part, make_tied_part, places_of, with_scene
 from .curves import (
     Array,
     borromean,
@@ -19,12 +19,12 @@ from .curves import (
     granny,
     hopf,
     lissajous,
-    mirrored,
+    mirror,
     square,
     torus_knot,
     whitehead,
 )
-from .files import Part, encoded
+from .files import Part, encode
 from .good import bend_of_circle, length_of
 from .parts import box
 
@@ -45,7 +45,7 @@ def _beside(apart: float, clearance: float) -> Part:
     """Two rings of which the nearest points of the centre lines are `apart`, in a scene."""
     curves = [circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])]
     wide = {"frame_width_mm": 180.0, "frame_height_mm": 100.0}
-    return with_scene(knotted(curves, sides=64), piece={"clearance_mm": clearance}, view=wide)
+    return with_scene(make_part(curves, sides=64), piece={"clearance_mm": clearance}, view=wide)
 
 
 def _between(part: Part) -> tuple[Place, ...]:
@@ -72,21 +72,21 @@ def _too_near() -> Iterator[Broken]:
     for factor in (0.999, 0.95):
         yield Broken(
             f"strands {factor} diameters apart: thickness",
-            partial(tied, partial(_pair, factor * 2 * RADIUS), RADIUS),
+            partial(make_tied_part, partial(_pair, factor * 2 * RADIUS), RADIUS),
             "thickness",
             _between,
             NEAR,
         )
     yield Broken(
         "a knot that touches itself",
-        lambda: replace(knotted(_curl(0.0), 2.0), body=None),
+        lambda: replace(make_part(_curl(0.0), 2.0), body=None),
         "thickness",
         lambda p: places_of(p.knots[0][[0, 80]]),
         NEAR,
     )
     yield Broken(
         "knots that touch",
-        lambda: knotted([circle(), circle()[:, [0, 2, 1]] + [60.0, 0.0, 0.0]]),
+        lambda: make_part([circle(), circle()[:, [0, 2, 1]] + [60.0, 0.0, 0.0]]),
         "knot_type",
         lambda p: places_of(p.knots[0][0]),
         NEAR,
@@ -98,7 +98,7 @@ def _too_bent() -> Iterator[Broken]:
     tightest = _tightest(sharp)
     yield Broken(
         "a bend at 0.99 of the limit",
-        lambda: with_scene(knotted(sharp), material={"min_bend_radius_mm": tightest / 0.99}),
+        lambda: with_scene(make_part(sharp), material={"min_bend_radius_mm": tightest / 0.99}),
         "bend",
         lambda p: places_of(p.knots[0][[0, 80]]),
         NEAR,
@@ -106,7 +106,7 @@ def _too_bent() -> Iterator[Broken]:
     yield Broken(
         "a ring bent at 0.99 of the limit",
         lambda: with_scene(
-            knotted(circle()), material={"min_bend_radius_mm": bend_of_circle(30.0, 96) / 0.99}
+            make_part(circle()), material={"min_bend_radius_mm": bend_of_circle(30.0, 96) / 0.99}
         ),
         "bend",
         lambda p: places_of(p.knots[0]),
@@ -114,7 +114,7 @@ def _too_bent() -> Iterator[Broken]:
     )
     yield Broken(
         "a kink",
-        _kinked,
+        _make_kink,
         "thickness",
         lambda p: places_of(p.knots[0][20]),
         NEAR,
@@ -122,14 +122,14 @@ def _too_bent() -> Iterator[Broken]:
     yield Broken(
         "a length 1 % over the budget",
         lambda: with_scene(
-            knotted(circle()), material={"max_length_mm": length_of(circle()) / 1.01}
+            make_part(circle()), material={"max_length_mm": length_of(circle()) / 1.01}
         ),
         "length",
     )
     yield Broken(
         "two knots 1 % over the budget",
         lambda: with_scene(
-            knotted([circle(30.0), circle(18.0)]),
+            make_part([circle(30.0), circle(18.0)]),
             material={"max_length_mm": (length_of(circle()) + length_of(circle(18.0))) / 1.01},
         ),
         "length",
@@ -142,7 +142,7 @@ def _of_types() -> Iterator[Broken]:
         "a left trefoil where a right one was promised": (
             "right-handed trefoil",
             3.0,
-            lambda: mirrored(torus_knot(2, 3)),
+            lambda: mirror(torus_knot(2, 3)),
         ),
         "a right trefoil where a left one was promised": (
             "left-handed trefoil",
@@ -165,7 +165,7 @@ def _of_types() -> Iterator[Broken]:
         "a left cinquefoil where a right one was promised": (
             "right-handed 5_1",
             3.0,
-            lambda: mirrored(torus_knot(2, 5)),
+            lambda: mirror(torus_knot(2, 5)),
         ),
         "a torus knot of 3 and 4 where a trefoil was promised": (
             "3_1",
@@ -176,11 +176,11 @@ def _of_types() -> Iterator[Broken]:
     for name, (promise, radius, curve) in wrong.items():
         # an unknot has no place where it is not knotted
         places = None if curve is circle else _all
-        make = partial(tied, curve, radius, [promise], sides=16)
+        make = partial(make_tied_part, curve, radius, [promise], sides=16)
         yield Broken(name, make, "knot_type", places, NEAR)
     yield Broken(
         "two tubes, one a trefoil where unknots were promised",
-        lambda: knotted([circle(), torus_knot(2, 3) + [90.0, 0.0, 0.0]]),
+        lambda: make_part([circle(), torus_knot(2, 3) + [90.0, 0.0, 0.0]]),
         "knot_type",
         lambda p: places_of(p.knots[1]),
         NEAR,
@@ -198,7 +198,7 @@ def _of_links() -> Iterator[Broken]:
     for name, (radius, curves) in links.items():
         yield Broken(
             f"{name} where an unlink was promised",
-            partial(tied, curves, radius),
+            partial(make_tied_part, curves, radius),
             "linking",
             _all,
             15.0,  # between the strands, which are up to 24 mm apart
@@ -228,11 +228,11 @@ def _outside() -> Iterator[Broken]:
             places,
             NEAR,
         )
-    room = encoded(box((-32.9, -40, -10), (32.9, 40, 10)), "stl")
+    room = encode(box((-32.9, -40, -10), (32.9, 40, 10)), "stl")
     mesh = {"kind": "mesh", "file": "room.stl"}
     yield Broken(
         "0.1 mm outside the mesh",
-        lambda: replace(with_scene(knotted(circle()), region=mesh), raw={"room.stl": room}),
+        lambda: replace(with_scene(make_part(circle()), region=mesh), raw={"room.stl": room}),
         "region",
         _ends,
         NEAR,
@@ -255,7 +255,7 @@ def _outside() -> Iterator[Broken]:
 
 
 def _in_region(region: Mapping[str, Any]) -> Part:
-    return with_scene(knotted(circle()), region=region)
+    return with_scene(make_part(circle()), region=region)
 
 
 def _all(part: Part) -> tuple[Place, ...]:
@@ -301,15 +301,15 @@ def _tightest(curve: Array) -> float:
     return float((np.minimum(long, short) / (2 * np.tan(turn / 2))).min())
 
 
-def _kinked() -> Part:
+def _make_kink() -> Part:
     """A ring with one vertex pulled out by 4 mm: the bend there is far below the radius."""
     curve = circle()
     curve[20] *= 34.0 / 30.0
-    return replace(knotted(curve), body=None)
+    return replace(make_part(curve), body=None)
 
 
 def _in_room(spare: float) -> Part:
-    part = knotted(circle())
+    part = make_part(circle())
     assert part.body is not None
     size = part.body.vertices.max(axis=0)
     size[:2] += spare
@@ -317,7 +317,7 @@ def _in_room(spare: float) -> Part:
 
 
 def _off_bed(by: tuple[float, float, float]) -> Part:
-    part = knotted(circle())
+    part = make_part(circle())
     assert part.body is not None
     knots = tuple(k + np.array(by) for k in part.knots)
-    return with_scene(replace(part, body=part.body.moved(by), knots=knots))
+    return with_scene(replace(part, body=part.body.move(by), knots=knots))

@@ -8,24 +8,24 @@ from functools import partial
 
 import numpy as np
 
-from .case import Broken, Place, knotted, places_of
+from .case import Broken, Place, make_part, places_of
 from .curves import circle, torus_knot
 from .damage import (
     FACE,
     SIDES,
-    backed,
-    capped,
-    collapsed,
-    dented,
-    doubled,
+    add_back,
+    collapse,
+    cut_and_cap,
+    dent,
     fin,
-    flipped,
+    flip,
     handle,
     needle,
-    repeated,
+    repeat_corner,
+    repeat_faces,
     spike,
     t_junction,
-    unmerged,
+    unmerge,
 )
 from .files import Part
 from .parts import Body, ball, box, join, tube
@@ -47,14 +47,14 @@ def broken_mesh() -> Iterator[Broken]:
 
 
 def _ring() -> Part:
-    return knotted(circle())
+    return make_part(circle())
 
 
 def _rings() -> Part:
-    return knotted([circle(), circle() + APART])
+    return make_part([circle(), circle() + APART])
 
 
-def _changed(change: Change, start: Callable[[], Part] = _ring) -> Callable[[], Part]:
+def _change_body(change: Change, start: Callable[[], Part] = _ring) -> Callable[[], Part]:
     def make() -> Part:
         part = start()
         assert part.body is not None
@@ -88,7 +88,7 @@ def _fault(
     places: Callable[[Part], Iterable[Place]] | None,
     start: Callable[[], Part] = _ring,
 ) -> Broken:
-    return Broken(name, _changed(change, start), meant, places, NEAR)
+    return Broken(name, _change_body(change, start), meant, places, NEAR)
 
 
 def _of_edges() -> Iterator[Broken]:
@@ -104,7 +104,7 @@ def _of_edges() -> Iterator[Broken]:
     yield _fault(
         "a hole in the second of two", lambda b: b.without(FACE), closed, _at_face(), _rings
     )
-    yield _fault("a vertex unmerged by 1e-4 mm", unmerged, closed, _at_face())
+    yield _fault("a vertex unmerged by 1e-4 mm", unmerge, closed, _at_face())
     yield _fault("a T-junction", t_junction, closed, _at_face())
     yield _fault("a fin on an edge", fin, closed, _at_face())
     yield Broken(
@@ -122,11 +122,11 @@ def _of_edges() -> Iterator[Broken]:
         NEAR,
     )
     yield _fault(
-        "one face wound against the rest", lambda b: flipped(b, [FACE]), "mesh_winding", _at_face()
+        "one face wound against the rest", lambda b: flip(b, [FACE]), "mesh_winding", _at_face()
     )
     yield _fault(
         "half of the faces wound against the rest",
-        lambda b: flipped(b, half),
+        lambda b: flip(b, half),
         "mesh_winding",
         _at_ring(0, 48),
     )
@@ -134,17 +134,19 @@ def _of_edges() -> Iterator[Broken]:
 
 def _of_faces() -> Iterator[Broken]:
     flat = "mesh_degenerate"
-    yield _fault("a vertex on its neighbour", collapsed, flat, _at_face())
+    yield _fault("a vertex on its neighbour", collapse, flat, _at_face())
     yield _fault("a vertex on the line of two others", needle, flat, _at_face())
-    yield _fault("a face that names a vertex twice", repeated, flat, _at_face())
+    yield _fault("a face that names a vertex twice", repeat_corner, flat, _at_face())
     double = "mesh_duplicate"
-    yield _fault("a face twice", lambda b: doubled(b, [FACE]), double, _at_face())
-    yield _fault("a face and its back", backed, double, _at_face())
-    yield _fault("many faces twice", lambda b: doubled(b, range(200)), double, _at_ring(*range(5)))
+    yield _fault("a face twice", lambda b: repeat_faces(b, [FACE]), double, _at_face())
+    yield _fault("a face and its back", add_back, double, _at_face())
+    yield _fault(
+        "many faces twice", lambda b: repeat_faces(b, range(200)), double, _at_ring(*range(5))
+    )
     yield _fault("the whole body twice", lambda b: join(b, b), double, _along())
     yield _fault(
         "one of two bodies twice",
-        lambda b: doubled(b, range(len(b.faces) // 2)),
+        lambda b: repeat_faces(b, range(len(b.faces) // 2)),
         double,
         _along(),
         _rings,
@@ -163,7 +165,7 @@ def _of_bodies() -> Iterator[Broken]:
     yield _fault("inside out", lambda b: Body(b.vertices, b.faces[:, ::-1]), volume, _along())
     second = range(2 * len(circle()) * SIDES, 4 * len(circle()) * SIDES)
     yield _fault(
-        "the second of two inside out", lambda b: flipped(b, second), volume, _along(1), _rings
+        "the second of two inside out", lambda b: flip(b, second), volume, _along(1), _rings
     )
     yield Broken(
         "a ball inside out",
@@ -174,7 +176,7 @@ def _of_bodies() -> Iterator[Broken]:
     yield _fault("a tube too thick by 5 %", lambda b: _swept(1.05), volume, _along())
     yield Broken(
         "one of two too thin by 5 %",
-        lambda: replace(_rings(), body=join(_swept(1.0), _swept(0.95).moved(APART))),
+        lambda: replace(_rings(), body=join(_swept(1.0), _swept(0.95).move(APART))),
         volume,
         _along(1),
         NEAR,
@@ -200,13 +202,15 @@ def _of_bodies() -> Iterator[Broken]:
     )
     yield _fault(
         "a ball beside the ring",
-        lambda b: join(b, ball(5.0).moved((100, 30, 5))),
+        lambda b: join(b, ball(5.0).move((100, 30, 5))),
         bodies,
         lambda _: places_of(np.array([100.0, 30.0, 5.0])),
     )
     genus = "mesh_genus"
     yield _fault("a ring with a bar across", handle, genus, _on_bar)
-    yield _fault("a ring cut open with capped ends", capped, genus, lambda p: places_of(p.knots[0]))
+    yield _fault(
+        "a ring cut open with capped ends", cut_and_cap, genus, lambda p: places_of(p.knots[0])
+    )
 
     yield Broken(
         "a knots.json that says the ring is open", lambda: replace(_ring(), closed=False), genus
@@ -228,7 +232,7 @@ def _of_crossings() -> Iterator[Broken]:
     )
     yield Broken(
         "a trefoil too thick for itself",
-        lambda: knotted(torus_knot(2, 3, 12.0, 5.0), RADIUS * 2, ["3_1"]),
+        lambda: make_part(torus_knot(2, 3, 12.0, 5.0), RADIUS * 2, ["3_1"]),
         crossing,
         lambda p: places_of(p.knots[0]),
         4 * RADIUS,
@@ -252,11 +256,11 @@ def _of_crossings() -> Iterator[Broken]:
 
 def _of_fit() -> Iterator[Broken]:
     fit = "tube"
-    yield _fault("a dent", lambda b: dented(b, -0.5), fit, _at_ring(10))
-    yield _fault("a wart", lambda b: dented(b, 0.5), fit, _at_ring(10))
-    yield _fault("the part in metres", lambda b: b.scaled(1e-3), fit, None)
-    yield _fault("the part in inches", lambda b: b.scaled(1 / 25.4), fit, None)
-    yield _fault("the part shifted by half a radius", lambda b: b.moved((0, 1.5, 0)), fit, None)
+    yield _fault("a dent", lambda b: dent(b, -0.5), fit, _at_ring(10))
+    yield _fault("a wart", lambda b: dent(b, 0.5), fit, _at_ring(10))
+    yield _fault("the part in metres", lambda b: b.scale(1e-3), fit, None)
+    yield _fault("the part in inches", lambda b: b.scale(1 / 25.4), fit, None)
+    yield _fault("the part shifted by half a radius", lambda b: b.move((0, 1.5, 0)), fit, None)
     yield Broken(
         "knots.json of another size",
         lambda: replace(_ring(), knots=(_ring().knots[0] * 1.02,)),
@@ -288,7 +292,7 @@ def _on_bar(part: Part) -> tuple[Place, ...]:
 
 def _beside(apart: float) -> Part:
     """Two rings in one plane; their centre lines come as near as `apart`, or cross if negative."""
-    return knotted([circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])], sides=32)
+    return make_part([circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])], sides=32)
 
 
 def _between(part: Part) -> tuple[Place, ...]:

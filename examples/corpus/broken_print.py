@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Broken, Place, knotted, with_scene
+from .case import Broken, Place, make_part, with_scene
 from .curves import circle
 from .files import Part
 from .parts import Body, blocks, box, drum, join
@@ -66,14 +66,14 @@ def _too_thin() -> Iterator[Broken]:
     yield _fault("a roof 0.36 mm thick", _roof, "feature", (17.0, 12.0, 10.0), 18.0)
     yield Broken(
         "a tube thinner than the nozzle",
-        lambda: with_scene(knotted(circle(8.0), 0.18), accuracy={"iou_floor": "auto"}),
+        lambda: with_scene(make_part(circle(8.0), 0.18), accuracy={"iou_floor": "auto"}),
         "feature",
         lambda p: [(float(x), float(y), float(z)) for x, y, z in p.knots[0]],
         1.0,
     )
     yield _fault(
         "a box in metres",
-        lambda: box((2, 2, 0), (27, 22, 12)).scaled(1e-3),
+        lambda: box((2, 2, 0), (27, 22, 12)).scale(1e-3),
         "feature",
         (0.014, 0.012, 0.006),
     )
@@ -99,7 +99,7 @@ def _too_narrow() -> Iterator[Broken]:
     yield Broken(
         "two rings 0.9 nozzles apart",
         lambda: with_scene(
-            knotted([circle(), circle() + [66.36, 0.0, 0.0]], sides=64),
+            make_part([circle(), circle() + [66.36, 0.0, 0.0]], sides=64),
             piece={"clearance_mm": 0.2},
             view={"frame_width_mm": 180.0, "frame_height_mm": 100.0},
         ),
@@ -189,7 +189,7 @@ def _too_steep() -> Iterator[Broken]:
     )
     yield Broken(
         "a ring on more support than allowed",
-        lambda: with_scene(_lifted(), printer={"max_support_cm3": 1.0}),
+        lambda: with_scene(_lift_ring(), printer={"max_support_cm3": 1.0}),
         "support_volume",
     )
 
@@ -231,11 +231,11 @@ def _funnel(degrees: float) -> Body:
     wide = 1 + 12.0 * np.tan(np.radians(degrees)) / 10.0
     scale = np.where(body.vertices[:, 2] > 6, wide, 1.0)[:, None]
     vertices = body.vertices * np.concatenate([scale, scale, np.ones_like(scale)], axis=1)
-    return Body(vertices, body.faces).moved((40, 40, 0))
+    return Body(vertices, body.faces).move((40, 40, 0))
 
 
-def _lifted() -> Part:
-    part = knotted(circle())
+def _lift_ring() -> Part:
+    part = make_part(circle())
     assert part.body is not None
     up = np.array([0.0, 0.0, 12.0])
-    return Part(part.body.moved(up), tuple(k + up for k in part.knots), part.types, part.radius)
+    return Part(part.body.move(up), tuple(k + up for k in part.knots), part.types, part.radius)

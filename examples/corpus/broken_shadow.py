@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Broken, Place, knotted, places_of, tweaked, with_picture, with_scene
+from .case import Broken, Place, change_scene, make_part, places_of, with_picture, with_scene
 from .curves import Array, bulge, circle, torus_knot
 from .files import Part
 from .parts import Body, ball, join, tube
@@ -27,26 +27,26 @@ def broken_shadow() -> Iterator[Broken]:
     yield from _of_scene()
 
 
-def _lopsided() -> Part:
+def _make_lopsided() -> Part:
     """A ring with a nose: no mirror or turn takes it to itself."""
     curve = bulge(circle(28.0), 10, np.array([12.0, 16.0, 3.0]), 8.0)
-    return with_scene(knotted(curve))
+    return with_scene(make_part(curve))
 
 
 def _of_outline() -> Iterator[Broken]:
     for name, by in (("right", (1, 0, 0)), ("down", (0, -1, 0)), ("aslant", (0.7, 0.7, 0))):
         yield Broken(
             f"a shadow shifted by 1 px, {name}",
-            partial(_shifted, PIXEL_MM * np.array(by)),
+            partial(_shift, PIXEL_MM * np.array(by)),
             "outline",
             lambda p: places_of(p.knots[0]),
             2 * RADIUS,
         )
-    yield Broken("a bump in the outline", lambda: _bumped(0.1), "outline", _at_bump, 2 * RADIUS)
-    yield Broken("a dent in the outline", lambda: _bumped(-0.1), "outline", _at_bump, 2 * RADIUS)
+    yield Broken("a bump in the outline", lambda: _bump(0.1), "outline", _at_bump, 2 * RADIUS)
+    yield Broken("a dent in the outline", lambda: _bump(-0.1), "outline", _at_bump, 2 * RADIUS)
     yield Broken(
         "a tube of eight sides",
-        lambda: replace(_lopsided(), body=_swept(_lopsided(), 8)),
+        lambda: replace(_make_lopsided(), body=_swept(_make_lopsided(), 8)),
         "outline",
         lambda p: places_of(p.knots[0]),
         2 * RADIUS,
@@ -63,13 +63,13 @@ def _of_outline() -> Iterator[Broken]:
 def _of_mounts() -> Iterator[Broken]:
     yield Broken(
         "a mount that shows beside the tube",
-        lambda: tweaked(_with_ball((60.0, 60.0, 30.0)), "mount", kind="wall"),
+        lambda: change_scene(_with_ball((60.0, 60.0, 30.0)), "mount", kind="wall"),
         "intrusion",
     )
 
 
 def _of_pictures() -> Iterator[Broken]:
-    other = with_scene(knotted(torus_knot(2, 3)))
+    other = with_scene(make_part(torus_knot(2, 3)))
     pictures: dict[str, Callable[[Part], Part]] = {
         "of something else": lambda p: replace(p, pictures=other.pictures),
         "mirrored": lambda p: _drawn(p, lambda m: m[:, ::-1]),
@@ -77,13 +77,15 @@ def _of_pictures() -> Iterator[Broken]:
         "on its side": lambda p: _drawn(p, lambda m: m.T),
         "moved by a radius": lambda p: _drawn(p, lambda m: np.roll(m, 6, axis=1)),
         "without a piece": lambda p: _drawn(p, _cut),
-        "with a blot": lambda p: _drawn(p, _blotted),
+        "with a blot": lambda p: _drawn(p, _blot),
         "empty": lambda p: _drawn(p, lambda m: np.zeros_like(m)),
     }
     for name, change in pictures.items():
-        yield Broken(f"a picture {name}", partial(_changed, change), "shadow")
+        yield Broken(f"a picture {name}", partial(_apply, change), "shadow")
     yield Broken(
-        "a picture read inverted", lambda: tweaked(_lopsided(), "view", invert=True), "shadow"
+        "a picture read inverted",
+        lambda: change_scene(_make_lopsided(), "view", invert=True),
+        "shadow",
     )
 
 
@@ -96,37 +98,37 @@ def _of_scene() -> Iterator[Broken]:
         "a frame 10 % wider": {"frame_width_mm": 132.0},
     }
     for name, view in views.items():
-        yield Broken(name, partial(_viewed, view), "shadow")
-    yield Broken("a part mirrored", _mirrored, "shadow")
-    yield Broken("a pose turned by 10 degrees", lambda: _posed(10.0), "shadow")
-    yield Broken("a pose upside down", lambda: _posed(180.0), "shadow")
-    yield Broken("a pose 10 mm to the side", lambda: _posed(0.0, 10.0), "shadow")
+        yield Broken(name, partial(_view_otherwise, view), "shadow")
+    yield Broken("a part mirrored", _mirror, "shadow")
+    yield Broken("a pose turned by 10 degrees", lambda: _turn_pose(10.0), "shadow")
+    yield Broken("a pose upside down", lambda: _turn_pose(180.0), "shadow")
+    yield Broken("a pose 10 mm to the side", lambda: _turn_pose(0.0, 10.0), "shadow")
     yield Broken("one of two tubes missing", _one_of_two, "shadow")
 
 
-def _changed(change: Callable[[Part], Part]) -> Part:
-    return change(_lopsided())
+def _apply(change: Callable[[Part], Part]) -> Part:
+    return change(_make_lopsided())
 
 
-def _viewed(view: Mapping[str, Any]) -> Part:
+def _view_otherwise(view: Mapping[str, Any]) -> Part:
     """Another view than the one that the picture is of."""
-    return tweaked(_lopsided(), "view", **view)
+    return change_scene(_make_lopsided(), "view", **view)
 
 
-def _shifted(by: Array) -> Part:
+def _shift(by: Array) -> Part:
     """The part moved against its knots and its scene."""
-    part = _lopsided()
+    part = _make_lopsided()
     assert part.body is not None
-    return replace(part, body=part.body.moved(by))
+    return replace(part, body=part.body.move(by))
 
 
 def _swept(part: Part, sides: int) -> Body:
     return tube(part.knots[0], RADIUS, sides)
 
 
-def _bumped(by: float) -> Part:
+def _bump(by: float) -> Part:
     """The surface moved outwards by `by` mm about the outermost vertex of ring 60."""
-    part = _lopsided()
+    part = _make_lopsided()
     assert part.body is not None
     body, centre = part.body, np.repeat(part.knots[0], SIDES, axis=0)
     out = (body.vertices - centre) / np.linalg.norm(body.vertices - centre, axis=1)[:, None]
@@ -145,14 +147,14 @@ def _outermost(part: Part) -> Array:
 
 
 def _at_bump(_: Part) -> tuple[Place, ...]:
-    return places_of(_outermost(_lopsided()))
+    return places_of(_outermost(_make_lopsided()))
 
 
 def _with_ball(at: tuple[float, float, float]) -> Part:
     """A ball of 3 mm beside the tube, where the picture has none."""
-    part = _lopsided()
+    part = _make_lopsided()
     assert part.body is not None
-    return replace(part, body=join(part.body, ball(3.0, 16).moved(at)))
+    return replace(part, body=join(part.body, ball(3.0, 16).move(at)))
 
 
 def _drawn(part: Part, change: Callable[[Any], Any]) -> Part:
@@ -168,7 +170,7 @@ def _cut(mask: Any) -> Any:
     return left
 
 
-def _blotted(mask: Any) -> Any:
+def _blot(mask: Any) -> Any:
     """With a square of 30 pixels in the middle."""
     blot = mask.copy()
     h, w = mask.shape
@@ -176,9 +178,9 @@ def _blotted(mask: Any) -> Any:
     return blot
 
 
-def _mirrored() -> Part:
+def _mirror() -> Part:
     """Part and knots seen in a mirror: x turned round about the middle."""
-    part = _lopsided()
+    part = _make_lopsided()
     assert part.body is not None
     low, high = part.body.vertices.min(axis=0)[0], part.body.vertices.max(axis=0)[0]
     turn, shift = np.array([-1.0, 1.0, 1.0]), np.array([low + high, 0.0, 0.0])
@@ -186,19 +188,19 @@ def _mirrored() -> Part:
     return replace(part, body=body, knots=tuple(k * turn + shift for k in part.knots))
 
 
-def _posed(degrees: float, aside: float = 0.0) -> Part:
+def _turn_pose(degrees: float, aside: float = 0.0) -> Part:
     """The pose turned about the light's axis, and moved."""
-    part = _lopsided()
+    part = _make_lopsided()
     assert part.scene is not None
     pose = np.array(part.scene["pose"]["matrix"])
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn = np.array([[c, -s, 0, aside], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    return tweaked(part, "pose", matrix=(turn @ pose).tolist())
+    return change_scene(part, "pose", matrix=(turn @ pose).tolist())
 
 
 def _one_of_two() -> Part:
     """The picture shows two rings, the part and knots.json have the larger one."""
-    both = with_scene(knotted([circle(30.0), circle(18.0)]))
-    alone = with_scene(knotted(circle(30.0)))
+    both = with_scene(make_part([circle(30.0), circle(18.0)]))
+    alone = with_scene(make_part(circle(30.0)))
     assert both.body is not None
     return with_picture(alone, both.body)

@@ -49,7 +49,7 @@ class Broken:
     says: str = ""
 
 
-def knotted(
+def make_part(
     curves: Sequence[Array] | Array,
     radius: float = 3.0,
     types: Sequence[str] = (),
@@ -61,7 +61,7 @@ def knotted(
     body = tubes(every, radius, sides)
     shift = np.array([MARGIN_MM, MARGIN_MM, 0.0]) - body.vertices.min(axis=0)
     return Part(
-        body=body.moved(shift),
+        body=body.move(shift),
         knots=tuple(curve + shift for curve in every),
         types=tuple(types) or ("unknot",) * len(every),
         radius=radius,
@@ -69,14 +69,14 @@ def knotted(
     )
 
 
-def tied(
+def make_tied_part(
     curves: Callable[[], Sequence[Array] | Array],
     radius: float,
     types: Sequence[str] = (),
     sides: int = 24,
 ) -> Part:
     """`knotted`, of curves that are made only now."""
-    return knotted(curves(), radius, types, sides)
+    return make_part(curves(), radius, types, sides)
 
 
 def with_scene(part: Part, lying: bool = False, **tables: Mapping[str, Any]) -> Part:
@@ -115,7 +115,7 @@ def with_picture(part: Part, body: Body) -> Part:
     return replace(part, pictures={view["picture"]: picture})
 
 
-def tweaked(part: Part, table: str, **values: Any) -> Part:
+def change_scene(part: Part, table: str, **values: Any) -> Part:
     """The part with some keys of one table of its scene changed; the picture stays."""
     assert part.scene is not None
     scene = copy.deepcopy(dict(part.scene))

@@ -109,7 +109,7 @@ def borromean(a: float = 32.0, b: float = 16.0, n: int = 96) -> tuple[Array, Arr
     return flat, flat[:, [2, 0, 1]], flat[:, [1, 2, 0]]
 
 
-def mirrored(curve: Array) -> Array:
+def mirror(curve: Array) -> Array:
     """The curve seen in a mirror: z turned round."""
     turned: Array = curve * np.array([1.0, 1.0, -1.0])
     return turned

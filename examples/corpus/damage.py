@@ -14,23 +14,23 @@ RING, SIDE = 10, 5  # where most of the damage is done
 FACE = 2 * (RING * SIDES + SIDE)
 
 
-def flipped(body: Body, faces: Iterable[int]) -> Body:
+def flip(body: Body, faces: Iterable[int]) -> Body:
     turned = body.faces.copy()
     chosen = list(faces)
     turned[chosen] = turned[chosen, ::-1]
     return Body(body.vertices, turned)
 
 
-def doubled(body: Body, faces: Iterable[int]) -> Body:
+def repeat_faces(body: Body, faces: Iterable[int]) -> Body:
     return Body(body.vertices, np.concatenate([body.faces, body.faces[list(faces)]]))
 
 
-def backed(body: Body) -> Body:
+def add_back(body: Body) -> Body:
     """A face of which there is another copy, wound the other way."""
     return Body(body.vertices, np.concatenate([body.faces, body.faces[FACE : FACE + 1, ::-1]]))
 
 
-def unmerged(body: Body) -> Body:
+def unmerge(body: Body) -> Body:
     """One face has a corner of its own, 1e-4 mm from where it was."""
     faces, corner = body.faces.copy(), body.vertices[body.faces[FACE, 0]] + [0.0, 0.0, 1e-4]
     faces[FACE, 0] = len(body.vertices)
@@ -55,7 +55,7 @@ def fin(body: Body) -> Body:
     return Body(vertices, np.concatenate([body.faces, [[a, b, len(body.vertices)]]]))
 
 
-def collapsed(body: Body) -> Body:
+def collapse(body: Body) -> Body:
     vertices = body.vertices.copy()
     vertices[body.faces[FACE, 0]] = vertices[body.faces[FACE, 1]]
     return Body(vertices, body.faces)
@@ -74,7 +74,7 @@ def needle(body: Body) -> Body:
     return Body(rounded, np.concatenate([np.delete(body.faces, FACE, axis=0), halves]))
 
 
-def repeated(body: Body) -> Body:
+def repeat_corner(body: Body) -> Body:
     a, b, _ = body.faces[FACE]
     return Body(body.vertices, np.concatenate([body.faces, [[a, b, b]]]))
 
@@ -104,7 +104,7 @@ def handle(body: Body) -> Body:
     return Body(body.vertices, np.concatenate([np.delete(body.faces, gone, axis=0), bar]))
 
 
-def capped(body: Body, rings: int = 1) -> Body:
+def cut_and_cap(body: Body, rings: int = 1) -> Body:
     """`rings` rings of faces taken out, and both ends closed by a fan."""
     far = RING + rings
     kept = np.delete(body.faces, range(2 * RING * SIDES, 2 * far * SIDES), axis=0)
@@ -124,7 +124,7 @@ def spike(body: Body) -> Body:
     return Body(vertices, body.faces)
 
 
-def dented(body: Body, by: float) -> Body:
+def dent(body: Body, by: float) -> Body:
     """The surface about one place of ring 10 moved along its normals by up to `by` mm."""
     centre: Array = np.repeat(_centres(body), SIDES, axis=0)
     out = body.vertices - centre

@@ -66,7 +66,7 @@ def write(part: Part, folder: Path) -> Files:
     """Write a part's files into a folder that exists."""
     names: dict[str, bytes] = {}
     if part.body is not None:
-        names[_part_name(part.format)] = encoded(part.body, part.format)
+        names[_part_name(part.format)] = encode(part.body, part.format)
     if part.knots:
         names["knots.json"] = _knots_json(part)
     if part.scene is not None:
@@ -99,7 +99,7 @@ def _knots_json(part: Part) -> bytes:
     return json.dumps(data).encode()
 
 
-def encoded(body: Body, form: str) -> bytes:
+def encode(body: Body, form: str) -> bytes:
     """The bytes of a mesh file: stl, stl-text, obj, ply, ply-binary, 3mf or 3mf-inch."""
     if form == "stl":
         return _stl(body)

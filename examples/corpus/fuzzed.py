@@ -11,7 +11,7 @@ import zipfile
 from functools import cache
 from pathlib import Path
 
-from .case import knotted, with_scene
+from .case import make_part, with_scene
 from .cube_files import archive, seeds
 from .curves import circle
 from .files import write
@@ -46,14 +46,14 @@ def company() -> dict[str, bytes]:
     """A good part in four formats, its knots, scene and picture, by the names of the files."""
     files: dict[str, bytes] = {}
     for form in ("stl-text", "obj", "ply", "3mf"):
-        part = with_scene(knotted(circle(20.0, 24), sides=8, format=form))
+        part = with_scene(make_part(circle(20.0, 24), sides=8, format=form))
         with tempfile.TemporaryDirectory() as folder:
             write(part, Path(folder))
             files |= {path.name: path.read_bytes() for path in Path(folder).iterdir()}
     return files
 
 
-def fuzzed(seed: int) -> Hostile:
+def fuzz_file(seed: int) -> Hostile:
     """One good file changed at random, the same for the same seed.
 
     Seven of eight are small files by themselves, changed in every way. The eighth is one of a part, its

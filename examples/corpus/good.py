@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Good, knotted, tied, tweaked, with_picture, with_scene
+from .case import Good, change_scene, make_part, make_tied_part, with_picture, with_scene
 from .curves import (
     Array,
     circle,
@@ -17,14 +17,14 @@ from .curves import (
     figure_eight,
     granny,
     lissajous,
-    mirrored,
+    mirror,
     square,
     stadium,
     torus_knot,
     wavy,
 )
-from .damage import RING, capped
-from .files import Part, encoded
+from .damage import RING, cut_and_cap
+from .files import Part, encode
 from .parts import Body, ball, blocks, box, drum, join, tube
 from .print_parts import arch, gallows, island, plain, slab, slot, table
 
@@ -60,7 +60,7 @@ def _knots() -> Iterator[Good]:
         "tall crown": ("unknot", 2.0, lambda: wavy(30.0, 2, 0.0, 25.0)),
         "unknot with one crossing": ("unknot", 2.0, _curl),
         "trefoil": ("3_1", 3.0, lambda: torus_knot(2, 3)),
-        "mirrored trefoil": ("3_1", 3.0, lambda: mirrored(torus_knot(2, 3))),
+        "mirrored trefoil": ("3_1", 3.0, lambda: mirror(torus_knot(2, 3))),
         "trefoil the other way round the torus": ("3_1", 3.0, lambda: torus_knot(3, 2)),
         "figure-eight": ("4_1", 3.0, figure_eight),
         "cinquefoil": ("5_1", 3.0, lambda: torus_knot(2, 5)),
@@ -71,11 +71,11 @@ def _knots() -> Iterator[Good]:
         "granny": ("3_1#3_1", 2.0, granny),
         "square": ("square", 2.0, square),
         "right-handed trefoil": ("right-handed trefoil", 3.0, lambda: torus_knot(2, 3)),
-        "left-handed trefoil": ("left-handed 3_1", 3.0, lambda: mirrored(torus_knot(2, 3))),
+        "left-handed trefoil": ("left-handed 3_1", 3.0, lambda: mirror(torus_knot(2, 3))),
         "torus knot by its name": ("T(2,5)", 3.0, lambda: torus_knot(2, 5)),
     }
     for name, (kind, radius, curve) in shapes.items():
-        yield Good(name, partial(tied, curve, radius, [kind], sides=18))
+        yield Good(name, partial(make_tied_part, curve, radius, [kind], sides=18))
 
 
 def _links() -> Iterator[Good]:
@@ -90,7 +90,7 @@ def _links() -> Iterator[Good]:
         "two knots": (("4_1", "3_1"), lambda: [figure_eight(), torus_knot(2, 3) + APART]),
     }
     for name, (types, curves) in rings.items():
-        yield Good(f"tubes {name}", partial(tied, curves, 3.0, types))
+        yield Good(f"tubes {name}", partial(make_tied_part, curves, 3.0, types))
 
 
 def _sizes() -> Iterator[Good]:
@@ -98,17 +98,19 @@ def _sizes() -> Iterator[Good]:
     for radius, ring in ((0.8, 8.0), (1.2, 20.0), (2.0, 12.0), (5.0, 40.0), (8.0, 80.0)):
         yield Good(
             f"tube radius {radius:g} on a ring of {ring:g}",
-            partial(tied, partial(circle, ring), radius),
+            partial(make_tied_part, partial(circle, ring), radius),
         )
     for sides in (12, 16, 33, 64):
-        yield Good(f"{sides} sides", partial(tied, circle, 3.0, sides=sides))
+        yield Good(f"{sides} sides", partial(make_tied_part, circle, 3.0, sides=sides))
     for n in (40, 300):
-        yield Good(f"{n} rings", partial(tied, partial(circle, n=n), 3.0, sides=16))
-    yield Good("unevenly sampled", lambda: knotted(_uneven()))
+        yield Good(f"{n} rings", partial(make_tied_part, partial(circle, n=n), 3.0, sides=16))
+    yield Good("unevenly sampled", lambda: make_part(_uneven()))
     yield Good("open tube", _open)
-    yield Good("without a radius", lambda: replace(knotted(circle()), radius=None))
-    yield Good("without knots", lambda: replace(knotted(circle()), knots=()))
-    yield Good("knots alone", lambda: replace(knotted(torus_knot(2, 3), types=["3_1"]), body=None))
+    yield Good("without a radius", lambda: replace(make_part(circle()), radius=None))
+    yield Good("without knots", lambda: replace(make_part(circle()), knots=()))
+    yield Good(
+        "knots alone", lambda: replace(make_part(torus_knot(2, 3), types=["3_1"]), body=None)
+    )
 
 
 def _formats() -> Iterator[Good]:
@@ -121,7 +123,7 @@ def _formats() -> Iterator[Good]:
     yield Good(
         "OBJ with texture and normals", lambda: Part(None, raw={"part.obj": _obj_relative()})
     )
-    yield Good("3MF in inches", lambda: replace(plain(_box().scaled(1 / 25.4)), format="3mf-inch"))
+    yield Good("3MF in inches", lambda: replace(plain(_box().scale(1 / 25.4)), format="3mf-inch"))
 
 
 def _scenes() -> Iterator[Good]:
@@ -140,17 +142,17 @@ def _scenes() -> Iterator[Good]:
         "an eye": {"kind": "eye"},
     }
     for name, view in views.items():
-        yield Good(f"shadow, {name}", partial(_viewed, view))
+        yield Good(f"shadow, {name}", partial(_view, view))
     yield Good("shadow, part that stands", _standing)
     yield Good("shadow, part beside the frame's middle", _beside)
-    yield Good("shadow, two tubes", lambda: with_scene(knotted([circle(30.0), circle(18.0)])))
+    yield Good("shadow, two tubes", lambda: with_scene(make_part([circle(30.0), circle(18.0)])))
     yield Good("shadow, white picture on black", _negative)
     yield Good("shadow as 3MF", lambda: replace(with_scene(_trefoil()), format="3mf"))
     yield Good("shadow, no floor", lambda: _wrong_picture_without_floor())
 
 
 def _regions() -> Iterator[Good]:
-    room = encoded(ball(45.0, 48), "stl")
+    room = encode(ball(45.0, 48), "stl")
     regions: dict[str, dict[str, Any]] = {
         "box": {"kind": "box", "size_mm": [70.0, 70.0, 8.0]},
         "cylinder": {"kind": "cylinder", "size_mm": [80.0, 70.0, 80.0]},
@@ -196,15 +198,15 @@ def _foreign() -> Iterator[Good]:
     bodies: dict[str, Callable[[], Body]] = {
         "box": _box,
         "plate": lambda: box((0, 0, 0), (60, 40, 2)),
-        "ball": lambda: ball(15.0).moved((20, 20, 15)),
-        "drum": lambda: drum(12.0, 30.0).moved((20, 20, 0)),
+        "ball": lambda: ball(15.0).move((20, 20, 15)),
+        "drum": lambda: drum(12.0, 30.0).move((20, 20, 0)),
         "hollow box": _hollow,
-        "two boxes": lambda: join(_box(), _box().moved((40, 0, 0))),
-        "frame": lambda: _pierced(1),
-        "frame with three holes": lambda: _pierced(3),
+        "two boxes": lambda: join(_box(), _box().move((40, 0, 0))),
+        "frame": lambda: _make_frame(1),
+        "frame with three holes": lambda: _make_frame(3),
         "staircase": _staircase,
         "table": table,
-        "ball, fine": lambda: ball(15.0, 64).moved((20, 20, 15)),
+        "ball, fine": lambda: ball(15.0, 64).move((20, 20, 15)),
         "long thin faces": lambda: box((0, 0, 0), (200, 2, 2)),
     }
     for name, body in bodies.items():
@@ -237,7 +239,7 @@ def _printable() -> Iterator[Good]:
 
 
 def _ring() -> Part:
-    return knotted(circle())
+    return make_part(circle())
 
 
 def _open() -> Part:
@@ -246,11 +248,11 @@ def _open() -> Part:
     part = _ring()
     assert part.body is not None
     line = np.roll(part.knots[0], -RING - rings, axis=0)[: 1 - rings]
-    return replace(part, body=capped(part.body, rings), knots=(line,), closed=False)
+    return replace(part, body=cut_and_cap(part.body, rings), knots=(line,), closed=False)
 
 
 def _trefoil() -> Part:
-    return knotted(torus_knot(2, 3), types=["3_1"])
+    return make_part(torus_knot(2, 3), types=["3_1"])
 
 
 def _as(make: Callable[[], Part], form: str) -> Part:
@@ -269,7 +271,7 @@ def _plain_box() -> Part:
     return plain(_box())
 
 
-def _viewed(view: Mapping[str, Any]) -> Part:
+def _view(view: Mapping[str, Any]) -> Part:
     return with_scene(_trefoil(), view=view)
 
 
@@ -293,7 +295,7 @@ def _beside_each_other(apart: float, clearance: float) -> Part:
     """Two rings in one plane whose centre lines come as near as `apart`."""
     curves = [circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])]
     wide = {"frame_width_mm": 180.0, "frame_height_mm": 100.0}
-    return with_scene(knotted(curves, sides=64), piece={"clearance_mm": clearance}, view=wide)
+    return with_scene(make_part(curves, sides=64), piece={"clearance_mm": clearance}, view=wide)
 
 
 def bend_of_circle(radius: float, n: int) -> float:
@@ -322,14 +324,14 @@ def _standing() -> Part:
     flip = np.array([1.0, -1.0, 1.0])
     placed = Body(part.body.vertices[:, turn] * flip, part.body.faces)
     shift = np.array([4.0, 4.0, 0.0]) - placed.vertices.min(axis=0)
-    placed = placed.moved(shift)
+    placed = placed.move(shift)
     knots = tuple(k[:, turn] * flip + shift for k in part.knots)
     middle = (placed.vertices.max(axis=0) + placed.vertices.min(axis=0)) / 2
     pose = np.eye(4)
     pose[:3, :3] = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     pose[:3, 3] = -pose[:3, :3] @ middle
     scene = with_scene(replace(part, body=placed, knots=knots))
-    return with_picture(tweaked(scene, "pose", matrix=pose.tolist()), placed)
+    return with_picture(change_scene(scene, "pose", matrix=pose.tolist()), placed)
 
 
 def _beside() -> Part:
@@ -337,7 +339,7 @@ def _beside() -> Part:
     assert part.scene is not None and part.body is not None
     pose = np.array(part.scene["pose"]["matrix"])
     pose[:3, 3] += [12.0, -8.0, 5.0]
-    return with_picture(tweaked(part, "pose", matrix=pose.tolist()), part.body)
+    return with_picture(change_scene(part, "pose", matrix=pose.tolist()), part.body)
 
 
 def _negative() -> Part:
@@ -346,7 +348,7 @@ def _negative() -> Part:
 
 
 def _wrong_picture_without_floor() -> Part:
-    part = tweaked(with_scene(_trefoil()), "accuracy", iou_floor="auto")
+    part = change_scene(with_scene(_trefoil()), "accuracy", iou_floor="auto")
     return replace(part, pictures={name: mask[:, ::-1] for name, mask in part.pictures.items()})
 
 
@@ -359,7 +361,7 @@ def _hollow() -> Body:
     return join(_box(), Body(inner.vertices, inner.faces[:, ::-1]))
 
 
-def _pierced(holes: int) -> Body:
+def _make_frame(holes: int) -> Body:
     cells = np.ones((2 * holes + 1, 3, 1), dtype=bool)
     cells[1::2, 1, 0] = False
     return blocks(cells, [8.0 * i for i in range(2 * holes + 2)], (0, 8, 20, 28), (0, 6))
@@ -377,12 +379,12 @@ def _cone() -> Body:
     top = body.vertices[:, 2] > 6
     wide = 1 + 12.0 * np.tan(np.radians(40.0)) / 10.0
     vertices = body.vertices * np.where(top, wide, 1.0)[:, None] ** [1, 1, 0]
-    return Body(vertices, body.faces).moved((25, 25, 0))
+    return Body(vertices, body.faces).move((25, 25, 0))
 
 
 def _obj_relative() -> bytes:
     """A tube as OBJ with comments, texture coordinates, normals and relative indices."""
-    body = tube(circle(20.0, 48), 3.0, 16).moved((24, 24, 4))
+    body = tube(circle(20.0, 48), 3.0, 16).move((24, 24, 4))
     lines = ["# a comment", "mtllib none.mtl", "o tube"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in body.vertices]
     lines += ["vt 0 0", "vn 0 0 1", "usemtl none", "s off"]

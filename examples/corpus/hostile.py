@@ -69,7 +69,7 @@ def _with(transform: str) -> bytes:
     return as_3mf(model(cube, f'<item objectid="1" transform="{transform}"/>'))
 
 
-def _multiplied(component: str, mesh: str = MESH, levels: int = 40) -> bytes:
+def _multiply(component: str, mesh: str = MESH, levels: int = 40) -> bytes:
     """As `_deep`, with components written in a way that a search for them may overlook."""
     objects = [f'<object id="1" type="model">{mesh}</object>']
     for i in range(2, levels + 2):
@@ -86,7 +86,7 @@ def _elsewhere() -> bytes:
     return archive({"_rels/.rels": relations, "3D/3dmodel.xml": content})
 
 
-def _packed(entries: list[tuple[str, bytes]], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+def _pack(entries: list[tuple[str, bytes]], method: int = zipfile.ZIP_DEFLATED) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", method) as file:
         for name, content in entries:
@@ -231,11 +231,11 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("loop.3mf", as_3mf(model(loop, '<item objectid="1"/>')), "in each other")
     empty = "<mesh><vertices/><triangles/></mesh>"
     few, many = "triangles", "places more than"
-    yield Hostile("spaced.3mf", _multiplied('<component\nobjectid = "{}"/>'), few)
-    yield Hostile("quoted.3mf", _multiplied("<component a='>' objectid='{}'/>"), few)
+    yield Hostile("spaced.3mf", _multiply('<component\nobjectid = "{}"/>'), few)
+    yield Hostile("quoted.3mf", _multiply("<component a='>' objectid='{}'/>"), few)
     long = f'<component a="{"0" * 3000}" objectid="{{}}"/>'
-    yield Hostile("long.3mf", _multiplied(long), few)
-    yield Hostile("hollow.3mf", _multiplied('<component objectid="{}"/>', empty), many)
+    yield Hostile("long.3mf", _multiply(long), few)
+    yield Hostile("hollow.3mf", _multiply('<component objectid="{}"/>', empty), many)
     yield Hostile("elsewhere.3mf", _elsewhere(), few)
     yield Hostile("items.3mf", _of_cubes('<item objectid="1"/>' * 60_000), many)
     objects = "".join(f'<object id="{i}"/>' for i in range(2, 60_000))
@@ -258,8 +258,8 @@ def _make_by_hand() -> Iterator[Hostile]:
     body = zipfile.ZipFile(io.BytesIO(cube_3mf()))
     same = [(n, body.read(n)) for n in body.namelist()]
     again = [*same, ("3D/3DMODEL.model", b"<model/>")]
-    yield Hostile("again.3mf", _packed(again), "two entries")
-    yield Hostile("lzma.3mf", _packed(same, zipfile.ZIP_LZMA), "packed in a way")
+    yield Hostile("again.3mf", _pack(again), "two entries")
+    yield Hostile("lzma.3mf", _pack(same, zipfile.ZIP_LZMA), "packed in a way")
     wrong = MESH.replace('v1="0"', 'v1="4000000000"')
     cube = f'<object id="1" type="model">{wrong}</object>'
     yield Hostile("index.3mf", as_3mf(model(cube, '<item objectid="1"/>')), "vertex 4000000000")

@@ -20,10 +20,10 @@ class Body:
     vertices: Array
     faces: Faces
 
-    def moved(self, by: Sequence[float] | Array) -> Body:
+    def move(self, by: Sequence[float] | Array) -> Body:
         return Body(self.vertices + np.asarray(by, dtype=np.float64), self.faces)
 
-    def scaled(self, factor: float) -> Body:
+    def scale(self, factor: float) -> Body:
         return Body(self.vertices * factor, self.faces)
 
     def without(self, *faces: int) -> Body:
@@ -121,15 +121,15 @@ def ball(radius: float, n: int = 24) -> Body:
     """A ball about the origin, of n meridians and n / 2 bands."""
     latitude = np.pi * np.arange(1, n // 2) / (n // 2)
     ring = np.column_stack([np.sin(latitude), np.cos(latitude)])
-    return _turned(radius * ring, n, radius, -radius)
+    return _revolve(radius * ring, n, radius, -radius)
 
 
 def drum(radius: float, height: float, n: int = 32) -> Body:
     """An upright cylinder on the plane z = 0."""
-    return _turned(np.array([[radius, height], [radius, 0.0]]), n, height, 0.0)
+    return _revolve(np.array([[radius, height], [radius, 0.0]]), n, height, 0.0)
 
 
-def _turned(profile: Array, n: int, top: float, bottom: float) -> Body:
+def _revolve(profile: Array, n: int, top: float, bottom: float) -> Body:
     """The surface of revolution about z of a profile (k, 2) of (r, z), from top to bottom."""
     angle = 2 * np.pi * np.arange(n) / n
     circle = np.column_stack([np.cos(angle), np.sin(angle)])

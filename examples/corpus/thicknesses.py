@@ -134,7 +134,7 @@ def torus_curve(p: int, q: int, large: float, small: float) -> Curve:
     return curve
 
 
-def _skewed(t: Array) -> Array:
+def _make_oval(t: Array) -> Array:
     """An oval with four times its largest curvature beside where its parameter is fastest."""
     return np.stack([2 * np.cos(t) + 0.3 * np.sin(2 * t), np.sin(t), 0.4 * np.cos(2 * t)], -1)
 
@@ -207,8 +207,8 @@ def convergence_rows() -> list[ConvergenceRow]:
         ("torus knot 2, 5, chord", torus_curve(2, 5, 3.0, 1.0), None, False, 2),
         ("torus curve 1, 6, bend", torus_curve(1, 6, 3.0, 0.5), None, True, 2),
         ("the same, by its parameter", torus_curve(1, 6, 3.0, 0.5), None, False, 1),
-        ("skewed oval, even samples", _skewed, None, True, 2),
-        ("skewed oval, by its parameter", _skewed, None, False, 1),
+        ("skewed oval, even samples", _make_oval, None, True, 2),
+        ("skewed oval, by its parameter", _make_oval, None, False, 1),
     ]
     rows = []
     for name, curve, known, even, expected in cases:

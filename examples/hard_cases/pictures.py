@@ -62,24 +62,24 @@ def _grid(width: int, height: int) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return u, v
 
 
-def _framed(mask: Mask, margin: int = 16) -> Mask:
+def _add_margin(mask: Mask, margin: int = 16) -> Mask:
     return np.pad(mask, margin)
 
 
 def _checks() -> Mask:
     u, v = _grid(224, 224)
-    return _framed((u + v) % 2 == 0)
+    return _add_margin((u + v) % 2 == 0)
 
 
 def _noise() -> Mask:
-    return _framed(np.random.default_rng(6).random((224, 224)) < 0.5)
+    return _add_margin(np.random.default_rng(6).random((224, 224)) < 0.5)
 
 
 def _cantor() -> Mask:
     row = np.ones(1, dtype=bool)
     for _ in range(5):
         row = np.concatenate([row, np.zeros_like(row), row])
-    return _framed(np.tile(row, (160, 1)))
+    return _add_margin(np.tile(row, (160, 1)))
 
 
 def _polygon(corners: list[tuple[float, float]], size: int) -> Mask:
@@ -104,7 +104,7 @@ def _carpet() -> Mask:
         hole = np.zeros_like(mask)
         edge = np.concatenate([mask, mask, mask], 1)
         mask = np.concatenate([edge, np.concatenate([mask, hole, mask], 1), edge])
-    return _framed(mask)
+    return _add_margin(mask)
 
 
 def _lines(width: int) -> Mask:
@@ -134,7 +134,7 @@ def _ring(gap: int) -> Mask:
 
 def _dots() -> Mask:
     u, v = _grid(480, 480)
-    return _framed(np.hypot(u % 24 - 11.5, v % 24 - 11.5) < 7)
+    return _add_margin(np.hypot(u % 24 - 11.5, v % 24 - 11.5) < 7)
 
 
 def _page() -> Mask:
@@ -191,4 +191,4 @@ def _strip() -> Mask:
 
 def _lattice() -> Mask:
     u, v = _grid(396, 396)
-    return _framed((u % 30 < 6) | (v % 30 < 6))
+    return _add_margin((u % 30 < 6) | (v % 30 < 6))

@@ -122,16 +122,16 @@ def round_trip_share(network: CouplingNetwork, points: Tensor) -> tuple[float, f
     start = points.clone().requires_grad_()
     handed: list[Tensor] = []
 
-    def nudged(p: Tensor) -> Tensor:
+    def nudge(p: Tensor) -> Tensor:
         handed.append(torch.zeros_like(p, requires_grad=True))
         return p * (1 + handed[-1])
 
     p = start
     for layer in there.layers:
-        p = nudged(layer(p))
+        p = nudge(layer(p))
     for layer in reversed(back.layers):
         assert isinstance(layer, Rigid | Coupling)
-        p = nudged(layer.inverse(p))
+        p = nudge(layer.inverse(p))
     inputs = [start, *there.parameters(), *back.parameters()]
     slopes = torch.autograd.grad((share * p).sum(), [*inputs, *handed])
     weights = [x.detach() for x in inputs] + [torch.ones_like(x) for x in handed]

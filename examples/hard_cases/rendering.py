@@ -59,7 +59,7 @@ def ring(count: int, size: float = 9.0, depth: float = 500.0, waves: int = 3) ->
     return np.stack([r * np.cos(s), 0.8 * r * np.sin(s), depth + 12 * np.sin(2 * s + 0.3)], 1)
 
 
-def _closed(points: Array) -> tuple[Array, NDArray[np.int64]]:
+def _close(points: Array) -> tuple[Array, NDArray[np.int64]]:
     rows = np.arange(len(points), dtype=np.int64)
     return points, np.stack([rows, np.roll(rows, -1)], 1)
 
@@ -75,7 +75,7 @@ def _tangle(count: int, seed: int) -> tuple[Array, NDArray[np.int64]]:
 def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
     """All of them, in one order; `samples` of the curve that has most."""
     q, r = (5.5 * STEP, 3.5 * STEP), 4.5 * STEP
-    chain = _closed(ring(60))
+    chain = _close(ring(60))
     return (
         RenderCase("ordinary", "none: what every other row is held against", *chain, real=True),
         RenderCase(
@@ -169,11 +169,11 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
             kinks=((24, 20), (24, 3)),
             real=True,
         ),
-        RenderCase("triangle", "N = 3", *_closed(ring(3)), real=True),
+        RenderCase("triangle", "N = 3", *_close(ring(3)), real=True),
         RenderCase(
             f"{samples:,} samples",
             "edges of a micrometre: every sum of squares is tiny",
-            *_closed(ring(samples)),
+            *_close(ring(samples)),
             width=12,
             height=3,
             step=2.0**-8,
@@ -218,7 +218,7 @@ def render_cases(samples: int = 50_000) -> tuple[RenderCase, ...]:
 
 def large_cases() -> tuple[RenderCase, ...]:
     """Images that only the tiled renderer can draw."""
-    thin, many = _closed(ring(60)), _closed(ring(20_000, waves=40))
+    thin, many = _close(ring(60)), _close(ring(20_000, waves=40))
     why = "67 million pixels: no pass over every pixel and every capsule"
     return (
         RenderCase("8192 x 8192", why, *thin, 0.1, 1.0, 8192, 8192, 2.0**-17, real=True),

@@ -227,12 +227,12 @@ def network_cases() -> tuple[ValueCase, ...]:
     """The invertible network and its rotation, in one order."""
     shares = torch.arange(9.0, dtype=torch.float64).reshape(3, 3)
 
-    def turned(turn: Tensor) -> Tensor:
+    def turn_points(turn: Tensor) -> Tensor:
         return (rotation(turn) * shares.to(turn.dtype)).sum()
 
     def turning(name: str, why: str, *t: float) -> ValueCase:
         turn = torch.tensor(t, dtype=torch.float64)
-        return ValueCase(name, why, (turn,), turned, move=lambda p: p @ rotation(turn).T)
+        return ValueCase(name, why, (turn,), turn_points, move=lambda p: p @ rotation(turn).T)
 
     networks = (
         network_case("8 layers", "none: what the others are held against", 8, 1.0, 0.1),

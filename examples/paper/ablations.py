@@ -119,7 +119,7 @@ def _clearance(knot: Array, radius: float) -> float:
     return float(np.where(way > math.pi * radius, d, np.inf).min() / (2 * radius))
 
 
-def _searched(
+def _search(
     label: str,
     views: list[PaperView],
     settings: PaperSettings,
@@ -147,21 +147,21 @@ def _searched(
 def _length(base: PaperSettings) -> Iterator[Row]:
     views = _views(_picture("plane"))
     for longest in (4.0, 8.0, 12.0, 100.0):
-        yield _searched(f"L0 = {longest:g}", views, base.model_copy(update={"longest": longest}))
+        yield _search(f"L0 = {longest:g}", views, base.model_copy(update={"longest": longest}))
     summed = base.model_copy(update={"longest": 4.0, "image_weight": 1.0})
-    yield _searched("L0 = 4, summed image loss", views, summed)
+    yield _search("L0 = 4, summed image loss", views, summed)
 
 
 def _bend(base: PaperSettings) -> Iterator[Row]:
     for sharpest in (1.0, 3.0, 10.0, 100.0):
         limited = base.model_copy(update={"sharpest": sharpest})
-        yield _searched(f"B0 = {sharpest:g}", _views(_frame()), limited)
+        yield _search(f"B0 = {sharpest:g}", _views(_frame()), limited)
 
 
 def _occupancy(base: PaperSettings) -> Iterator[Row]:
     for weight in (1e-2, 1e-3, 1e-4, 0.0):
         weighed = base.model_copy(update={"occupancy_weight": weight})
-        yield _searched(f"w_occ = {weight:g}", _views(_frame()), weighed, box(*SMALL))
+        yield _search(f"w_occ = {weight:g}", _views(_frame()), weighed, box(*SMALL))
 
 
 def _mobius(base: PaperSettings) -> Iterator[Row]:
@@ -169,7 +169,7 @@ def _mobius(base: PaperSettings) -> Iterator[Row]:
     views = _viviani_views(base.radius)
     for weight in (0.0, 1e-2, 1e-1, 1.0):
         weighed = base.model_copy(update={"mobius_weight": weight})
-        yield _searched(f"w_mob = {weight:g}", views, weighed, CUBE, lambda s: _viviani(s, 0.3))
+        yield _search(f"w_mob = {weight:g}", views, weighed, CUBE, lambda s: _viviani(s, 0.3))
 
 
 def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:
@@ -198,19 +198,19 @@ def _tau(base: PaperSettings) -> Iterator[Row]:
     yield from _renderings([(f"tau = {tau:g}", 1000, tau) for tau in (10.0, 100.0, 1000.0)])
     for tau in (2.5, 25.0, 100.0, 1000.0):
         soft = base.model_copy(update={"tau": tau})
-        yield _searched(f"searched, tau = {tau:g}", _views(_picture("heart")), soft)
+        yield _search(f"searched, tau = {tau:g}", _views(_picture("heart")), soft)
 
 
 def _depth(base: PaperSettings) -> Iterator[Row]:
     for depth in (1, 2, 4, 8):
         shallow = base.model_copy(update={"depth": depth})
-        yield _searched(f"depth {depth}", _views(_picture("plane")), shallow)
+        yield _search(f"depth {depth}", _views(_picture("plane")), shallow)
 
 
 def _width(base: PaperSettings) -> Iterator[Row]:
     for width in (8, 32, 128, 512):
         narrow = base.model_copy(update={"width": width})
-        yield _searched(f"width {width}", _views(_picture("plane")), narrow)
+        yield _search(f"width {width}", _views(_picture("plane")), narrow)
 
 
 # name -> (rows, what the paper shows; it gives pictures, and no figures)

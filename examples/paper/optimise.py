@@ -98,9 +98,9 @@ def search_paper(
     with one_thread():
         for iteration in range(settings.iterations):
             if iteration % settings.resample_every == 0:
-                start = _sampled(curves, [random_ring(settings.samples, generator) for _ in curves])
+                start = _sample(curves, [random_ring(settings.samples, generator) for _ in curves])
                 won = [None] * len(views)
-            knots = _carried(network, start, settings)
+            knots = _carry(network, start, settings)
             terms, images, won = _terms(knots, views, settings, region, generator, won)
             total = torch.stack(list(terms.values())).sum()
             value = float(total.detach())
@@ -119,8 +119,8 @@ def search_paper(
             if report is not None:
                 report(iteration, value)
         with torch.no_grad():
-            start = _sampled(curves, [even_ring(settings.samples) for _ in curves])
-            knots = _carried(network, start, settings)
+            start = _sample(curves, [even_ring(settings.samples) for _ in curves])
+            knots = _carry(network, start, settings)
             images = [_seen(knots, view, settings, None)[0] for view in views]
     return PaperResult(
         tuple(knots.numpy()),
@@ -146,12 +146,12 @@ def _check(views: Sequence[PaperView]) -> None:
             )
 
 
-def _sampled(curves: Sequence[Curve], places: Sequence[Tensor]) -> Tensor:
+def _sample(curves: Sequence[Curve], places: Sequence[Tensor]) -> Tensor:
     """[knots, n, 3] float64 points of the templates."""
     return torch.stack([curve(place) for curve, place in zip(curves, places, strict=True)])
 
 
-def _carried(network: nn.Module, start: Tensor, settings: PaperSettings) -> Tensor:
+def _carry(network: nn.Module, start: Tensor, settings: PaperSettings) -> Tensor:
     """[knots, n, 3] where the network and the template's place carry the sampled points."""
     middle = torch.tensor(settings.template_middle, dtype=start.dtype)
     carried: Tensor = network(start) + middle

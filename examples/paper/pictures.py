@@ -61,7 +61,7 @@ def _bunny() -> Image.Image:
     sheet.blob([(0.56, 0.62), (0.70, 0.60), (0.75, 0.80), (0.80, 0.93), (0.64, 0.94), (0.60, 0.80)])
     sheet.disc(0.12, 0.80, 0.075)
     sheet.disc(0.71, 0.39, 0.022, ink=255)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def _armoured_head() -> Image.Image:
@@ -80,7 +80,7 @@ def _armoured_head() -> Image.Image:
         sheet.disc(0.17 + 0.105 * k, 0.89, 0.018, ink=255)
     sheet.disc(0.36, 0.50, 0.045, ink=255)
     sheet.disc(0.36, 0.50, 0.020)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def _arc() -> Image.Image:
@@ -88,7 +88,7 @@ def _arc() -> Image.Image:
     sheet = Canvas()
     turn = [pi * (0.75 + 1.5 * k / 150) for k in range(151)]
     sheet.stroke([(0.5 + 0.36 * cos(a), 0.54 + 0.36 * sin(a)) for a in turn], 0.13)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def _chair() -> Image.Image:
@@ -103,7 +103,7 @@ def _chair() -> Image.Image:
     sheet.stroke([(0.61, 0.63), (0.63, 0.94)], 0.05)
     sheet.stroke([(0.29, 0.64), (0.29, 0.95)], 0.05)
     sheet.stroke([(0.29, 0.80), (0.62, 0.79)], 0.04)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def main() -> None:

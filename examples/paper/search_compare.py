@@ -132,14 +132,14 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
     for column, way in enumerate(WAYS):
         one = next(r for r in runs if r.way == way and r.scale == 1.0 and not r.repairs)
         axes = figure.add_subplot(grid[1, column])
-        axes.imshow(_compared(problem, radius, one.result))
+        axes.imshow(_compare(problem, radius, one.result))
         axes.set_axis_off()
         axes.set_title(f"{way}: {one.result.iou_estimate:.3f}", fontsize=10)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
-def _compared(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
+def _compare(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
     """Shadow and target in one picture: black where both are, red too much, blue missing."""
     (view,) = problem.views
     frame, target, _ = picture_at(view.view, view.mask, 256)

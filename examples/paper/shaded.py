@@ -45,7 +45,7 @@ class Trial:
     rings: Polylines
     frame: Frame
 
-    def shaded(self, points: Tensor, tau: float) -> Tensor:
+    def shade(self, points: Tensor, tau: float) -> Tensor:
         """[h, w] the lit picture of a knot at `points`."""
         return render_shaded(points, points.roll(-1, 0), self.frame, RADIUS_MM, tau, SHADING)
 
@@ -118,7 +118,7 @@ def main() -> None:
     torch.set_num_threads(1)
     found = {
         "from the silhouette": fit(at, at.silhouette),
-        "from the shaded picture": fit(at, at.shaded),
+        "from the shaded picture": fit(at, at.shade),
     }
     shown = {"truth": at.truth, "start": at.start, **found}
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")

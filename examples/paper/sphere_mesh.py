@@ -44,7 +44,7 @@ def ring_picture() -> Image.Image:
     """A plain ring, the simplest picture with a hole."""
     sheet = Canvas()
     sheet.ring(0.5, 0.5, 0.33, 0.2)
-    return sheet.finished()
+    return sheet.finish()
 
 
 def soft_silhouette(corners: Tensor, pixels: int, sigma: float) -> Tensor:

@@ -64,10 +64,10 @@ def draw_case(outcome: Outcome, path: Path) -> None:
         panels.append(Image.open(scratch).convert("RGB"))
         panels[-1].load()
         scratch.unlink()
-    _stacked(panels).quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+    _stack(panels).quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 
-def _stacked(panels: list[Image.Image]) -> Image.Image:
+def _stack(panels: list[Image.Image]) -> Image.Image:
     """The comparisons under each other, and the part to the right of them."""
     rows, side = panels, None
     if panels[-1].width == panels[-1].height:

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from examples.corpus.examine import Outcome, examine
-from examples.corpus.fuzzed import fuzzed
+from examples.corpus.fuzzed import fuzz_file
 from examples.corpus.hostile import Hostile, handmade
 
 SLOW_S = 5.0
@@ -88,7 +88,7 @@ class _Worker:
 
 def run_all(count: int, seed: int, show: bool = True) -> list[tuple[Hostile, Outcome]]:
     """Examine the files made by hand and `count` fuzzed ones, on two workers."""
-    queue = iter([*handmade(), *(fuzzed(seed * 1_000_003 + i) for i in range(count))])
+    queue = iter([*handmade(), *(fuzz_file(seed * 1_000_003 + i) for i in range(count))])
     workers = [_Worker() for _ in range(WORKERS)]
     results: list[tuple[Hostile, Outcome]] = []
     try:

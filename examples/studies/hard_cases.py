@@ -153,7 +153,7 @@ def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
     lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
     lines.append("\n## Why each is hard\n")
     lines += [f"- **{row.case.name}**: {row.case.why}." for row in rows]
-    bad, count = _printed(rows)
+    bad, count = _count_printed(rows)
     lines.append(f"\nThe closed forms as printed fail in {bad} of the {count} cases they apply to.")
     lines.append(GROUPS_OPENING)
     for title, heads, found in others:
@@ -167,7 +167,7 @@ def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
     (folder / "hard-cases.md").write_text("\n".join(lines) + "\n")
 
 
-def _printed(rows: Sequence[Row]) -> tuple[int, int]:
+def _count_printed(rows: Sequence[Row]) -> tuple[int, int]:
     told = [row.printed for row in rows if row.printed != "-"]
     return sum(said != "serves" for said in told), len(told)
 
@@ -191,7 +191,7 @@ def main(argv: list[str] | None = None) -> int:
         text = "  ".join(cell.ljust(n) for cell, n in zip(_cells(row), widths, strict=True))
         print(text + ("" if row.good else "  OUTSIDE"), flush=True)
     outside = sum(not row.good for row in rows)
-    bad, count = _printed(rows)
+    bad, count = _count_printed(rows)
     others = list(groups(asked.only))
     outside += sum(not one.good for *_, found in others for one in found)
     total = len(rows) + sum(len(found) for *_, found in others)

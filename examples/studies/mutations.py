@@ -49,7 +49,7 @@ class Mutant:
     start: int
     end: int
 
-    def applied(self, source: bytes) -> bytes:
+    def apply(self, source: bytes) -> bytes:
         return source[: self.start] + self.now.encode() + source[self.end :]
 
     @property
@@ -238,7 +238,7 @@ def _study(mutants: list[Mutant]) -> tuple[list[Mutant], list[Path]]:
                     sound[test] = not _fails(copy, [test])
             file = copy / mutant.file
             source = file.read_bytes()
-            file.write_bytes(mutant.applied(source))
+            file.write_bytes(mutant.apply(source))
             noticed = _fails(copy, [test for test in tests if sound[test]])
             file.write_bytes(source)
             print(f"{'noticed ' if noticed else 'SURVIVED'}  {mutant}", flush=True)

@@ -11,7 +11,7 @@ from knotfab.knots import Knots
 from knotfab.mount.frame_model import Frame, round_beams, stiffness_of
 from knotfab.mount.piece_frame import Stiffness, piece_frame
 from knotfab.mount.shade import Shadows
-from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined
+from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join
 
 __all__ = ["Braced", "brace"]
 
@@ -77,7 +77,7 @@ def brace(
     seen = np.zeros(len(given) if settled else 0)
     while True:
         frame = piece_frame(knots, sites, members, stiffness)
-        moved = frame.moved()[: len(sites.knot)]
+        moved = frame.displacements()[: len(sites.knot)]
         sag = float(np.linalg.norm(moved[:, :3], axis=1).max())
         if sag < least:
             least, best = sag, members
@@ -85,9 +85,9 @@ def brace(
             break
         promise = _promise(frame, sites, candidates, moved) / (1 + cost / dear)
         for n in range(len(seen), len(members)):
-            seen = np.append(seen, shadows.darkened(members.of([n])).sum())
+            seen = np.append(seen, shadows.darken(members.of([n])).sum())
         old = np.flatnonzero(seen > SEEN_SHARE)
-        thicker = members.of(old).thickened(THICKER, MOST_SHARE * knots.radius_mm)
+        thicker = members.of(old).thicken(THICKER, MOST_SHARE * knots.radius_mm)
         clear = np.array(
             [obstacles.clear(thicker.of([i]), but=int(n))[0] for i, n in enumerate(old)]
         )
@@ -97,7 +97,7 @@ def brace(
         while idle < IDLE_ROUNDS:
             hidden = search.best(promise, ~visible, TRIED)
             tried = np.concatenate([hidden, search.best(promise, visible, TRIED_VISIBLE)])
-            every = joined([candidates.of(tried), thicker])
+            every = join([candidates.of(tried), thicker])
             before = np.concatenate([np.zeros(len(tried)), members.radius[old]])
             gain = _gains(frame, every, before, moved, stiffness)
             price = np.concatenate(
@@ -116,12 +116,12 @@ def brace(
         if pick < len(tried):
             search.take(int(tried[pick]))
             obstacles.add(one)
-            members = joined([members, one])
+            members = join([members, one])
         else:
             number = int(old[pick - len(tried)])
             members = members.with_radius(number, float(one.radius[0]))
             obstacles.members = members
-            seen[number] = shadows.darkened(one).sum()
+            seen[number] = shadows.darken(one).sum()
             search.afresh()
         if price[pick] > 0:
             shadows.add(one)
@@ -129,7 +129,7 @@ def brace(
     thinnest = float(candidates.radius[shown].min()) if len(shown) else np.inf
     shown_by = np.array(
         [
-            0.0 if settled and n < len(given) else shadows.darkened(best.of([n])).sum()
+            0.0 if settled and n < len(given) else shadows.darken(best.of([n])).sum()
             for n in range(len(best))
         ]
     )
@@ -270,24 +270,24 @@ def _prune(
         dark: (n,) the share of the frames, summed, that each member alone darkens.
     """
 
-    def solved(some: Candidates) -> tuple[float, Array]:
+    def solve(some: Candidates) -> tuple[float, Array]:
         frame = piece_frame(knots, sites, some, stiffness)
-        size = np.linalg.norm(frame.moved()[: len(sites.knot), :3], axis=1)
+        size = np.linalg.norm(frame.displacements()[: len(sites.knot), :3], axis=1)
         return float(size.max()), sites.point[int(size.argmax())]
 
-    sag, at = solved(members)
+    sag, at = solve(members)
     needed = max(limit, sag)
     dearest = np.argsort(-dark, kind="stable")
     left = np.arange(len(members))
     for number in dearest[dearest >= given]:
         without = left[left != number]
-        found = solved(members.of(without))
+        found = solve(members.of(without))
         if found[0] <= needed:
             left, (sag, at) = without, found
     for number in dearest[dark[dearest] > SEEN_SHARE]:
         while number in left and members.radius[number] / THICKER >= thinnest_mm * (1 - 1e-9):
             thinner = members.with_radius(number, float(members.radius[number]) / THICKER)
-            found = solved(thinner.of(left))
+            found = solve(thinner.of(left))
             if found[0] > needed:
                 break
             members, (sag, at) = thinner, found

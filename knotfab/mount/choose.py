@@ -167,7 +167,7 @@ class _Model:
             DOWN,
             springs={int(tops[0]): (self.spring[0], self.push[0])},
         )
-        self.own = frame.moved()  # (n, 6)
+        self.own = frame.displacements()  # (n, 6)
         flexibility = frame.flexibility(tops).reshape(6 * self.n, -1)
         at_tops = (6 * tops[:, None] + np.arange(6)).ravel()
         self.among = flexibility[at_tops]  # (6 c, 6 c)
@@ -190,7 +190,7 @@ class _Model:
         spring = np.asarray(
             np.linalg.inv(frame.flexibility(np.array([0]))[:6, 0]), dtype=np.float64
         )
-        return spring, spring @ frame.moved()[0]
+        return spring, spring @ frame.displacements()[0]
 
     def sag(self, pegs: list[int]) -> _Sag:
         """How the tube moves on these pegs."""

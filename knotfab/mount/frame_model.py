@@ -53,24 +53,24 @@ class Frame:
     weight: Array
     factor: Any
 
-    def moved(self) -> Array:
+    def displacements(self) -> Array:
         """(n, 6) displacements and turns of the joints under the frame's own weight."""
-        return self._solved(self.weight[:, None]).reshape(self.joints, 6)
+        return self._solve(self.weight[:, None]).reshape(self.joints, 6)
 
     def flexibility(self, joints: Indices) -> Array:
         """(6 n, c, 6): how everything moves for a unit force or couple on each of c joints."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
             unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
-        solved = self._solved(unit.reshape(6 * self.joints, -1))
+        solved = self._solve(unit.reshape(6 * self.joints, -1))
         moves: Array = solved.reshape(6 * self.joints, len(joints), 6)
         return moves
 
     def response(self, force: Array) -> Array:
         """(n, 6) displacements and turns under forces and couples (n, 6) instead of the weight."""
-        return self._solved(force.reshape(-1, 1)).reshape(self.joints, 6)
+        return self._solve(force.reshape(-1, 1)).reshape(self.joints, 6)
 
-    def _solved(self, force: Array) -> Array:
+    def _solve(self, force: Array) -> Array:
         moved = np.zeros_like(force)
         moved[self.loose] = self.factor.solve(np.ascontiguousarray(force[self.loose]))
         return moved
@@ -137,7 +137,7 @@ def deflection(
     beams: Beams, fixed: Indices, young_mpa: float, density_g_cm3: float, down: Array
 ) -> Array:
     """(n, 3) displacement of the joints, mm, under the beams' own weight (see `frame_of`)."""
-    return frame_of(beams, fixed, young_mpa, density_g_cm3, down).moved()[:, :3]
+    return frame_of(beams, fixed, young_mpa, density_g_cm3, down).displacements()[:, :3]
 
 
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:

@@ -114,6 +114,6 @@ def sag_of(
     moved = replace(members, first=there[members.first], second=there[members.second])
     beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES, end_radius_mm)
     frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
-    size = np.linalg.norm(frame.moved()[: len(fine.knot), :3], axis=1)
+    size = np.linalg.norm(frame.displacements()[: len(fine.knot), :3], axis=1)
     worst = int(size.argmax())
     return float(size[worst]), fine.point[worst]

@@ -50,7 +50,7 @@ class Slope:
         own = points @ self.axes.T
         return np.asarray(own[:, 1] - self.height_mm - self.rise * own[:, 2])
 
-    def lowered(self, by_mm: float) -> Slope:
+    def lower(self, by_mm: float) -> Slope:
         """The same plane farther down."""
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 

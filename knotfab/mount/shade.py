@@ -47,9 +47,9 @@ class Shadows:
         for view in self.views:
             view.add(some)
 
-    def darkened(self, some: Candidates) -> Array:
+    def darken(self, some: Candidates) -> Array:
         """(views,) share of each frame that members alone darken outside picture and knots."""
-        return np.array([view.darkened(some) for view in self.views])
+        return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
         """(n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
@@ -94,7 +94,7 @@ class ViewShadow:
         self.before = np.zeros((height + 2, width + 2), dtype=bool)
         self.before[1:-1, 1:-1] = target[np.ix_(rows, columns)]
         self.before[-1] = True
-        self.magnified = self._magnified()
+        self.magnification = self._magnification()
         self.own = np.zeros_like(self.before)
         for knot in knots.knots:
             closed = np.concatenate([knot.points, knot.points[:1]])
@@ -114,7 +114,7 @@ class ViewShadow:
         """Darken what members cover."""
         self.dark |= self._strips(some.start, some.end, some.radius)
 
-    def darkened(self, some: Candidates) -> float:
+    def darken(self, some: Candidates) -> float:
         """Share of the frame that members alone darken outside picture and knots."""
         more = self._strips(some.start, some.end, some.radius) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
@@ -176,9 +176,9 @@ class ViewShadow:
         """Pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
         p = self.camera.projection
         h = points @ p[:, :3].T + p[:, 3]
-        return h[:, :2] / h[:, 2:], radius * self.magnified / h[:, 2]
+        return h[:, :2] / h[:, 2:], radius * self.magnification / h[:, 2]
 
-    def _magnified(self) -> float:
+    def _magnification(self) -> float:
         """Pixels that a millimetre across the view covers on the receiver, at most."""
         c = self.camera
         across, down = np.linalg.norm(c.du), np.linalg.norm(c.dv)

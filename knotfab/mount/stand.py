@@ -35,7 +35,7 @@ from knotfab.mount.struts import (
     Candidates,
     Obstacles,
     Sites,
-    joined,
+    join,
     nothing,
     sites_of,
     struts,
@@ -127,9 +127,9 @@ def plan_stand(
     sites = sites_of(knots)
     shadows = Shadows(knots, cameras, targets)
     obstacles = Obstacles(knots, sites, clearance_mm)
-    slope = slope_below(cameras, _footprint(knots, cameras, settings)).lowered(DROP_MM)
+    slope = slope_below(cameras, _footprint(knots, cameras, settings)).lower(DROP_MM)
     lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
-    slope = slope.lowered(max(0.0, clearance_mm + 1.0 - lowest))
+    slope = slope.lower(max(0.0, clearance_mm + 1.0 - lowest))
     hidden = hidden_struts(sites, shadows, tube)
 
     def shown(*radii: float) -> list[Candidates]:
@@ -139,13 +139,13 @@ def plan_stand(
             parts.append(_bridges(sites, shadows, tube, radius))
         return parts
 
-    pool = joined([hidden, *shown(thin)])
+    pool = join([hidden, *shown(thin)])
     chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shadows)
     # what runs in the shadow of those shows no more now
-    pool = joined([hidden, *shown(thin, thick)])
+    pool = join([hidden, *shown(thin, thick)])
     more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])
-    chosen = joined([chosen, more])
+    chosen = join([chosen, more])
     visible = np.arange(len(pool)) >= len(hidden)
     braced = brace(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
     members = braced.members
@@ -168,7 +168,7 @@ def plan_stand(
         braced.sag_mm,
         braced.sag_at,
         sag_of(knots, sites, members, stiffness, step_radii=FINE_RADII)[0],
-        shadows.darkened(members),
+        shadows.darken(members),
     )
 
 
@@ -214,7 +214,7 @@ def _posts(
                     n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
                 )
             )
-    return _least(joined(parts), shadows, POSTS, len(sites.knot))
+    return _least(join(parts), shadows, POSTS, len(sites.knot))
 
 
 def _least(every: Candidates, shadows: Shadows, count: int, sites: int) -> Candidates:
@@ -240,7 +240,7 @@ def _bridges(sites: Sites, shadows: Shadows, tube: float, radius: float) -> Cand
             parts.append(
                 _least(struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot))
             )
-    return joined(parts)
+    return join(parts)
 
 
 def _spanning(
@@ -298,7 +298,7 @@ def _more_posts(
     """Posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
     more = nothing()
     while True:
-        there = joined([chosen, more])
+        there = join([chosen, more])
         feet = there.end[there.second == GROUND]
         if len(feet) >= LEAST_POSTS:
             return more
@@ -312,7 +312,7 @@ def _more_posts(
         one = some.of([int(clear.argmax())])
         obstacles.add(one)
         shadows.add(one)
-        more = joined([more, one])
+        more = join([more, one])
 
 
 def _weights(knots: Knots, members: Candidates) -> Weights:

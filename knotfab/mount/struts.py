@@ -18,7 +18,7 @@ __all__ = [
     "Obstacles",
     "Sites",
     "beside_on_rings",
-    "joined",
+    "join",
     "nothing",
     "off_segments",
     "opens_slowly",
@@ -115,7 +115,7 @@ class Candidates:
             self.radius[some],
         )
 
-    def thickened(self, times: float, most_mm: float) -> Candidates:
+    def thicken(self, times: float, most_mm: float) -> Candidates:
         """All of them, their radius so many times larger, but at most `most_mm`."""
         return replace(
             self, radius=np.maximum(self.radius, np.minimum(times * self.radius, most_mm))
@@ -138,7 +138,7 @@ def nothing() -> Candidates:
     return Candidates(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
 
-def joined(parts: list[Candidates]) -> Candidates:
+def join(parts: list[Candidates]) -> Candidates:
     """All of them, in order."""
     return Candidates(
         np.concatenate([p.first for p in parts]),
@@ -192,7 +192,7 @@ class Obstacles:
 
     def add(self, some: Candidates) -> None:
         """More members that are there."""
-        self.members = joined([self.members, some])
+        self.members = join([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
         """(n,) whether members touch nothing; at the ground posts are wider by `ROOT_SHARE`.

@@ -15,7 +15,7 @@ from knotfab.mount.choose import choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import as_manifold, frame_along, strut_solid
-from knotfab.mount.struts import GROUND, Candidates, joined, nothing
+from knotfab.mount.struts import GROUND, Candidates, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with
 from knotfab.scene.camera import Camera
 
@@ -164,7 +164,7 @@ def _with_share(
         target = np.zeros((camera.height, camera.width), dtype=bool)
     roots = root * knots.radius_mm * spread[chosen.rays]
     braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
-    every, ends = joined([bare, braces]), np.concatenate([feet, braces.radius])
+    every, ends = join([bare, braces]), np.concatenate([feet, braces.radius])
     again, at = sag_of(knots, sites, every, stiffness, ends)
     leans = braces.second == GROUND
     leaning = tuple(

@@ -12,7 +12,7 @@ from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.rays import Rays
 from knotfab.mount.shade import HIDDEN_SHARE, Shadows, hidden_struts
-from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, joined, sites_of
+from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join, sites_of
 from knotfab.scene.camera import Camera
 
 __all__ = ["hidden_braces", "pegs_on", "sites_with"]
@@ -52,7 +52,7 @@ def hidden_braces(
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm))
     shadows = Shadows(knots, (camera,), (target,))
-    pool = joined(
+    pool = join(
         [
             hidden_struts(sites, shadows, knots.radius_mm),
             _leaning(sites, shadows, camera, knots.radius_mm),

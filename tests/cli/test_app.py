@@ -97,7 +97,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(code: int, *arguments: str | Path) -> str:
+def refuse(code: int, *arguments: str | Path) -> str:
     """The one line that a wrong call leaves on stderr."""
     done = knotfab(*arguments)
     assert done.code == code, done
@@ -109,7 +109,7 @@ def refused(code: int, *arguments: str | Path) -> str:
 
 @pytest.mark.parametrize(("name", "why"), BAD_PICTURES.items())
 def test_bad_pictures(bad: Path, tmp_path: Path, name: str, why: str) -> None:
-    said = refused(2, "build", bad / name, "--out", tmp_path / "a" / "out")
+    said = refuse(2, "build", bad / name, "--out", tmp_path / "a" / "out")
     assert name in said and why in said
     assert list(tmp_path.iterdir()) == []
 
@@ -120,7 +120,7 @@ def test_a_picture_too_fine_for_any_printable_tube(tmp_path: Path) -> None:
     lines[100:156:16, 8:248] = True  # strokes of 0.7 mm, and the thinnest tube is 1.6 mm
     out = tmp_path / "out"
     out.mkdir()
-    said = refused(
+    said = refuse(
         1, "build", picture(tmp_path / "f.png", lines), "--out", out, "--accuracy", "draft"
     )
     assert "too fine for any printable tube" in said
@@ -134,21 +134,21 @@ def test_bad_scenes(bad: Path, tmp_path: Path, text: str, why: str) -> None:
     for picture_ in ([bad / "good.png"], []):
         if "search" in text and not picture_:
             continue
-        said = refused(2, "build", *picture_, "--scene", scene, "--out", tmp_path / "out")
+        said = refuse(2, "build", *picture_, "--scene", scene, "--out", tmp_path / "out")
         assert why in said
     assert list(tmp_path.iterdir()) == [scene]
 
 
 @pytest.mark.parametrize("scene", ["missing.toml", "folder", "good.png"])
 def test_what_is_no_scene(bad: Path, tmp_path: Path, scene: str) -> None:
-    said = refused(2, "build", bad / "good.png", "--scene", bad / scene, "--out", tmp_path / "out")
+    said = refuse(2, "build", bad / "good.png", "--scene", bad / scene, "--out", tmp_path / "out")
     assert scene in said
 
 
 @pytest.mark.parametrize(("options", "why"), BAD_CALLS)
 def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) -> None:
     where = ["--out", str(tmp_path / "out")] if options != ["--out"] else []
-    assert why in refused(2, "build", bad / "good.png", *where, *options)
+    assert why in refuse(2, "build", bad / "good.png", *where, *options)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -202,26 +202,26 @@ def test_a_mount_is_printed(
         scene = tmp_path / "scene.toml"
         scene.write_text(f'[mount]\nkind = "{in_scene}"\n')
         options = [*options, "--scene", str(scene)]
-    refused(2, "build", bad / "good.png", "--out", tmp_path / "out", *options)
+    refuse(2, "build", bad / "good.png", "--out", tmp_path / "out", *options)
     assert [request.printing for request in asked] == [printing]
 
 
 def test_a_font_is_for_text(bad: Path, tmp_path: Path) -> None:
     call = ("build", "text:R", "--out", tmp_path / "out", "--font")
-    assert "no font of that name" in refused(2, *call, "No Such Family At All")
-    assert "no font file" in refused(2, *call, bad / "words.png")
+    assert "no font of that name" in refuse(2, *call, "No Such Family At All")
+    assert "no font file" in refuse(2, *call, bad / "words.png")
 
 
 def test_no_picture_and_two_pictures(bad: Path, tmp_path: Path) -> None:
-    assert "no picture" in refused(2, "build", "--out", tmp_path / "out")
+    assert "no picture" in refuse(2, "build", "--out", tmp_path / "out")
     good = bad / "good.png"
     call = ("build", good, good, "--out", tmp_path / "out", "--depth", "flat")
-    assert "several views" in refused(2, *call)
+    assert "several views" in refuse(2, *call)
 
 
 def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:
     call = ["build", bad / "good.png", "--out", tmp_path / "out", "--tube-radius", "0.1"]
-    assert "at least 0.8 mm" in refused(1, *call)
+    assert "at least 0.8 mm" in refuse(1, *call)
 
 
 def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
@@ -230,13 +230,13 @@ def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a CUDA device")
     call = ["build", bad / "good.png", "--out", tmp_path / "out", "--device", "cuda"]
-    assert "no CUDA device" in refused(3, *call)
+    assert "no CUDA device" in refuse(3, *call)
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", "/proc/nope"])
 def test_an_output_folder_that_cannot_be_written(bad: Path, tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("in the way")
-    said = refused(2, "build", bad / "good.png", "--out", tmp_path / place)
+    said = refuse(2, "build", bad / "good.png", "--out", tmp_path / place)
     assert "--out" in said and str(tmp_path / place) in said
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
@@ -250,7 +250,7 @@ def full_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_full_disk_is_noticed_before_the_work(bad: Path, full_disk: Path) -> None:
-    said = refused(3, "build", bad / "good.png", "--out", full_disk)
+    said = refuse(3, "build", bad / "good.png", "--out", full_disk)
     assert "the disk is full" in said and "Free some space" in said
     assert [p.name for p in full_disk.iterdir()] == ["mine"]
 
@@ -278,7 +278,7 @@ def test_wrong_calls_of_the_others(
     (bad / "empty.toml").write_text("schema = 1\n")
     monkeypatch.chdir(bad)
     before = sorted(bad.iterdir())
-    assert why in refused(code, *call)
+    assert why in refuse(code, *call)
     assert sorted(bad.iterdir()) == before
 
 
@@ -395,7 +395,7 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     monkeypatch.setattr(sys, "executable", str(crashing))
     knots = tmp_path / "knots.json"
     knots.write_text("{}")
-    said = refused(3, "validate", "--knots", knots)
+    said = refuse(3, "validate", "--knots", knots)
     assert how in said and "--skip shadow-render" in said
 
 

@@ -145,11 +145,11 @@ def test_rejects_a_file_where_failed_builds_go(tmp_path: Path) -> None:
 def test_rejects_a_folder_that_may_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def denied(**_: object) -> str:
-        raise PermissionError(errno.EACCES, "Permission denied")
+    def deny(**_: object) -> str:
+        raise PermissionError(errno.EACCES, "Permission deny")
 
-    monkeypatch.setattr("knotfab.files.folder.tempfile.mkdtemp", denied)
-    with pytest.raises(InputError, match=r"cannot be written \(Permission denied\).*--out"):
+    monkeypatch.setattr("knotfab.files.folder.tempfile.mkdtemp", deny)
+    with pytest.raises(InputError, match=r"cannot be written \(Permission deny\).*--out"):
         OutputFolder(tmp_path / "new").__enter__()
     assert listing(tmp_path) == {}
 

@@ -17,7 +17,7 @@ def _trefoil(size: float) -> np.ndarray:
     )
 
 
-def _selected(vertices: np.ndarray, faces: np.ndarray) -> int:
+def _count_selected(vertices: np.ndarray, faces: np.ndarray) -> int:
     """Faces that pymeshlab finds to intersect others."""
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
@@ -30,7 +30,7 @@ def test_self_intersection_agrees_with_pymeshlab(size: float, clear: bool) -> No
     vertices, faces = sweep(_trefoil(size), 3.0, 24)
     ours = len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
     assert (ours == 0) == clear
-    assert (_selected(vertices, faces) == 0) == clear
+    assert (_count_selected(vertices, faces) == 0) == clear
 
 
 def test_a_swept_knot_is_a_volume_to_trimesh() -> None:

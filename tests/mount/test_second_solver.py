@@ -11,7 +11,7 @@ from knotfab.mount.choose import choose_pegs
 from knotfab.mount.frame_model import GRAVITY_M_S2, POISSON, Beams, deflection, round_beams
 from knotfab.mount.piece_frame import DOWN, PIECES, Stiffness, piece_beams, sag_of
 from knotfab.mount.rays import free_rays
-from knotfab.mount.struts import GROUND, Candidates, joined, struts
+from knotfab.mount.struts import GROUND, Candidates, join, struts
 from knotfab.mount.wall_brace import pegs_on, sites_with
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
@@ -85,7 +85,7 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     leaning = Candidates(
         np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
     )
-    members = joined([pegs_on(sites, rays, pegs, 1.9), strut, leaning])
+    members = join([pegs_on(sites, rays, pegs, 1.9), strut, leaning])
     assert len(members) == len(pegs) + 2
     ends = np.concatenate([foot[pegs], [1.5, 1.5]])
     beams, fixed = piece_beams(knots.radius_mm, sites, members, PIECES, ends)

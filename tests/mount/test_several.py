@@ -46,17 +46,17 @@ TARGETS = [DISC, BAND]  # of the ring, filled: its hull is a lens
 
 
 @cache
-def planned() -> StandMount:
+def plan() -> StandMount:
     return plan_stand(ONE, CAMERAS, TARGETS, 0.4, PLA, ASKED)
 
 
 @cache
 def part() -> tuple[np.ndarray, np.ndarray]:
-    (body,) = stand_bodies([sweep(ONE.points, RADIUS, 24)], planned())
+    (body,) = stand_bodies([sweep(ONE.points, RADIUS, 24)], plan())
     return body
 
 
-def verified(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedView:
+def verify(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedView:
     return verify_view(
         vertices,
         faces.astype(np.int64),
@@ -70,19 +70,19 @@ def verified(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedVi
 
 
 def test_it_holds_and_what_it_darkens_is_what_was_predicted_in_every_view() -> None:
-    mount = planned()
+    mount = plan()
     assert set(mount.holds) == {0} and len(mount.posts) >= 3
     assert 0 < mount.sag_again_mm <= PLA.max_sag_mm and mount.tip_deg >= 10.0 - 1e-2
     assert mount.predicted_intrusion.shape == (2,)
     for number, predicted in enumerate(mount.predicted_intrusion):
-        measured = verified(*part(), number).intrusion
+        measured = verify(*part(), number).intrusion
         assert measured is not None and measured == pytest.approx(predicted, rel=0.15, abs=2e-4)
         assert predicted < 0.05
 
 
 def test_the_base_lies_below_every_frame_and_before_every_wall() -> None:
     vertices, _ = part()
-    base = planned().base
+    base = plan().base
     low = vertices[base.slope.above(vertices) <= 1e-6]
     assert len(low)
     for camera in CAMERAS:
@@ -145,7 +145,7 @@ def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
     assert shadows.hidden(inside)[0] and not shadows.hidden(out_of_it)[0]
     assert [v.hidden(out_of_it)[0] for v in shadows.views] == [True, False]
     assert shadows.cost(inside)[0] == 0 < shadows.cost(out_of_it)[0]
-    dark = shadows.darkened(out_of_it)
+    dark = shadows.darken(out_of_it)
     assert dark[0] == 0 < dark[1]
     shadows.add(out_of_it)
     assert shadows.cost(out_of_it)[0] < 0.05 * dark[1] * shadows.pixels
@@ -153,7 +153,7 @@ def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
 
 def test_a_post_through_a_picture_is_measured_in_that_view_and_fails_a_wall_mount() -> None:
     """The validators, on a part with one bar more than its stand has."""
-    mount = planned()
+    mount = plan()
     bar = one([0, -30, 35], [0, 45, 35], 1.5, ground=True)
     stray = replace(mount, members=single.joined([mount.members, bar]))
     with pytest.raises(SceneError, match="bodies"):  # the bar touches nothing
@@ -164,8 +164,8 @@ def test_a_post_through_a_picture_is_measured_in_that_view_and_fails_a_wall_moun
         np.concatenate([vertices, solid.vert_properties[:, :3]]),
         np.concatenate([faces, solid.tri_verts.astype(np.int32) + len(vertices)]),
     )
-    views = {v.name: verified(*both, n) for n, v in enumerate(VIEWS)}
-    alone = [verified(vertices, faces, n).intrusion for n in range(2)]
+    views = {v.name: verify(*both, n) for n, v in enumerate(VIEWS)}
+    alone = [verify(vertices, faces, n).intrusion for n in range(2)]
     found = [v.intrusion for v in views.values()]
     assert None not in (*alone, *found)
     area = 2 * 1.5 * 75 * 1.2**2 / 180**2
@@ -204,7 +204,7 @@ def test_a_light_from_above_and_a_wall_mount_are_refused() -> None:
         mount_piece(stand, ONE, [], CAMERAS, [EMPTY])
 
 
-def drawn(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
+def draw(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
     """What a set-up of a stand says on its first page, and in its last view's steps."""
     mounted, scene, camera = setup("stand")
     pieces = [setup("stand", azimuth_deg=a) for a in azimuths]
@@ -223,7 +223,7 @@ def drawn(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
 
 
 def test_the_drawing_shows_all_lamps_and_walls_from_above(tmp_path: Path) -> None:
-    said, steps = drawn(tmp_path, 90.0)
+    said, steps = draw(tmp_path, 90.0)
     assert {"wall: view-1", "wall: view-2", "lamp, 5 mm: view-1", "lamp, 5 mm: view-2"} <= set(said)
     assert said.count("500") == 2 and said.count("100") == 2
     # the base reaches from x = -30 to 32 and from z = -20 to 25; the second lamp is at x = 500
@@ -234,7 +234,7 @@ def test_the_drawing_shows_all_lamps_and_walls_from_above(tmp_path: Path) -> Non
 
 
 def test_a_view_that_is_not_square_to_the_base_is_placed_by_its_corner(tmp_path: Path) -> None:
-    _, steps = drawn(tmp_path, 60.0, 120.0)
+    _, steps = draw(tmp_path, 60.0, 120.0)
     assert "nearest corner" in steps[0] and "120.0° anticlockwise" in steps[0]
     corners = np.array([[x, z] for x in (-30.0, 32.0) for z in (-20.0, 25.0)])
     way = np.array([np.sin(np.deg2rad(120.0)), np.cos(np.deg2rad(120.0))])

@@ -23,7 +23,7 @@ from knotfab.mount.struts import (
     ROOT_SHARE,
     Candidates,
     Obstacles,
-    joined,
+    join,
     nothing,
     sites_of,
     struts,
@@ -62,14 +62,14 @@ ISLAND = knots(ring(50.0), ring(12.0, 5.0, 80, 4.0))
 
 
 @cache
-def planned(island: bool) -> StandMount:
+def plan(island: bool) -> StandMount:
     return plan_stand(ISLAND if island else ONE, [camera()], [EMPTY], 0.4, PLA, ASKED)
 
 
 @cache
 def part(island: bool) -> tuple[np.ndarray, np.ndarray]:
     tubes = [sweep(k.points, RADIUS, 24) for k in (ISLAND if island else ONE).knots]
-    (body,) = stand_bodies(tubes, planned(island))  # it checks the genus
+    (body,) = stand_bodies(tubes, plan(island))  # it checks the genus
     return body
 
 
@@ -82,7 +82,7 @@ def one(start: object, end: object, radius: float, ground: bool = False) -> Cand
 
 @pytest.mark.parametrize("island", [False, True])
 def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
-    mount, own = planned(island), ISLAND if island else ONE
+    mount, own = plan(island), ISLAND if island else ONE
     assert set(mount.holds) == set(range(len(own.knots)))
     assert len(mount.holds) == len(mount.members) == len(mount.posts) + len(mount.struts)
     assert 0 < mount.sag_mm <= PLA.max_sag_mm and 0 < mount.sag_again_mm <= PLA.max_sag_mm
@@ -98,7 +98,7 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
 def test_what_it_darkens_is_what_was_predicted(island: bool) -> None:
     vertices, faces = part(island)
     frame = working_frame(90, 90)
-    geometry = view_geometry(VIEW, 90, 90).resampled(frame)  # type: ignore[arg-type]
+    geometry = view_geometry(VIEW, 90, 90).resample(frame)  # type: ignore[arg-type]
     dark = shadow_mask(shadow_lines(vertices, faces.astype(np.int64), geometry), geometry)
     bare = np.zeros_like(dark)
     for k in (ISLAND if island else ONE).knots:
@@ -107,7 +107,7 @@ def test_what_it_darkens_is_what_was_predicted(island: bool) -> None:
         bare |= shadow_mask(lines, geometry)
     inside = np.s_[frame.pad_y : -frame.pad_y, frame.pad_x : -frame.pad_x]
     more = float((dark & ~bare)[inside].mean())
-    assert more == pytest.approx(float(planned(island).predicted_intrusion[0]), rel=0.1)
+    assert more == pytest.approx(float(plan(island).predicted_intrusion[0]), rel=0.1)
     # at least a post from the frame's edge to the ring, and a bridge to the island; not ten of them
     pixel = 180 / 1024
     width = 2 * 0.6 * RADIUS * 1.2 / pixel
@@ -118,7 +118,7 @@ def test_what_it_darkens_is_what_was_predicted(island: bool) -> None:
 @pytest.mark.parametrize("island", [False, True])
 def test_the_base_lies_below_the_frame_and_before_the_wall(island: bool) -> None:
     vertices, _ = part(island)
-    base = planned(island).base
+    base = plan(island).base
     view = camera()
     low = vertices[vertices[:, 1] <= base.bottom + base.size_mm[2]]
     low = low[base.slope.above(low) <= 1e-6]
@@ -141,7 +141,7 @@ def test_it_stands_as_firmly_as_it_says(island: bool) -> None:
     on_bed = on_bed - on_bed.min(axis=0)
     (body,) = bodies(Mesh(on_bed, faces.astype(np.int64)))
     inside = margin(body.center, footprint(on_bed, body.faces, 0.05))
-    mount = planned(island)
+    mount = plan(island)
     assert inside == pytest.approx(mount.margin_mm, abs=0.3)
     assert body.center[2] == pytest.approx(mount.base.height_mm, abs=0.5)
     tip = np.degrees(np.arctan2(inside, body.center[2]))
@@ -155,13 +155,13 @@ def test_it_stands_as_firmly_as_it_says(island: bool) -> None:
 
 
 def test_struts_of_one_knot_do_not_show() -> None:
-    mount = planned(False)
+    mount = plan(False)
     shade = ViewShadow(ONE, camera(), EMPTY)
-    assert shade.darkened(mount.struts) < 1e-4 < shade.darkened(mount.posts)
+    assert shade.darken(mount.struts) < 1e-4 < shade.darken(mount.posts)
 
 
 def test_members_touch_nothing_but_their_ends() -> None:
-    mount = planned(True)
+    mount = plan(True)
     m = mount.members
     for i in range(len(m)):
         t = np.linspace(0, 1, 400)[:, None]
@@ -282,13 +282,13 @@ def test_shade_measures_what_shows() -> None:
     exact = (2 * 2.0 * 1.2 / pixel) * (100 * 1.2 / pixel)
     assert shade.cost(post)[0] == pytest.approx(exact, rel=0.02)
     round_ends = np.pi * (2.0 * 1.2 / pixel) ** 2
-    assert shade.darkened(post) * 1024**2 == pytest.approx(exact + round_ends, rel=0.015)
+    assert shade.darken(post) * 1024**2 == pytest.approx(exact + round_ends, rel=0.015)
     assert shade.cost(one([10, -80, 0], [10, -120, 0], 2.0))[0] == 0.0
     assert not shade.hidden(post)[0]
     shade.add(post)
     assert shade.cost(post)[0] < 0.01 * exact
     full = ViewShadow(knots(ring(5.0, wave=0.0)), view, ~EMPTY)
-    assert full.hidden(post)[0] and full.cost(post)[0] == 0 and full.darkened(post) == 0
+    assert full.hidden(post)[0] and full.cost(post)[0] == 0 and full.darken(post) == 0
     # a strip that is hidden to a pixel
     half = np.zeros((90, 90), dtype=bool)
     half[:, :45] = True  # the left of the frame
@@ -312,10 +312,10 @@ def test_what_is_behind_the_knots_draws_nothing() -> None:
 
 
 def test_members_can_be_thickened_and_joined() -> None:
-    two = joined([nothing(), one([0, 0, 0], [3, 4, 0], 1.0), one([0, 0, 0], [0, 0, 2], 1.9)])
+    two = join([nothing(), one([0, 0, 0], [3, 4, 0], 1.0), one([0, 0, 0], [0, 0, 2], 1.9)])
     assert two.length_mm == pytest.approx([5.0, 2.0])
-    assert two.thickened(1.2, 1.95).radius == pytest.approx([1.2, 1.95])
-    assert two.thickened(1.2, 1.5).radius == pytest.approx([1.2, 1.9])  # never thinner
+    assert two.thicken(1.2, 1.95).radius == pytest.approx([1.2, 1.95])
+    assert two.thicken(1.2, 1.5).radius == pytest.approx([1.2, 1.9])  # never thinner
     assert two.with_radius(0, 1.7).radius == pytest.approx([1.7, 1.9])
 
 

@@ -210,7 +210,7 @@ def scene(**keys: object) -> Scene:
     )
 
 
-def barred() -> Knots:
+def bar_rays() -> Knots:
     """A ring in whose shadow another lies, that leaves few rays to the wall free."""
     t = 2 * np.pi * np.arange(240) / 240
     front = np.column_stack([45 * np.cos(t), 45 * np.sin(t), np.full(240, 10.0)])
@@ -222,7 +222,7 @@ def barred() -> Knots:
 @pytest.mark.slow
 def test_where_rays_are_barred_struts_hold_the_piece() -> None:
     """Struts take what pegs cannot, in the shadow of the tubes alone, and touch nothing else."""
-    piece, view = barred(), camera()
+    piece, view = bar_rays(), camera()
     firm = Stiffness(2300.0, 1.24, 0.08)
     mount = plan_wall(piece, view, 0.4, firm, PLATE)
     # the model that chose the pegs knows no struts

@@ -251,7 +251,7 @@ def test_plates_that_make_up_the_part_pass(
     assert {c.name: c.status for c in printed}["feature"] == "pass"
 
 
-def moved(laid: Plate, shift: float) -> Plate:
+def move(laid: Plate, shift: float) -> Plate:
     motion = laid.to_part.copy()
     motion[0, 2, 3] += shift
     return replace(laid, to_part=motion)
@@ -259,8 +259,8 @@ def moved(laid: Plate, shift: float) -> Plate:
 
 def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, _, _ = written
-    assert checks_of(part, [moved(plates[0], 0.03), *plates[1:]])["plates"][0] == "pass"
-    status, apart = checks_of(part, [moved(plates[0], 0.2), *plates[1:]])["plates"]
+    assert checks_of(part, [move(plates[0], 0.03), *plates[1:]])["plates"][0] == "pass"
+    status, apart = checks_of(part, [move(plates[0], 0.2), *plates[1:]])["plates"]
     assert status == "fail" and apart == pytest.approx(0.2, abs=0.02)
 
 

@@ -22,7 +22,7 @@ def oval(size: tuple[float, float, float], n: int = 120) -> Array:
     return np.stack([np.cos(t), np.sin(t), np.sin(2 * t)], axis=1) * (np.array(size) / 2)
 
 
-def posed(
+def make_pose(
     curves: list[Array],
     build: tuple[float, float, float],
     radius: float = 2.0,
@@ -36,7 +36,7 @@ def posed(
 def test_least_height_and_exact_corner(size: tuple[float, float, float]) -> None:
     there = np.array([3.0, -100.0, 40.0])
     curves = [oval(size) + there, oval((20, 30, 25)) + there]
-    pose = posed(curves, (250.0, 210.0, 220.0))
+    pose = make_pose(curves, (250.0, 210.0, 220.0))
     corner = np.min([v.min(axis=0) for v, _ in pose.tubes], axis=0)
     assert (corner == 0.0).all()
     assert pose.size_mm[2] == pytest.approx(min(size) + 4, abs=0.8)
@@ -45,7 +45,7 @@ def test_least_height_and_exact_corner(size: tuple[float, float, float]) -> None
 
 def test_matrix_takes_the_print_back_to_the_scene() -> None:
     curve = oval((150, 50, 120)) + np.array([1.0, 2.0, 3.0])
-    pose = posed([curve], (250.0, 210.0, 220.0))
+    pose = make_pose([curve], (250.0, 210.0, 220.0))
     turn, shift = pose.matrix[:3, :3], pose.matrix[:3, 3]
     assert turn @ turn.T == pytest.approx(np.eye(3)) and np.linalg.det(turn) == pytest.approx(1)
     assert pose.matrix[3] == pytest.approx([0, 0, 0, 1])
@@ -58,19 +58,19 @@ def test_matrix_takes_the_print_back_to_the_scene() -> None:
 
 def test_a_tie_lies_on_its_back() -> None:
     """Equal heights: the scene's z, towards the light, points up."""
-    pose = posed([oval((80, 80, 80))], (250.0, 210.0, 220.0), radius=1.0)
+    pose = make_pose([oval((80, 80, 80))], (250.0, 210.0, 220.0), radius=1.0)
     assert pose.matrix[:3, :3] == pytest.approx(np.eye(3))
 
 
 def test_least_height_gives_way_to_what_fits() -> None:
-    pose = posed([oval((180, 100, 90))], (110.0, 200.0, 200.0))
+    pose = make_pose([oval((180, 100, 90))], (110.0, 200.0, 200.0))
     assert (pose.size_mm <= [110.0, 200.0, 200.0]).all()
     assert pose.size_mm[2] == pytest.approx(94, abs=1)
 
 
 def test_a_long_piece_is_laid_across_the_corners() -> None:
     bar = oval((210, 12, 30))
-    pose = posed([bar], (180.0, 180.0, 60.0))
+    pose = make_pose([bar], (180.0, 180.0, 60.0))
     assert (pose.size_mm <= [180.0 + 1e-6, 180.0 + 1e-6, 60.0]).all()
     turn = pose.matrix[:3, :3]
     assert np.linalg.det(turn) == pytest.approx(1) and abs(turn).max(axis=0).min() < 0.9
@@ -79,21 +79,21 @@ def test_a_long_piece_is_laid_across_the_corners() -> None:
 
 def test_too_large_a_piece_names_the_frame_that_would_fit() -> None:
     with pytest.raises(SceneError, match=r"the printer holds 120\.0 x 120\.0 x 120\.0") as caught:
-        posed([oval((180, 180, 108))], (120.0, 120.0, 120.0), frame=(200.0, 190.0))
+        make_pose([oval((180, 180, 108))], (120.0, 120.0, 120.0), frame=(200.0, 190.0))
     found = re.search(r"would fit is ([\d.]+) x ([\d.]+) mm", str(caught.value))
     assert found is not None
     scale = float(found[1]) / 200
     assert float(found[2]) / 190 == pytest.approx(scale, abs=1e-3)
-    posed([scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
+    make_pose([scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
     with pytest.raises(SceneError):
-        posed([1.05 * scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
+        make_pose([1.05 * scale * oval((180, 180, 108))], (120.0, 120.0, 120.0))
 
 
 def test_a_printer_too_small_for_the_tube() -> None:
     with pytest.raises(SceneError, match="thickness"):
-        posed([oval((180, 180, 108))], (120.0, 120.0, 3.0))
+        make_pose([oval((180, 180, 108))], (120.0, 120.0, 3.0))
     with pytest.raises(SceneError, match=r"at most 6\d\.\d %"):
-        posed([oval((180, 180, 108))], (120.0, 120.0, 120.0))
+        make_pose([oval((180, 180, 108))], (120.0, 120.0, 120.0))
 
 
 def block(*size: float) -> tuple[Array, np.ndarray]:
@@ -107,31 +107,31 @@ def test_the_frame_that_would_fit_allows_for_a_mount() -> None:
     fixed = (16.0, 16.0, 103.0)
     knots = Knots((Knot(oval((100, 100, 50))),), 2.0)
 
-    def tried(frame: float, room: tuple[float, float, float]) -> PrintPose:
+    def try_room(frame: float, room: tuple[float, float, float]) -> PrintPose:
         part = block(frame + 16.0, frame + 16.0, 0.3 * frame + 103.0)
         return choose_pose(knots, [part], room, (frame, frame), np.eye(3), fixed_mm=fixed)
 
     for room in ((210.0, 210.0, 220.0), (300.0, 300.0, 150.0)):
         with pytest.raises(SceneError) as caught:
-            tried(300.0, room)
+            try_room(300.0, room)
         found = re.search(r"largest frame that would fit is ([\d.]+) x", str(caught.value))
         assert found is not None
-        tried(float(found[1]), room)
+        try_room(float(found[1]), room)
         with pytest.raises(SceneError):
-            tried(1.01 * float(found[1]), room)
+            try_room(1.01 * float(found[1]), room)
 
 
 def test_a_wall_too_far_for_the_printer_is_what_must_change() -> None:
     knots = Knots((Knot(oval((100, 100, 50))),), 2.0)
     fixed = (16.0, 16.0, 203.0)
 
-    def tried(room: tuple[float, float, float]) -> PrintPose:
+    def try_room(room: tuple[float, float, float]) -> PrintPose:
         part = block(196.0, 196.0, 250.0)
         return choose_pose(knots, [part], room, (180.0, 180.0), np.eye(3), fixed_mm=fixed)
 
     with pytest.raises(SceneError, match=r"wall_distance_mm smaller by more than 3\.0"):
-        tried((210.0, 210.0, 200.0))
+        try_room((210.0, 210.0, 200.0))
     with pytest.raises(SceneError, match=r"does not even hold the mount"):
-        tried((10.0, 210.0, 200.0))
+        try_room((10.0, 210.0, 200.0))
     with pytest.raises(SceneError, match=r"largest frame that would fit"):
-        tried((210.0, 210.0, 210.0))
+        try_room((210.0, 210.0, 210.0))

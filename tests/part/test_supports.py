@@ -52,11 +52,13 @@ def rods(points: Array) -> Strands:
     return strands_of(Knots((Knot(points, closed=False),), RADIUS))
 
 
-def posed(curves: list[Array], rules: Rules, room: tuple[float, float, float] = ROOM) -> PrintPose:
+def make_pose(
+    curves: list[Array], rules: Rules, room: tuple[float, float, float] = ROOM
+) -> PrintPose:
     return choose_pose(knots_of(*curves), [sweep(c, RADIUS, 16) for c in curves], room, rules=rules)
 
 
-def measured(points: Array, turn: Array) -> float:
+def measure(points: Array, turn: Array) -> float:
     """cm³ of supports by the validators' own columns through the mesh."""
     vertices, faces = sweep(points @ turn.T, RADIUS, 32)
     mesh = Mesh(vertices - vertices.min(axis=0), faces.astype(np.int64))
@@ -112,7 +114,7 @@ def test_the_limit_of_overhang(lean: float, needs: bool) -> None:
 @pytest.mark.parametrize("turn", AXES[:3])
 def test_it_agrees_with_columns_through_the_mesh(turn: Array) -> None:
     found = estimate(strands_of(knots_of(wave())), turn, Rules()).support_cm3
-    exact = measured(wave(), turn)
+    exact = measure(wave(), turn)
     assert 0.85 * exact < found < 1.05 * exact
 
 
@@ -147,7 +149,7 @@ def test_starts_and_bridges_count_where_nothing_is_supported() -> None:
 
 def test_a_flat_ring_lies_flat() -> None:
     turn = Rotation.from_euler("xyz", [30, 50, 70], degrees=True).as_matrix()
-    pose = posed([ring() @ turn.T], Rules())
+    pose = make_pose([ring() @ turn.T], Rules())
     assert pose.size_mm[2] == pytest.approx(2 * RADIUS, abs=0.1)
     assert pose.account is not None
     assert pose.account.chosen.estimate.support_cm3 < 0.5
@@ -176,14 +178,14 @@ def _as_rods(points: Array) -> tuple[Array, Array, Array]:
 def test_turning_the_piece_before_changes_little(seed: int) -> None:
     turn = Rotation.random(random_state=seed).as_matrix()
     curve = wave(deep=60.0)
-    before, after = posed([curve], Rules()), posed([curve @ turn.T], Rules())
+    before, after = make_pose([curve], Rules()), make_pose([curve @ turn.T], Rules())
     assert before.account is not None and after.account is not None
     assert after.account.chosen.minutes <= 1.02 * before.account.chosen.minutes + 1.0
 
 
 def test_it_is_never_dearer_than_the_least_height_and_the_same_each_time() -> None:
     for deep in (20.0, 60.0, 110.0):
-        pose, again = posed([wave(deep=deep)], Rules()), posed([wave(deep=deep)], Rules())
+        pose, again = make_pose([wave(deep=deep)], Rules()), make_pose([wave(deep=deep)], Rules())
         account = pose.account
         assert account is not None
         assert account.chosen.minutes <= account.least_height.minutes
@@ -198,7 +200,7 @@ def test_it_is_never_dearer_than_the_least_height_and_the_same_each_time() -> No
     "room", [(250.0, 210.0, 220.0), (140.0, 100.0, 70.0), (75.0, 140.0, 110.0), (100.0, 100.0, 140)]
 )
 def test_the_build_volume_is_always_kept(room: tuple[float, float, float]) -> None:
-    pose = posed([wave(deep=60.0)], Rules(margin_mm=2.0), room)
+    pose = make_pose([wave(deep=60.0)], Rules(margin_mm=2.0), room)
     assert (pose.size_mm <= np.array(room) + 1e-6).all()
     assert min(v.min() for v, _ in pose.tubes) == 0.0
     assert np.linalg.det(pose.matrix[:3, :3]) == pytest.approx(1.0)
@@ -206,16 +208,18 @@ def test_the_build_volume_is_always_kept(room: tuple[float, float, float]) -> No
 
 def test_room_is_left_for_supports_where_there_is_some() -> None:
     curve = wave(deep=60.0)
-    size = posed([curve], Rules()).size_mm
+    size = make_pose([curve], Rules()).size_mm
     tight = (float(size[0]), float(size[1]), 200.0)
     wide = (float(size[0]) + 10, float(size[1]) + 10, 200.0)
-    assert (posed([curve], Rules(margin_mm=5.0), tight).size_mm <= np.array(tight) + 1e-6).all()
-    assert (posed([curve], Rules(margin_mm=5.0), wide).size_mm[:2] <= np.array(wide)[:2] - 10).all()
+    assert (make_pose([curve], Rules(margin_mm=5.0), tight).size_mm <= np.array(tight) + 1e-6).all()
+    assert (
+        make_pose([curve], Rules(margin_mm=5.0), wide).size_mm[:2] <= np.array(wide)[:2] - 10
+    ).all()
 
 
 def test_too_large_for_any_pose() -> None:
     with pytest.raises(SceneError, match=r"holds 60\.0 x 60\.0 x 60\.0"):
-        posed([wave(deep=60.0)], Rules(), (60.0, 60.0, 60.0))
+        make_pose([wave(deep=60.0)], Rules(), (60.0, 60.0, 60.0))
 
 
 def test_what_keeps_the_limit_comes_first() -> None:

@@ -64,7 +64,7 @@ def test_a_depth_that_was_lowered_or_should_be(
     assert found["print"]["pose"]["depth_mm"]["kept"] == to
 
 
-def sliced(time_s: float, *, passed: bool) -> Sliced:
+def make_sliced(time_s: float, *, passed: bool) -> Sliced:
     check = CrossCheck("bed", passed, 1.0, 0.0, "mm", "over the edge")
     warning = SlicerWarning("empty layer", "", settled=True)
     return Sliced(
@@ -74,7 +74,7 @@ def sliced(time_s: float, *, passed: bool) -> Sliced:
 
 
 def test_several_plates_are_summed_and_named() -> None:
-    plates = [sliced(60.0, passed=True), sliced(90.0, passed=False)]
+    plates = [make_sliced(60.0, passed=True), make_sliced(90.0, passed=False)]
     both = sum_slicings({"plate-1.3mf": plates[0], "plate-2.3mf": plates[1]})
     assert isinstance(both, Sliced)
     assert (both.time_s, both.filament_m, both.layers, both.objects) == (150.0, 2.0, 200, 2)
@@ -84,7 +84,7 @@ def test_several_plates_are_summed_and_named() -> None:
 
 
 def test_one_file_is_not_renamed_and_one_that_fails_decides() -> None:
-    one = sliced(60.0, passed=True)
+    one = make_sliced(60.0, passed=True)
     assert sum_slicings({"part.3mf": one}) is one
     thin, missing = NotSliced("refused", "it is thin"), NotSliced("missing", "not installed")
     found = sum_slicings({"plate-1.3mf": one, "plate-2.3mf": thin})

@@ -280,7 +280,7 @@ def sections(page: Page) -> list[str]:
     ]
 
 
-def fabricated(**more: Any) -> Page:
+def fabrication_page(**more: Any) -> Page:
     """The page of a report with what fabrication adds to it."""
     data = sample()
     data["print_"] |= more.pop("print_", {})
@@ -309,32 +309,32 @@ SLICED = {
 
 
 def test_each_section_of_fabrication_is_there_only_where_it_applies() -> None:
-    assert sections(fabricated()) == []
-    assert sections(fabricated(print_={"mount": {"kind": "none"}, "drawings": []})) == []
-    assert sections(fabricated(print_={"mount": WALL})) == ["The wall mount"]
-    assert sections(fabricated(print_={"mount": STAND})) == ["The stand"]
-    assert sections(fabricated(slicer=SLICED)) == ["The slicer"]
+    assert sections(fabrication_page()) == []
+    assert sections(fabrication_page(print_={"mount": {"kind": "none"}, "drawings": []})) == []
+    assert sections(fabrication_page(print_={"mount": WALL})) == ["The wall mount"]
+    assert sections(fabrication_page(print_={"mount": STAND})) == ["The stand"]
+    assert sections(fabrication_page(slicer=SLICED)) == ["The slicer"]
 
 
 def test_the_mounts_figures_and_drawings() -> None:
     drawings = ["setup.pdf", "setup.svg", "drill-template-a4.pdf"]
-    text = fabricated(print_={"mount": WALL, "drawings": drawings}).text
+    text = fabrication_page(print_={"mount": WALL, "drawings": drawings}).text
     for part in ("in drilled holes", "55.9 to 127", "0.17", "limit 0.2", ", ".join(drawings)):
         assert part in text
     assert "full size" in text
-    plain = fabricated(print_={"mount": STAND, "drawings": drawings[:2]}).text
+    plain = fabrication_page(print_={"mount": STAND, "drawings": drawings[:2]}).text
     assert "88 × 64.5 × 9" in plain and "9.5" in plain and "full size" not in plain
 
 
 def test_the_slicers_figures_warnings_and_proofs() -> None:
-    text = fabricated(slicer=SLICED).text
+    text = fabrication_page(slicer=SLICED).text
     for part in ("25 h 18 min", "25 %", "745", "low <bed> adhesion", "the brim settles it"):
         assert part in text
     assert "printing time" in text and "keeps 7 mm" in text
-    quiet = fabricated(slicer={**SLICED, "warnings": []}).text
+    quiet = fabrication_page(slicer={**SLICED, "warnings": []}).text
     assert "had no warning" in quiet
     none = {**SLICED, "program": None, "reason": "it is not installed", "remedy": "Install it."}
-    without = fabricated(slicer=none | {"checks": [], "warnings": []}).text
+    without = fabrication_page(slicer=none | {"checks": [], "warnings": []}).text
     assert "Not sliced: it is not installed." in without and "print time" not in without
 
 
@@ -349,7 +349,7 @@ def test_the_bending_plan_lists_each_wire() -> None:
         "status": "pass", "files": ["bends.csv"], "length_mm": 3912.0, "mass_g": 96.0, "bends": 300,
         "iou": 0.98121, "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
     }  # fmt: skip
-    text = fabricated(bending_plan=plan).text
+    text = fabrication_page(bending_plan=plan).text
     for part in ("3.91", "0.9812", "bends.csv", "95.2", "it shows"):
         assert part in text
 

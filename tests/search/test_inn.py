@@ -47,7 +47,7 @@ def problem() -> Problem:
     return ask_heart()
 
 
-def _searched(
+def _search(
     problem: Problem, settings: SearchSettings, repairs: int = 0
 ) -> tuple[SearchResult, list[float], list[float]]:
     """The result, and the shares done and the IoU that were reported on the way."""
@@ -121,22 +121,22 @@ def test_a_trefoil_and_its_mirror_do_not_agree() -> None:
 def test_carrying_proves_a_motion_and_refuses_a_crossing() -> None:
     knot, rings = _trefoil(120), polylines_of_sizes((120,))
 
-    def turned(points: np.ndarray, share: float) -> np.ndarray:
+    def turn(points: np.ndarray, share: float) -> np.ndarray:
         c, s = np.cos(3 * share), np.sin(3 * share)
         return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1 + share]]) + 5 * share
 
-    way = carry(knot, rings, turned, 0.3)
+    way = carry(knot, rings, turn, 0.3)
     assert way.reached == 1
-    np.testing.assert_array_equal(way.points, turned(knot, 1.0))
+    np.testing.assert_array_equal(way.points, turn(knot, 1.0))
     assert way.least_margin > 0
     assert way.steps >= 10  # no vertex goes further than 0.3 in one of them
 
-    def untied(points: np.ndarray, share: float) -> np.ndarray:
+    def untie(points: np.ndarray, share: float) -> np.ndarray:
         return points * [1, 1, 1 - 2 * share]
 
-    stuck = carry(knot, rings, untied, 0.3)
+    stuck = carry(knot, rings, untie, 0.3)
     assert 0.45 < stuck.reached < 0.5  # flat half way
-    np.testing.assert_array_equal(stuck.points, untied(knot, stuck.reached))
+    np.testing.assert_array_equal(stuck.points, untie(knot, stuck.reached))
 
 
 def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> None:
@@ -146,21 +146,21 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
         side = np.column_stack([x, np.full(vertices, y), 0 * x])
         return np.concatenate([side, side[::-1] + [0, np.sign(y) * 3, 0]])
 
-    def waved(points: np.ndarray, share: float) -> np.ndarray:
+    def wave(points: np.ndarray, share: float) -> np.ndarray:
         wave = share * np.sin(np.pi * points[:, 0])
         return points + np.stack([0 * wave, wave, 0 * wave], axis=1)
 
     fine = ring(161, 0.1)
     coarse = ring(9, -0.1)  # vertices where the map stands still
     both = polylines_of_sizes((len(fine), len(coarse)))
-    assert carry(np.concatenate([fine, coarse]), both, waved, 0.5).reached < 0.5
+    assert carry(np.concatenate([fine, coarse]), both, wave, 0.5).reached < 0.5
     even = polylines_of_sizes((len(fine), len(fine)))
-    assert carry(np.concatenate([fine, ring(161, -0.1)]), even, waved, 0.5).reached == 1
+    assert carry(np.concatenate([fine, ring(161, -0.1)]), even, wave, 0.5).reached == 1
 
 
 @pytest.mark.slow
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
-    result, _, seen = _searched(problem, QUICK)
+    result, _, seen = _search(problem, QUICK)
     assert result.log.certified
     assert result.log.accepted > 3
     assert "invertible network" in result.log.template
@@ -171,7 +171,7 @@ def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) 
 @pytest.mark.slow
 def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) -> None:
     circle = QUICK.model_copy(update={"network_start": "circle"})
-    result, _, seen = _searched(problem, circle)
+    result, _, seen = _search(problem, circle)
     assert result.log.certified
     assert "circle" in result.log.template
     assert result.depth is None
@@ -181,7 +181,7 @@ def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) 
 @pytest.mark.slow
 def test_network_then_flow_ends_feasible(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"method": "inn+flow", "network_iterations": 30})
-    result, fractions, _ = _searched(problem, settings, repairs=4)
+    result, fractions, _ = _search(problem, settings, repairs=4)
     assert result.feasible
     assert result.log.certified
     assert result.iou_estimate > 0.97
@@ -192,7 +192,7 @@ def test_network_then_flow_ends_feasible(problem: Problem) -> None:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     short = QUICK.model_copy(update={"network_iterations": 5})
-    one, two = (_searched(problem, short)[0].knots.points for _ in range(2))
+    one, two = (_search(problem, short)[0].knots.points for _ in range(2))
     assert (one == two).all()
 
 
@@ -207,7 +207,7 @@ def test_what_cannot_be_proved_is_not_called_certified(
 
     monkeypatch.setattr(network_search, "carry", stuck)
     short = QUICK.model_copy(update={"network_iterations": 3})
-    result = _searched(problem, short)[0]
+    result = _search(problem, short)[0]
     assert not result.log.certified
     assert "no sampling could be certified" in result.log.template
     assert len(tried) >= 3
@@ -221,16 +221,16 @@ def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(network_search, "CouplingNetwork", explode)
     flow = QUICK.model_copy(update={"method": "flow", "coarse_iterations": 2})
     flow = flow.model_copy(update={"fine_iterations": 0, "settle_iterations": 0})
-    _searched(problem, flow)
+    _search(problem, flow)
     with pytest.raises(AssertionError, match="none is asked for"):
-        _searched(problem, QUICK)
+        _search(problem, QUICK)
 
 
 def test_a_circle_cannot_be_a_trefoil(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"network_start": "circle"})
     tied = replace(problem, knot="trefoil")
     with pytest.raises(SceneError, match="a trefoil is asked for"):
-        _searched(tied, settings)
+        _search(tied, settings)
 
 
 def test_effects_are_judged_again_but_never_forgotten() -> None:

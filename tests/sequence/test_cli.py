@@ -22,7 +22,7 @@ def _frames(folder: Path, count: int = 2, size: int = 64) -> Path:
     return folder
 
 
-def _refused(code: int, *arguments: str | Path) -> str:
+def _refuse(code: int, *arguments: str | Path) -> str:
     done = knotfab("build", "--sequence", *arguments)
     assert done.code == code, done
     assert done.out == ""
@@ -40,7 +40,7 @@ def _refused(code: int, *arguments: str | Path) -> str:
 )
 def test_what_makes_no_sense_with_a_sequence(tmp_path: Path, options: list[str], why: str) -> None:
     frames = _frames(tmp_path / "frames")
-    assert why in _refused(2, frames, "--out", tmp_path / "out", *options)
+    assert why in _refuse(2, frames, "--out", tmp_path / "out", *options)
     assert not (tmp_path / "out").exists()
 
 
@@ -48,7 +48,7 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(TWO_VIEWS)
     frames = _frames(tmp_path / "frames")
-    said = _refused(2, frames, "--scene", scene, "--out", tmp_path / "out")
+    said = _refuse(2, frames, "--scene", scene, "--out", tmp_path / "out")
     assert "2 views" in said
 
 
@@ -81,7 +81,7 @@ def test_frames_that_are_none(tmp_path: Path, kind: str, why: str) -> None:
         frames = frames / "step-*.png"
     elif kind == "still":
         frames = frames / "1.png"
-    said = _refused(2, frames, "--out", tmp_path / "out")
+    said = _refuse(2, frames, "--out", tmp_path / "out")
     assert why in said, said
     assert not (tmp_path / "out").exists()
 
@@ -92,7 +92,7 @@ def test_a_device_that_is_not_there(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a CUDA device")
     frames = _frames(tmp_path / "frames")
-    said = _refused(3, frames, "--out", tmp_path / "out", "--device", "cuda")
+    said = _refuse(3, frames, "--out", tmp_path / "out", "--device", "cuda")
     assert "no CUDA device" in said
 
 

@@ -34,14 +34,14 @@ DISC = MultiPolygon([Point(-4, 0).buffer(30.0)])
 MOVED = affinity.translate(DISC, 8.0, 3.0)
 
 
-def asked(polygon: MultiPolygon) -> Problem:
+def ask_one(polygon: MultiPolygon) -> Problem:
     return replace(ask_views([polygon], 0.0), depth_mm=30.0)
 
 
 @pytest.fixture(scope="module")
 def first() -> SearchResult:
     """The first frame, from a template."""
-    return search(asked(DISC), make_start(asked(DISC), RADIUS, QUICK), RADIUS, QUICK)
+    return search(ask_one(DISC), make_start(ask_one(DISC), RADIUS, QUICK), RADIUS, QUICK)
 
 
 def rings_of(points: Array) -> Polylines:
@@ -53,7 +53,7 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     assert first.feasible
     bound = outline_motion(DISC, MOVED) + RADIUS
     anchor = Anchor(before, bound, RADIUS)
-    problems = asked(DISC), asked(MOVED)
+    problems = ask_one(DISC), ask_one(MOVED)
     length = 1.1 * first.knots.knots[0].length_mm
     found = follow(before, rings, problems, RADIUS, QUICK, length, [anchor])
     assert found.sound and found.result.feasible and found.beyond_mm <= 0
@@ -69,9 +69,9 @@ def test_a_finished_frame_has_twice_the_vertices_and_its_limits_mended(first: Se
     """A limit that the doubled frame violates is repaired, and the frame it is tied to stays in reach."""
     points = first.knots.points
     bends = first.feasibility.bend_mm
-    stiff = replace(asked(DISC), bend_radius=1.02 * bends)
+    stiff = replace(ask_one(DISC), bend_radius=1.02 * bends)
     log = CertificateLog("the first frame", ("unknot",))
-    still = finish(points, rings_of(points), asked(DISC), RADIUS, QUICK, [], log)
+    still = finish(points, rings_of(points), ask_one(DISC), RADIUS, QUICK, [], log)
     anchor = Anchor(still.points, 2.0, RADIUS)
     log = CertificateLog("the first frame", ("unknot",))
     found = finish(points, rings_of(points), stiff, RADIUS, QUICK, [anchor], log)
@@ -87,6 +87,6 @@ def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
     points, log = first.knots.points, CertificateLog("the first frame", ("unknot",))
     far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]
     torn = finish(
-        points, rings_of(points), asked(DISC), RADIUS, QUICK, [Anchor(far, 1.0, RADIUS)], log
+        points, rings_of(points), ask_one(DISC), RADIUS, QUICK, [Anchor(far, 1.0, RADIUS)], log
     )
     assert not torn.sound and torn.beyond_mm > 0

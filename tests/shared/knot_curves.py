@@ -77,13 +77,13 @@ def braid(word: Sequence[int], strands: int | None = None) -> list[Array]:
     return found
 
 
-def turned(points: Array, seed: int) -> Array:
+def rotate(points: Array, seed: int) -> Array:
     """Turned at random, without mirroring."""
     q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return np.asarray(points @ (q * np.linalg.det(q)).T)
 
 
-def mirrored(points: Array) -> Array:
+def mirror(points: Array) -> Array:
     return points * [1.0, 1.0, -1.0]
 
 
@@ -110,11 +110,11 @@ def random_markov(word: Sequence[int], moves: int, seed: int) -> list[int]:
         elif kind == 2 and strands < 7:
             result.insert(k, strands * int(rng.choice([-1, 1])))
         else:
-            result = _related(result, rng)
+            result = _relate(result, rng)
     return result
 
 
-def _related(word: list[int], rng: np.random.Generator) -> list[int]:
+def _relate(word: list[int], rng: np.random.Generator) -> list[int]:
     """One braid relation, where one applies: far letters commute, a b a = b a b."""
     places = list(rng.permutation(max(len(word) - 1, 0)))
     for k in places:

@@ -18,7 +18,7 @@ def _regular(rng: Random) -> Polygons:
     return [np.column_stack([np.cos(t), np.sin(t), 0 * t])]
 
 
-def _stacked(rng: Random) -> Polygons:
+def _stack(rng: Random) -> Polygons:
     ring = _regular(rng)[0]
     turn = rng.choice([0.0, np.pi / len(ring), rng.random()])
     c, s = np.cos(turn), np.sin(turn)
@@ -109,7 +109,7 @@ def _rods(rng: Random) -> Polygons:
 
 KINDS: dict[str, Callable[[Random], Polygons]] = {
     "regular": _regular,
-    "stacked": _stacked,
+    "stacked": _stack,
     "zigzag": _zigzag,
     "slit": _slit,
     "lattice": _lattice,
@@ -122,7 +122,7 @@ KINDS: dict[str, Callable[[Random], Polygons]] = {
 }
 
 
-def placed(polygons: Polygons, rng: Random) -> Polygons:
+def place(polygons: Polygons, rng: Random) -> Polygons:
     """Perhaps turned, scaled by 1e-6 to 1e6, or moved far away (up to 1e6 of its size)."""
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.6 else np.eye(3)
     scale = rng.choice([1.0, 1e-6, 1e6])

@@ -46,7 +46,7 @@ def write_boxes(path: Path, *meshes: Mesh, scene: Scene | None = None) -> Path:
     return path
 
 
-def printed(*meshes: Mesh, width: float = 0.5, layer: float = 0.25) -> Gcode:
+def print_boxes(*meshes: Mesh, width: float = 0.5, layer: float = 0.25) -> Gcode:
     """Boxes as a slicer that fills them with parallel lines would print them."""
     starts, ends = [], []
     for vertices, _ in meshes:

@@ -72,16 +72,16 @@ def inward(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
 
 
-def moved(mesh: Mesh, turn: Array | None = None, shift: object = (0.0, 0.0, 0.0)) -> Mesh:
+def move(mesh: Mesh, turn: Array | None = None, shift: object = (0.0, 0.0, 0.0)) -> Mesh:
     points = mesh.vertices if turn is None else mesh.vertices @ turn.T
     return Mesh(points + np.asarray(shift, dtype=float), mesh.faces)
 
 
 def quarter(mesh: Mesh) -> Mesh:
     """Turned by 90° about z, back on the positive octant."""
-    turned = moved(mesh, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    turned = move(mesh, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     low = turned.vertices.min(axis=0)
-    return moved(turned, shift=(-low[0], -low[1], 0.0))
+    return move(turned, shift=(-low[0], -low[1], 0.0))
 
 
 def bridge(span: float, width: float, height: float = 10.0, pier: float = 5.0) -> Mesh:

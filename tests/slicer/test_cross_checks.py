@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slicer_parts import EXACT, Mesh, bodies_of, box, printed, scene_of
+from slicer_parts import EXACT, Mesh, bodies_of, box, print_boxes, scene_of
 
 from knotfab.files.threemf import Body
 from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
@@ -23,42 +23,42 @@ def _checks(gcode: Gcode, *meshes: Mesh) -> Mapping[str, CrossCheck]:
     return {check.name: check for check in found}
 
 
-def _failed(gcode: Gcode, *meshes: Mesh) -> set[str]:
+def _failures(gcode: Gcode, *meshes: Mesh) -> set[str]:
     return {name for name, check in _checks(gcode, *meshes).items() if not check.passed}
 
 
-def _moved(mesh: Mesh, *by: float) -> Mesh:
+def _move(mesh: Mesh, *by: float) -> Mesh:
     return mesh[0] + by, mesh[1]
 
 
 def test_a_part_printed_as_it_is_passes() -> None:
-    found = _checks(printed(LOW, HIGH), LOW, HIGH)
+    found = _checks(print_boxes(LOW, HIGH), LOW, HIGH)
     assert set(found) == {"bed", "place", "surface", "filament", "layers"}
     assert all(check.passed and check.detail for check in found.values())
 
 
 def test_the_shift_is_that_of_the_part_on_the_bed() -> None:
-    gcode = printed(_moved(LOW, 7, -3, 0), _moved(HIGH, 7, -3, 0))
+    gcode = print_boxes(_move(LOW, 7, -3, 0), _move(HIGH, 7, -3, 0))
     shifted = compare_gcode(gcode, bodies_of(LOW, HIGH), SCENE, np.array([7.0, -3.0, 0.0]))
     assert all(check.passed for check in shifted)
-    assert _failed(gcode, LOW, HIGH) == {"place", "surface"}
+    assert _failures(gcode, LOW, HIGH) == {"place", "surface"}
 
 
 def test_a_body_that_is_left_out_dropped_or_moved() -> None:
-    assert _failed(printed(LOW), LOW, HIGH) >= {"surface", "place", "layers"}
-    dropped = _moved(HIGH, 0, 0, -8)
-    assert _failed(printed(LOW, dropped), LOW, HIGH) == {"surface", "place", "layers"}
+    assert _failures(print_boxes(LOW), LOW, HIGH) >= {"surface", "place", "layers"}
+    dropped = _move(HIGH, 0, 0, -8)
+    assert _failures(print_boxes(LOW, dropped), LOW, HIGH) == {"surface", "place", "layers"}
     inner = box((15, 12, 0), (3, 3, 5)), box((12, 15, 0), (2, 2, 5))
     around = box((0, 0, 0), (1, 40, 5)), box((40, 0, 0), (1, 40, 5))
     # between others that hold the extent, only the surface tells
-    assert _failed(printed(*around, inner[0]), *around, *inner) == {"surface"}
-    found = _checks(printed(*around, inner[0]), *around, *inner)["surface"]
+    assert _failures(print_boxes(*around, inner[0]), *around, *inner) == {"surface"}
+    found = _checks(print_boxes(*around, inner[0]), *around, *inner)["surface"]
     assert "knot 4" in found.detail
 
 
 def test_the_bed_at_its_limit() -> None:
     """Lines are 0.5 mm wide: their axes may come as near as 0.25 mm."""
-    gcode = printed(LOW)
+    gcode = print_boxes(LOW)
     least, most = np.array([0.25, 0.25, 0.25]), np.array([99.75, 79.75, 60.0])
     at = _checks(replace(gcode, low=least, high=most), LOW)["bed"]
     assert at.passed and at.measured == 0.0
@@ -72,7 +72,7 @@ def test_the_bed_at_its_limit() -> None:
 
 def test_the_place_at_its_limit() -> None:
     """One line to the sides, one layer and a half in height."""
-    gcode = printed(LOW)
+    gcode = print_boxes(LOW)
     for axis, limit in enumerate((0.5, 0.5, 0.375)):
         for sign in (-1, 1):
             step = np.zeros(3)
@@ -91,14 +91,14 @@ def test_the_surface_at_its_limit() -> None:
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
     for reach, passes in ((1.25, True), (1.2625, False)):
         line = np.array([[2 + reach, 2.0, 1.0]])
-        gcode = replace(printed(LOW), start=line, end=line)
+        gcode = replace(print_boxes(LOW), start=line, end=line)
         found = _checks(gcode, (corners, faces))["surface"]
         assert (found.passed, found.limit) == (passes, 1.25)
         assert found.measured == pytest.approx(reach)
 
 
 def test_filament_at_its_limits() -> None:
-    gcode, volume = printed(LOW), 0.5
+    gcode, volume = print_boxes(LOW), 0.5
     for share, passes in ((0.15, True), (0.1485, False), (1.15, True), (1.1615, False)):
         found = _checks(replace(gcode, filament_cm3=share * volume), LOW)["filament"]
         assert found.passed == passes and found.measured == pytest.approx(share)
@@ -109,15 +109,15 @@ def test_filament_at_its_limits() -> None:
 
 
 def test_layers_at_their_limit() -> None:
-    gcode = printed(LOW)
+    gcode = print_boxes(LOW)
     assert gcode.layers == 20
     for layers, passes in ((18, False), (19, True), (21, True), (22, False)):
         assert _checks(replace(gcode, layers=layers), LOW)["layers"].passed == passes
 
 
 def test_layers_of_bodies_with_air_between() -> None:
-    stacked = _moved(LOW, 0, 0, 15)
-    found = _checks(printed(LOW, stacked), LOW, stacked)["layers"]
+    stacked = _move(LOW, 0, 0, 15)
+    found = _checks(print_boxes(LOW, stacked), LOW, stacked)["layers"]
     assert found.passed and found.measured == 0 and "40 layers" in found.detail
 
 

@@ -60,19 +60,19 @@ def _slice(
     return result
 
 
-def _sliced(tmp_path: Path, *meshes: Mesh, scene: str = "") -> Sliced:
+def _slice_meshes(tmp_path: Path, *meshes: Mesh, scene: str = "") -> Sliced:
     result = _slice(tmp_path, None, *meshes, scene=scene)
     assert isinstance(result, Sliced), result
     return result
 
 
-def _failed(result: Sliced) -> set[str]:
+def _failures(result: Sliced) -> set[str]:
     return {check.name for check in result.checks if not check.passed}
 
 
 @needs_slicer
 def test_a_cube(tmp_path: Path) -> None:
-    found = _sliced(tmp_path)
+    found = _slice_meshes(tmp_path)
     assert found.program == "PrusaSlicer" and found.version[0].isdigit()
     assert (found.layers, found.objects, found.support_m) == (50, 1, 0.0)
     assert found.problems == [] and found.warnings == () and len(found.checks) == 6
@@ -85,7 +85,7 @@ def test_a_cube(tmp_path: Path) -> None:
 @needs_slicer
 def test_bodies_stay_where_they_are(tmp_path: Path) -> None:
     """PrusaSlicer drops each object of a file onto the bed by itself: the file holds one."""
-    found = _sliced(tmp_path, CUBE, box((0, 0, 15), (10, 10, 10)), box((30, 5, 4), (5, 5, 5)))
+    found = _slice_meshes(tmp_path, CUBE, box((0, 0, 15), (10, 10, 10)), box((30, 5, 4), (5, 5, 5)))
     assert found.problems == [] and (found.layers, found.objects) == (100, 1)
     assert found.support_m > 0
 
@@ -99,7 +99,7 @@ def test_bodies_of_several_objects_are_dropped_and_noticed(tmp_path: Path) -> No
     write_coloured_3mf(part, meshes, ["a", "b"], ["#d9d4c7", "#3d6fa5"], "two")
     found = slice_part(part, scene_of(), tmp_path)
     assert isinstance(found, Sliced) and found.objects == 2
-    assert _failed(found) >= {"reading", "surface", "layers"}
+    assert _failures(found) >= {"reading", "surface", "layers"}
 
 
 def _knots_apart() -> list[Mesh]:
@@ -116,7 +116,7 @@ def _knots_apart() -> list[Mesh]:
 def test_three_loose_knots_are_printed_each_where_it_belongs(tmp_path: Path) -> None:
     """Read from the G-code by hand, with the printed command, as a person would slice the folder."""
     knots = _knots_apart()
-    found = _sliced(tmp_path, *knots)
+    found = _slice_meshes(tmp_path, *knots)
     assert found.problems == [] and found.objects == 1
     for name in ("part.3mf", "slicer.ini"):
         shutil.copy(tmp_path / name, tmp_path / "work" / name)
@@ -159,16 +159,16 @@ def test_the_command_of_the_report_gives_the_gcode_that_was_checked(tmp_path: Pa
 def test_what_exit_code_0_hides(tmp_path: Path) -> None:
     """It ends with 0 for each of these."""
     vertices, faces = CUBE
-    assert "reading" in _failed(_sliced(tmp_path, (vertices, faces[:-1])))
-    assert _failed(_sliced(tmp_path, CUBE, box((20, 0, 0), (10, 0.1, 10)))) >= {"surface"}
-    assert _failed(_sliced(tmp_path, CUBE, box((5, 0, 0), (10, 10, 10)))) == {"surface"}
-    assert _failed(_sliced(tmp_path, box((0, 0, 0), (10, 10, 222)))) == {"bed"}
-    assert _failed(_sliced(tmp_path, box((0, 0, 0), (251, 10, 2)))) == {"bed"}
+    assert "reading" in _failures(_slice_meshes(tmp_path, (vertices, faces[:-1])))
+    assert _failures(_slice_meshes(tmp_path, CUBE, box((20, 0, 0), (10, 0.1, 10)))) >= {"surface"}
+    assert _failures(_slice_meshes(tmp_path, CUBE, box((5, 0, 0), (10, 10, 10)))) == {"surface"}
+    assert _failures(_slice_meshes(tmp_path, box((0, 0, 0), (10, 10, 222)))) == {"bed"}
+    assert _failures(_slice_meshes(tmp_path, box((0, 0, 0), (251, 10, 2)))) == {"bed"}
 
 
 @needs_slicer
 def test_a_body_in_the_air_without_supports(tmp_path: Path) -> None:
-    found = _sliced(
+    found = _slice_meshes(
         tmp_path, CUBE, box((0, 0, 15), (10, 10, 10)), scene="[printer]\nsupports = false"
     )
     assert len(found.problems) == 1 and "Empty layer" in found.problems[0]
@@ -189,7 +189,7 @@ def test_no_setting_of_the_user_is_touched(tmp_path: Path, monkeypatch: pytest.M
     (home / ".config").mkdir(parents=True)
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(home / ".config"))
-    _sliced(tmp_path)
+    _slice_meshes(tmp_path)
     assert [path.name for path in home.rglob("*")] == [".config"]
 
 
@@ -197,7 +197,7 @@ def test_no_setting_of_the_user_is_touched(tmp_path: Path, monkeypatch: pytest.M
 def test_a_folder_of_an_awkward_name(tmp_path: Path) -> None:
     folder = tmp_path / "a b – é ' [1]"
     folder.mkdir()
-    assert _sliced(folder).problems == []
+    assert _slice_meshes(folder).problems == []
 
 
 def test_what_is_no_filament_is_not_sliced(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_warnings_and_garbage_on_both_outputs(tmp_path: Path) -> None:
     assert texts[0] == "Empty layer between 1 and 2.\nObject name: knot 1" and len(texts) == 3
     assert [w.settled for w in found.warnings] == [False, False, True]
     # and the G-code, of one line, is not the cube
-    assert _failed(found) == {"place", "surface", "layers"}
+    assert _failures(found) == {"place", "surface", "layers"}
 
 
 @pytest.mark.parametrize("slicing", ["sleep 600", "sleep 600 & wait", "trap '' TERM; sleep 600"])

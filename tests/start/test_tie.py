@@ -45,7 +45,7 @@ def room(polygon: MultiPolygon, radius: float = 2.5, deep: float = 80.0) -> Room
     return Room(polygon, LIGHT, radius, radius + 0.2, outside)
 
 
-def lifted(polygon: MultiPolygon, wave: float, radius: float = 2.5) -> tuple[Array, ...]:
+def lift_filling(polygon: MultiPolygon, wave: float, radius: float = 2.5) -> tuple[Array, ...]:
     """The filling template with its strands up and down between -20 and 20 mm."""
     parts = []
     for curve in fill(polygon, radius).curves:
@@ -75,7 +75,7 @@ def verdicts(tied: Tied, promise: str) -> list[str]:
 )
 def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
     name = parse_knot_name(asked)
-    before = lifted(DISC, 0.02)
+    before = lift_filling(DISC, 0.02)
     tied = tie(before, name.factors, room(DISC))
     assert set(verdicts(tied, name.promise)) <= {"proved", "consistent"}
     assert tied.spill == 0.0
@@ -90,18 +90,18 @@ def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
 
 def test_the_wrong_hand_is_refuted() -> None:
     """The check on which the others rest can fail."""
-    tied = tie(lifted(DISC, 0.02), parse_knot_name("trefoil").factors, room(DISC))
+    tied = tie(lift_filling(DISC, 0.02), parse_knot_name("trefoil").factors, room(DISC))
     assert verdicts(tied, "left-handed 3_1") == ["refuted"]
     assert verdicts(tied, "unknot") == ["refuted"]
 
 
 def test_without_factors_nothing_is_changed() -> None:
-    before = lifted(DISC, 0.02)
+    before = lift_filling(DISC, 0.02)
     assert tie(before, (), room(DISC)).curves == before
 
 
 def test_the_longest_curve_gets_the_knot_and_the_others_stay() -> None:
-    before = lifted(TWO, 0.03)
+    before = lift_filling(TWO, 0.03)
     tied = tie(before, parse_knot_name("5_1").factors, room(TWO))
     longest = int(np.argmax([len(c) for c in before]))
     assert tied.component == longest
@@ -112,27 +112,27 @@ def test_the_longest_curve_gets_the_knot_and_the_others_stay() -> None:
 
 @pytest.mark.parametrize("wave", [0.005, 0.05, 0.11])
 def test_any_depth_of_the_strands_will_do(wave: float) -> None:
-    tied = tie(lifted(DISC, wave), parse_knot_name("6_2").factors, room(DISC))
+    tied = tie(lift_filling(DISC, wave), parse_knot_name("6_2").factors, room(DISC))
     assert verdicts(tied, "right-handed 6_2") == ["proved"]
 
 
 def test_a_knot_larger_than_the_picture_spills_but_keeps_its_type() -> None:
     bar = MultiPolygon([box(-60, -5, 60, 5)])
-    tied = tie(lifted(bar, 0.05), parse_knot_name("7_4").factors, room(bar))
+    tied = tie(lift_filling(bar, 0.05), parse_knot_name("7_4").factors, room(bar))
     assert tied.spill > 0
     assert verdicts(tied, "right-handed 7_4") == ["proved"]
 
 
 def test_where_there_is_no_room_in_depth_the_error_says_so() -> None:
     with pytest.raises(SceneError, match="the knot 5_2: the piece has no place for it") as error:
-        tie(lifted(DISC, 0.02), parse_knot_name("5_2").factors, room(DISC, deep=25.0))
+        tie(lift_filling(DISC, 0.02), parse_knot_name("5_2").factors, room(DISC, deep=25.0))
     assert error.value.exit_code == 1
 
 
 def test_a_strand_in_the_way_of_every_knot_forbids_it() -> None:
     """Far in front and far behind there is another strand: a knot goes before or behind both, or not."""
     planar = fill(DISC, 2.5).curves[0]
-    before = lifted(DISC, 0.02)
+    before = lift_filling(DISC, 0.02)
     hoods = tuple(
         sample_evenly(lift(planar, np.full(len(planar), z), LIGHT), 1.0) for z in (60.0, -60.0)
     )
@@ -142,7 +142,7 @@ def test_a_strand_in_the_way_of_every_knot_forbids_it() -> None:
 
 
 def test_a_knot_among_the_strands_is_not_taken_for_proved() -> None:
-    curve, disc = lifted(DISC, 0.02)[0], room(DISC)
+    curve, disc = lift_filling(DISC, 0.02)[0], room(DISC)
     plain = np.ones(len(curve), dtype=bool)
     knot = load_knot("3_1") * disc.unit
     site = next(iter(_sites(curve, [], plain, _poses(knot, disc.unit), disc)))
@@ -213,7 +213,7 @@ def test_the_scene_names_the_knot(tmp_path: Path) -> None:
 def test_the_named_knots_are_those_that_are_tied() -> None:
     """The tied part is the named knot itself: at its own scale it is found among the vertices."""
     name = parse_knot_name("8_19")
-    tied = tie(lifted(DISC, 0.02), name.factors, room(DISC))
+    tied = tie(lift_filling(DISC, 0.02), name.factors, room(DISC))
     size = np.ptp(load_knot("8_19"), axis=0).max() * 2.7 * 1.03
     away = np.linalg.norm(tied.curves[0] - tied.place, axis=1)
     assert (away < size).sum() > 60.0 / 0.4

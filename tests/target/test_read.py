@@ -251,10 +251,10 @@ def test_missing_files_directories_and_pipes(tmp_path: Path) -> None:
 def test_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "secret.png", GREY)
 
-    def denied(self: Path) -> bytes:
-        raise PermissionError(13, "Permission denied")
+    def deny(self: Path) -> bytes:
+        raise PermissionError(13, "Permission deny")
 
-    monkeypatch.setattr(Path, "read_bytes", denied)
+    monkeypatch.setattr(Path, "read_bytes", deny)
     with pytest.raises(InputError, match=r"may not be read.*chmod"):
         read_target(path)
 

@@ -41,13 +41,17 @@ def picture(tmp_path: Path) -> Path:
     return path
 
 
-def _measured(iou: float, seconds: float, feasible: bool = True) -> Measured:
+def _make_measured(iou: float, seconds: float, feasible: bool = True) -> Measured:
     return Measured(Point("iterations", "", QUICK), iou, 0.1, seconds, 0.0, feasible, 0, 0)
 
 
 def test_the_frontier_is_what_nothing_beats() -> None:
-    slow_best, fast, beaten = _measured(0.99, 4.0), _measured(0.95, 1.0), _measured(0.94, 2.0)
-    same, infeasible = _measured(0.99, 5.0), _measured(0.999, 0.5, feasible=False)
+    slow_best, fast, beaten = (
+        _make_measured(0.99, 4.0),
+        _make_measured(0.95, 1.0),
+        _make_measured(0.94, 2.0),
+    )
+    same, infeasible = _make_measured(0.99, 5.0), _make_measured(0.999, 0.5, feasible=False)
     assert frontier([slow_best, fast, beaten, same, infeasible]) == [fast, slow_best]
 
 

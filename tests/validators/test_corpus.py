@@ -11,7 +11,7 @@ import pytest
 from validator_parts import PlainView
 
 from examples.corpus.broken import broken
-from examples.corpus.case import READ, Broken, Good, knotted, with_scene
+from examples.corpus.case import READ, Broken, Good, make_part, with_scene
 from examples.corpus.curves import circle
 from examples.corpus.files import write
 from examples.corpus.good import good
@@ -46,7 +46,7 @@ def _number(check: Check) -> float:
 
 RING = circle()
 CURVES = Curves((RING,), ("unknot",), (True,), 3.0)
-PART = knotted(RING)
+PART = make_part(RING)
 assert PART.body is not None
 MESH = Mesh(PART.body.vertices, PART.body.faces)
 LAID = Curves(PART.knots, ("unknot",), (True,), 3.0)
@@ -59,14 +59,16 @@ LAYER = NO_SUPPORTS.layer_height_mm
 GAP = 0.08  # of the nozzle: a gap of 0.9 nozzles must be seen
 
 
-def _named(name: str, checks: list[Check]) -> Check:
+def _find_check(name: str, checks: list[Check]) -> Check:
     (found,) = (c for c in checks if c.name == name)
     return found
 
 
-def _printed(name: str, body: Body, printer: Printer = NO_SUPPORTS, stands: bool = False) -> Check:
+def _print_check(
+    name: str, body: Body, printer: Printer = NO_SUPPORTS, stands: bool = False
+) -> Check:
     mesh = _mesh(body)
-    return _named(name, printability_checks(mesh, printer, seconds={}, stands=stands))
+    return _find_check(name, printability_checks(mesh, printer, seconds={}, stands=stands))
 
 
 def _mesh(body: Body) -> Mesh:
@@ -87,9 +89,9 @@ def _smaller_printer(beyond: float) -> Check:
 def _tube_of(radius: float) -> Check:
     """The ring's tube with corners exactly at `radius`, against the knot's 3 mm."""
     widened = np.sqrt(2 * np.pi / 24 / np.sin(2 * np.pi / 24))
-    body = knotted(RING, radius / widened).body
+    body = make_part(RING, radius / widened).body
     assert body is not None
-    laid = body.moved(PART.knots[0].mean(axis=0) - body.vertices.mean(axis=0))
+    laid = body.move(PART.knots[0].mean(axis=0) - body.vertices.mean(axis=0))
     return check_tube(Mesh(laid.vertices, laid.faces), LAID)
 
 
@@ -98,7 +100,7 @@ def _volume(factor: float) -> Check:
     corner = MESH.vertices[MESH.faces]
     volume = np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6
     radius = float(np.sqrt(volume / factor / (np.pi * LENGTH)))
-    return _named("mesh_volume", check_mesh(MESH, replace(LAID, radius_mm=radius)))
+    return _find_check("mesh_volume", check_mesh(MESH, replace(LAID, radius_mm=radius)))
 
 
 def _boxes_apart(required: float) -> Check:
@@ -109,7 +111,7 @@ def _boxes_apart(required: float) -> Check:
 
 def _coarse_strands(beyond: float) -> Check:
     """Strands of eight sides, whose corners stand out of the exact tube by 5 % of its radius."""
-    part = knotted([circle(), circle() + np.array([67.0, 0.0, 0.0])], sides=8)
+    part = make_part([circle(), circle() + np.array([67.0, 0.0, 0.0])], sides=8)
     assert part.body is not None
     mesh, knots = Mesh(part.body.vertices, part.body.faces), part.knots
     curves = Curves(knots, ("unknot",) * 2, (True,) * 2, 3.0)
@@ -123,10 +125,10 @@ def _pieces(name: str, *bodies: Body) -> Check:
     whole, laid = box((0, 0, 0), (20, 20, 20)), join(*bodies)
     body = np.repeat(np.arange(len(bodies)), [len(b.vertices) for b in bodies])
     plate = Plate("plate-1.3mf", _mesh(laid), body, np.stack([np.eye(4)] * len(bodies)))
-    return _named(name, check_plates(_mesh(whole), [plate], None))
+    return _find_check(name, check_plates(_mesh(whole), [plate], None))
 
 
-def _hollowed(share: float) -> Check:
+def _hollow(share: float) -> Check:
     """The box with a hollow of that share of its volume."""
     inner = box((5, 5, 5), (15, 15, 5 + 80 * share))
     hollow = Body(inner.vertices, inner.faces[:, ::-1])
@@ -166,24 +168,24 @@ TOLERATED: dict[str, Callable[[float], Check]] = {
     "clearance": lambda f: _boxes_apart(0.5 + 20e-6 * f),
     "clearance of facets": lambda f: _coarse_strands(2 * 0.01 * 3.0 * f),
     "plates": lambda f: _pieces("plates", box((0, 0, 0), (20, 20, 20 + 0.05 * f))),
-    "plates_volume": lambda f: _hollowed(max(0.02 * f, 1e-3)),
+    "plates_volume": lambda f: _hollow(max(0.02 * f, 1e-3)),
     "mesh_volume, too much": lambda f: _volume(1 + 0.005 * f),
     "mesh_volume, too little": lambda f: _volume(1 - 0.005 * f),
-    "feature": lambda f: _printed("feature", slab(0.4 - 1e-4 * f)),
-    "gap": lambda f: _printed("gap", slot(0.4 * (1 - GAP * f))),
-    "overhang": lambda f: _printed("overhang", _leaning(np.sqrt(0.5) + 1e-5 * f)),
-    "standing": lambda f: _printed("standing", _arm(16 + 3e-6 * f), stands=True),
+    "feature": lambda f: _print_check("feature", slab(0.4 - 1e-4 * f)),
+    "gap": lambda f: _print_check("gap", slot(0.4 * (1 - GAP * f))),
+    "overhang": lambda f: _print_check("overhang", _leaning(np.sqrt(0.5) + 1e-5 * f)),
+    "standing": lambda f: _print_check("standing", _arm(16 + 3e-6 * f), stands=True),
 }
 # the same, and nothing is rounded: by exactly one tolerance is not beyond
 EXACT: dict[str, Callable[[float], Check]] = {
-    "overhang off the bed": lambda f: _printed("overhang", _ledge(LAYER + 1e-3 * f)),
-    "support off the bed": lambda f: _printed(
+    "overhang off the bed": lambda f: _print_check("overhang", _ledge(LAYER + 1e-3 * f)),
+    "support off the bed": lambda f: _print_check(
         "support_volume",
         _ledge(LAYER + 1e-3 * f),
         replace(NO_SUPPORTS, supports=True, max_support_cm3=0.0),
     ),
-    "floating": lambda f: _printed("floating", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9))),
-    "standing in the air": lambda f: _printed(
+    "floating": lambda f: _print_check("floating", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9))),
+    "standing in the air": lambda f: _print_check(
         "standing", box((2, 2, LAYER + 1e-3 * f), (9, 9, 9)), stands=True
     ),
 }
@@ -202,7 +204,7 @@ def test_a_limit_holds_to_half_a_percent_of_its_tolerance(name: str) -> None:
 
 def test_a_body_without_a_volume_is_turned_neither_way() -> None:
     flat = box((0, 0, 0), (10, 10, 0))
-    check = _named("mesh_volume", check_mesh(Mesh(flat.vertices, flat.faces)))
+    check = _find_check("mesh_volume", check_mesh(Mesh(flat.vertices, flat.faces)))
     assert check.status == "fail" and check.required
 
 
@@ -222,10 +224,10 @@ def test_a_body_without_a_volume_is_turned_neither_way() -> None:
 def test_a_printers_limit_may_be_met_exactly(
     name: str, body: Body, limited: Callable[[float], Printer], stricter: float
 ) -> None:
-    value = _number(_printed(name, body))
+    value = _number(_print_check(name, body))
     assert value > 0
-    assert _printed(name, body, limited(value)).status == "pass"
-    beyond = _printed(name, body, limited(stricter * value))
+    assert _print_check(name, body, limited(value)).status == "pass"
+    beyond = _print_check(name, body, limited(stricter * value))
     assert beyond.status == "fail" and beyond.required
 
 
@@ -238,13 +240,13 @@ def test_sides_within_30_degrees_are_a_wall(degrees: float, seen: bool) -> None:
     y = np.where(body.vertices[:, 1] > 10, half + 0.01, -half - 0.01)
     y = np.where(top, np.sign(y) * 0.01, y)
     vertices = np.column_stack([body.vertices[:, 0], y, body.vertices[:, 2]])
-    measured = _number(_printed("feature", Body(vertices, body.faces)))
+    measured = _number(_print_check("feature", Body(vertices, body.faces)))
     assert measured < 8 if seen else measured > 10
 
 
 @pytest.mark.parametrize(("size", "measured"), [(10_000.0, True), (10_000.5, False)])
 def test_a_part_of_ten_metres_is_measured(size: float, measured: bool) -> None:
-    check = _printed("overhang", box((0, 0, 0), (size, 5, 5)))
+    check = _print_check("overhang", box((0, 0, 0), (size, 5, 5)))
     assert (check.status != "skipped") == measured
 
 
@@ -256,7 +258,7 @@ def test_a_wall_plate_has_two_holes_for_screws(holes: int, status: str) -> None:
     body = blocks(cells, [4.0 * i for i in range(2 * holes + 2)], (0, 4, 8, 12), (0, 4))
     scene = parse_scene({"mount": {"kind": "wall", "foot": "plate", "pegs": [3]}})
     checks = part_checks(_mesh(body), LAID, scene, {})
-    assert _named("mesh_genus", checks).status == status
+    assert _find_check("mesh_genus", checks).status == status
 
 
 @pytest.mark.parametrize(("radii", "own"), [(1.015, True), (1.025, False)])
@@ -305,7 +307,7 @@ def seen() -> VerifiedView:
     )
 
 
-def _judged(name: str, seen: VerifiedView, floor: float = 0.0, px: float = 9.0) -> Check:
+def _judge(name: str, seen: VerifiedView, floor: float = 0.0, px: float = 9.0) -> Check:
     checks = shadow_checks(
         {"front": seen},
         MESH.vertices,
@@ -315,21 +317,21 @@ def _judged(name: str, seen: VerifiedView, floor: float = 0.0, px: float = 9.0) 
         polygons_decide=True,
         mount="wall",
     )
-    return _named(name, checks)
+    return _find_check(name, checks)
 
 
 def test_a_shadow_may_be_exactly_as_good_as_asked(seen: VerifiedView) -> None:
     iou, off = seen.whole.iou, seen.outline_px
     assert 0.5 < iou < 1 and off is not None and off > 0
-    assert _judged("shadow", seen, floor=iou).status == "pass"
-    assert _judged("shadow", seen, floor=float(np.nextafter(iou, 1))).status == "fail"
-    assert _judged("outline", seen, px=off).status == "pass"
-    assert _judged("outline", seen, px=float(np.nextafter(off, 0))).status == "fail"
+    assert _judge("shadow", seen, floor=iou).status == "pass"
+    assert _judge("shadow", seen, floor=float(np.nextafter(iou, 1))).status == "fail"
+    assert _judge("outline", seen, px=off).status == "pass"
+    assert _judge("outline", seen, px=float(np.nextafter(off, 0))).status == "fail"
 
 
 def test_a_mount_may_darken_a_thousandth_of_the_frame(seen: VerifiedView) -> None:
     for share, status in ((0.001, "pass"), (0.000995, "pass"), (0.001005, "fail")):
-        assert _judged("intrusion", replace(seen, intrusion=share)).status == status
+        assert _judge("intrusion", replace(seen, intrusion=share)).status == status
 
 
 BROKEN, GOOD = broken(), good()
@@ -370,7 +372,7 @@ def test_every_required_check_has_a_part_that_it_must_reject(tmp_path: Path) -> 
     asked: set[str] = set()
     for mount, supports in (("none", True), ("wall", False), ("stand", True)):
         printer = {"supports": supports, "max_support_cm3": 100.0}
-        part = with_scene(knotted(circle()), printer=printer, mount={"kind": mount})
+        part = with_scene(make_part(circle()), printer=printer, mount={"kind": mount})
         files = write(part, tmp_path)
         checks = validate(files.part, files.knots, files.scene, skip=["shadow-render"]).checks
         asked |= {c.name for c in checks if c.required} - {"shadow_exact"}

@@ -11,7 +11,7 @@ from PIL import Image
 from scipy import ndimage
 from validator_parts import Array, PlainView, trefoil, tube
 
-from examples.corpus.files import encoded
+from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
     """A part, its knots, its scene, and as its picture the shadow that it casts."""
     curve = trefoil(400, 16.0)
     vertices, faces = tube(curve, RADIUS, 64)
-    (tmp_path / "part.stl").write_bytes(encoded(Body(to_part(vertices), faces), "stl"))
+    (tmp_path / "part.stl").write_bytes(encode(Body(to_part(vertices), faces), "stl"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
     (tmp_path / "knots.json").write_text(
         json.dumps({"schema": 1, "unit": "mm", "radius_mm": RADIUS, "knots": knots})

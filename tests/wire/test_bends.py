@@ -29,7 +29,7 @@ from knotfab.wire.replay import (
 SQUARE = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
 
 
-def crooked(seed: int = 0, count: int = 14) -> np.ndarray:
+def make_crooked(seed: int = 0, count: int = 14) -> np.ndarray:
     angle = 2 * np.pi * np.arange(count) / count
     noise = np.random.default_rng(seed).normal(size=count)
     return np.column_stack([40 * np.cos(angle), 30 * np.sin(angle), 6 * noise])
@@ -52,7 +52,7 @@ def test_the_nearest_site_is_on_the_named_strand() -> None:
 
 
 def test_the_jacobian_is_that_of_the_curve() -> None:
-    corners = crooked()
+    corners = make_crooked()
     wire = round_corners(corners, 2.0)
     sites, _ = space_sites(wire, 3.0)
     points, straights = differentiate_wire(wire, sites)
@@ -64,7 +64,7 @@ def test_the_jacobian_is_that_of_the_curve() -> None:
 
 @pytest.mark.parametrize("cut", [0, 5, 13])
 def test_rows_bend_the_wire_again_exactly(cut: int) -> None:
-    wire = round_corners(crooked(), 2.0)
+    wire = round_corners(make_crooked(), 2.0)
     rows = list_bends(wire, cut, 0.0)
     line, begins = replay(rows)
     assert np.abs(line[-1] - line[0]).max() < 1e-11
@@ -76,7 +76,7 @@ def test_rows_bend_the_wire_again_exactly(cut: int) -> None:
 
 
 def test_many_rows_do_not_let_rounding_grow() -> None:
-    wire = round_corners(crooked(3, 400) * [10, 10, 1], 0.5)
+    wire = round_corners(make_crooked(3, 400) * [10, 10, 1], 0.5)
     line, _ = replay(list_bends(wire, 0, 0.0))
     assert np.abs(line[-1] - line[0]).max() < 1e-9
 
@@ -98,7 +98,7 @@ def test_springback_is_given_in_advance() -> None:
 
 
 def test_the_file_reads_back_and_stays_closed(tmp_path: Path) -> None:
-    rows = list_bends(round_corners(crooked(), 2.0), 2, 4.0)
+    rows = list_bends(round_corners(make_crooked(), 2.0), 2, 4.0)
     path = tmp_path / "bends.csv"
     write_bends(path, rows, {"wire": "steel: 2 mm"})
     again = read_bends(path)
@@ -184,7 +184,7 @@ def test_sensitivity_of_one_bend() -> None:
 LIMITS = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475)
 
 
-def knotted(count: int = 900) -> np.ndarray:
+def make_knotted(count: int = 900) -> np.ndarray:
     t = np.linspace(0, 2 * np.pi, count, endpoint=False)
     r = 26 + 7 * np.cos(3 * t)
     return np.column_stack([r * np.cos(2 * t), r * np.sin(2 * t), 8 * np.sin(3 * t)])
@@ -203,7 +203,7 @@ def test_a_circle_takes_as_few_bends_as_it_needs() -> None:
 
 @pytest.mark.slow
 def test_a_trefoil_is_bent_within_all_limits() -> None:
-    curve, light = knotted(), np.array([0, 0, 500.0])
+    curve, light = make_knotted(), np.array([0, 0, 500.0])
     (wire,) = fit_wires([curve], light, LIMITS)
     assert wire.straight.min() >= 2.0 - 0.01 and np.rad2deg(wire.turn.max()) <= 160
     line, _ = replay(list_bends(wire, 0, 0.0))

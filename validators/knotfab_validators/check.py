@@ -18,7 +18,7 @@ __all__ = [
     "at_least",
     "at_most",
     "places",
-    "skipped",
+    "skip_check",
     "spot",
     "worst_apart",
 ]
@@ -91,7 +91,7 @@ def at_most(
     return _judge(name, holds, required, measured, limit, unit, detail, at)
 
 
-def skipped(name: str, why: str, *, required: bool = False) -> Check:
+def skip_check(name: str, why: str, *, required: bool = False) -> Check:
     """A check that could not run; `required` when the part cannot be accepted without it."""
     return Check(name, "skipped", required, None, None, "", why)
 

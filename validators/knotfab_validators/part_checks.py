@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, at_least, skipped
-from knotfab_validators.clock import timed
+from knotfab_validators.check import Check, at_least, skip_check
+from knotfab_validators.clock import time_stage
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Mount, Scene
 from knotfab_validators.geometry.curves import Curves
@@ -49,16 +49,16 @@ def part_checks(
     """
     checks = _check_mesh(mesh, curves, scene, seconds) + _check_knots(mesh, curves, scene, seconds)
     if scene is None:
-        checks += [skipped(name, "not given the scene") for name in ("region", "build_volume")]
+        checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
     else:
-        with timed(seconds, "region"):
+        with time_stage(seconds, "region"):
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_check_build_volume(mesh, scene))
     if set(PRINTING) <= set(skip):
-        return checks + [skipped(name, "left out on request") for name in PRINTING]
+        return checks + [skip_check(name, "left out on request") for name in PRINTING]
     if mesh is not None and scene is not None and plates:
-        with timed(seconds, "plates"):
+        with time_stage(seconds, "plates"):
             checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
         return checks + check_plates_printable(plates, scene.printer, checks, seconds)
     return checks + _check_printability(mesh, scene, checks, seconds)
@@ -69,18 +69,18 @@ def _check_mesh(
 ) -> list[Check]:
     """The surface, whether it is the tube of the curves, and the gaps between its strands."""
     if mesh is None:
-        return [skipped(n, "not given the part") for n in (*MESH, "tube", "clearance")]
+        return [skip_check(n, "not given the part") for n in (*MESH, "tube", "clearance")]
     mount = scene.mount if scene is not None else Mount("none", "auto", ())
     mounted = mount.kind != "none"
-    with timed(seconds, "mesh"):
+    with time_stage(seconds, "mesh"):
         if mounted:
             bodies, genus = _predict_topology(mount, curves)
             checks = check_mesh(mesh, bodies=bodies, genus=genus)
         else:
             checks = check_mesh(mesh, curves)
-    with timed(seconds, "tube"):
+    with time_stage(seconds, "tube"):
         checks.append(check_tube(mesh, curves, mounted=mounted))
-    with timed(seconds, "clearance"):
+    with time_stage(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
         strands = _keep_strands(mesh, curves) if mounted else mesh
         checks.append(check_clearance(strands, curves, required))
@@ -117,10 +117,10 @@ def _check_knots(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     if curves is None:
-        return [skipped(name, "not given the knots") for name in KNOTS]
-    with timed(seconds, "thickness"):
+        return [skip_check(name, "not given the knots") for name in KNOTS]
+    with time_stage(seconds, "thickness"):
         checks = _check_curves(curves, scene)
-    with timed(seconds, "knot type"):
+    with time_stage(seconds, "knot type"):
         kinds = knot_checks(curves)
     # a part is built of unlinked unknots; curves alone are asked for their thickness
     return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
@@ -128,11 +128,11 @@ def _check_knots(
 
 def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:
     if mesh is None:
-        return skipped("build_volume", "not given the part")
+        return skip_check("build_volume", "not given the part")
     room = scene.printer.build_volume_mm
     if room is None:
         why = "the scene names a printer without its build_volume_mm"
-        return skipped("build_volume", why)
+        return skip_check("build_volume", why)
     return check_build_volume(mesh, room)
 
 
@@ -141,7 +141,7 @@ def _check_printability(
 ) -> list[Check]:
     """Printability, where the surface is sound enough for the words to mean something."""
     if mesh is None:
-        return [skipped(name, "not given the part") for name in PRINTING]
+        return [skip_check(name, "not given the part") for name in PRINTING]
     broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
     lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
     printer = scene.printer if scene is not None else None
@@ -174,12 +174,12 @@ def _check_curves(curves: Curves, scene: Scene | None) -> list[Check]:
     else:
         checks = [check_thickness(curves, required)]
     if scene is None:
-        return checks + [skipped(name, "not given the scene") for name in ("bend", "length")]
+        return checks + [skip_check(name, "not given the scene") for name in ("bend", "length")]
     bend = scene.material.min_bend_radius_mm
     if bend is None:
         bend = required
     if bend is None:
-        checks.append(skipped("bend", "neither a bend radius nor the tube's radius is given"))
+        checks.append(skip_check("bend", "neither a bend radius nor the tube's radius is given"))
     else:
         checks.append(check_bend(curves, bend))
     return [*checks, check_length(curves, scene.material.max_length_mm)]

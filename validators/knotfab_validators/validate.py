@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from knotfab_validators.check import Check
-from knotfab_validators.clock import timed
+from knotfab_validators.clock import time_stage
 from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
@@ -53,7 +53,7 @@ def validate(
             readers is a ValueError with one sentence).
     """
     seconds: dict[str, float] = {}
-    with timed(seconds, "read"):
+    with time_stage(seconds, "read"):
         mesh = read_mesh(Path(part)) if part is not None else None
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
@@ -76,7 +76,7 @@ def validate(
     checks = [_leave_out(c) if c.name in skip else c for c in checks]
     drawn = False
     if failures is not None:
-        with timed(seconds, "failures"):
+        with time_stage(seconds, "failures"):
             try:
                 drawn = draw_failures(Path(failures), checks, mesh, curves)
             except OSError as error:

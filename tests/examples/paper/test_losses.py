@@ -136,7 +136,7 @@ def test_gradients_against_finite_differences(name: str) -> None:
         assert float((gradient * way).sum()) == pytest.approx(slope, rel=1e-4)
 
 
-def _doubled() -> Tensor:
+def _double() -> Tensor:
     knots = _tangle(20, 6)
     knots[0, 5] = knots[0, 4]
     knots[0, 0] = knots[0, 19]
@@ -155,14 +155,14 @@ def _hairpin() -> Tensor:
 
 
 DEGENERATE: dict[str, Callable[[], Tensor]] = {
-    "doubled points": _doubled,
+    "doubled points": _double,
     "coincident points": _crossing,
     "there and back on a straight line, two cusps": _hairpin,
     "one point": lambda: torch.full((1, 20, 3), 0.3, dtype=torch.float64),
     "two knots in one place": lambda: _tangle(10, 8).repeat(2, 1, 1),
     "minute": lambda: 1e-200 * _tangle(20, 9),
     "huge": lambda: 1e100 * _tangle(20, 10),
-    "nearly doubled": lambda: _doubled() + 1e-15 * _tangle(20, 11),
+    "nearly doubled": lambda: _double() + 1e-15 * _tangle(20, 11),
 }
 
 

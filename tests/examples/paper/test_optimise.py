@@ -43,7 +43,7 @@ def _oval(wide: float, high: float, x: float = 0.0) -> Tensor:
     return p + torch.tensor([x, 0.0, 3.0], dtype=torch.float64)
 
 
-def _improved(result: PaperResult) -> None:
+def _assert_improvement(result: PaperResult) -> None:
     assert result.losses[-1]["image"] < 0.5 * result.losses[0]["image"]
     assert np.mean(result.final_ious) > np.mean(result.ious[0]) + 0.1
     assert len(result.losses) == len(result.ious) == SMALL.iterations
@@ -60,7 +60,7 @@ def test_one_view_one_knot(renderer: str) -> None:
     result = search_paper(
         [_view(CAMERA, _oval(0.75, 1.2))], settings, report=lambda i, _: seen.append(i)
     )
-    _improved(result)
+    _assert_improvement(result)
     assert [k.shape for k in result.knots] == [(60, 3)]
     assert seen == list(range(40))
     again = search_paper([_view(CAMERA, _oval(0.75, 1.2))], settings)
@@ -72,7 +72,7 @@ def test_one_view_several_knots() -> None:
     view = _view(CAMERA, _oval(0.3, 0.8, -0.7), _oval(0.3, 0.8, 0.7))
     templates = [circle(0.4, (-0.6, 0.0, 0.0)), circle(0.4, (0.6, 0.0, 0.0))]
     result = search_paper([view], SMALL, templates=templates)
-    _improved(result)
+    _assert_improvement(result)
     assert [k.shape for k in result.knots] == [(60, 3), (60, 3)]
     # carried by one homeomorphism, they keep their sides
     assert result.knots[0][:, 0].mean() < -0.3 < 0.3 < result.knots[1][:, 0].mean()
@@ -86,7 +86,7 @@ def test_several_views_one_knot() -> None:
         camera_around((0.0, 0.0, 3.0), 3.0, azimuth, width=32, height=32) for azimuth in (0, 90)
     ]
     result = search_paper([_view(camera, ring) for camera in cameras], SMALL)
-    _improved(result)
+    _assert_improvement(result)
     assert len(result.final_ious) == 2
     assert result.final_ious[1] > result.ious[0][1] + 0.1
 

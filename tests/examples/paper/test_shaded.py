@@ -156,7 +156,7 @@ def test_gradient_against_finite_differences_where_visibility_stays() -> None:
 @pytest.mark.slow
 def test_shading_tells_the_depth_that_a_silhouette_hides() -> None:
     at = trial(samples=70, pixels=48)
-    lit = fit(at, at.shaded, 60, 5)
+    lit = fit(at, at.shade, 60, 5)
     outlined = fit(at, at.silhouette, 60, 5)
     before = curve_distance(at.start, at.truth)
     after, by_outline = curve_distance(lit, at.truth), curve_distance(outlined, at.truth)

@@ -43,7 +43,7 @@ def _rounding(net: Perceptron, uv: Tensor) -> Tensor:
     return (unit @ net.out.weight.abs().T + net.out.bias.abs())[:, 0]
 
 
-def _conditioned(network: CouplingNetwork, points: Tensor) -> Tensor:
+def _condition(network: CouplingNetwork, points: Tensor) -> Tensor:
     """[N] what one unit of relative rounding in each layer does to a point that goes there and back.
 
     With y_k the point after the first k layers and J_k their Jacobian, an error of |y_k| there and as much
@@ -93,7 +93,7 @@ def test_there_and_back_again(dtype: torch.dtype, depth: int, share: float) -> N
         return
     exact = CouplingNetwork(depth, 32, depth)
     exact.load_state_dict(network.state_dict())
-    bound = torch.finfo(dtype).eps * _conditioned(exact.double(), x.double())
+    bound = torch.finfo(dtype).eps * _condition(exact.double(), x.double())
     assert bound.median() < 1e-2  # the bound says something
     assert ((back - x).norm(dim=1) <= bound).all()
     if dtype == torch.float64 and depth < 64:  # and the other way about
@@ -114,7 +114,7 @@ def test_adversarial_weights(dtype: torch.dtype, size: float, depth: int) -> Non
     assert torch.isfinite(back).all()
     exact = CouplingNetwork(depth, 16, 7)
     exact.load_state_dict(network.state_dict())
-    bound = torch.finfo(dtype).eps * _conditioned(exact.double(), x.double())
+    bound = torch.finfo(dtype).eps * _condition(exact.double(), x.double())
     error = (back - x).norm(dim=1).double()
     # where rounding leaves no digit the first-order bound says nothing, and nothing can be asked for
     digits = bound < 0.1
@@ -152,7 +152,7 @@ def test_every_layer_keeps_the_handedness() -> None:
             assert (each <= np.exp(1.0) * (1 + 1e-12)).all()
 
 
-def _printed(layer: Coupling, points: Tensor) -> Tensor:
+def _apply_as_printed(layer: Coupling, points: Tensor) -> Tensor:
     """The inverse pass as printed: permuted by the inverse of the order first, by the order last."""
     ordered = points[..., layer.back]
     uv, w = ordered[..., :2], ordered[..., 2:]
@@ -168,7 +168,7 @@ def test_the_printed_inverse_is_wrong_for_permutations_of_order_three(
     y = layer(x)
     torch.testing.assert_close(layer.inverse(y), x, rtol=0, atol=1e-14)
     third = order in ((1, 2, 0), (2, 0, 1))
-    error = float((_printed(layer, y) - x).abs().max().detach())
+    error = float((_apply_as_printed(layer, y) - x).abs().max().detach())
     assert error > 0.1 if third else error < 1e-14
 
 
@@ -254,13 +254,13 @@ def test_gradients_of_points_and_weights() -> None:
     x = _points(4).requires_grad_()
     names = [name for name, _ in network.named_parameters()]
 
-    def mapped(points: Tensor, *weights: Tensor) -> Tensor:
+    def map_points(points: Tensor, *weights: Tensor) -> Tensor:
         found: Tensor = torch.func.functional_call(
             network, dict(zip(names, weights, strict=True)), (points,)
         )
         return found
 
-    assert torch.autograd.gradcheck(mapped, (x, *network.parameters()))
+    assert torch.autograd.gradcheck(map_points, (x, *network.parameters()))
 
 
 def test_seeds_and_precisions() -> None:

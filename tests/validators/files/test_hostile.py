@@ -19,7 +19,7 @@ from examples.corpus.cube_files import (
     seeds,
 )
 from examples.corpus.examine import examine
-from examples.corpus.fuzzed import fuzzed
+from examples.corpus.fuzzed import fuzz_file
 from examples.corpus.hostile import Hostile, handmade
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
@@ -61,12 +61,12 @@ def test_hostile_files_get_one_sentence(file: Hostile, tmp_path: Path) -> None:
 @pytest.mark.parametrize("block", range(8))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
     for seed in range(60 * block, 60 * (block + 1)):
-        outcome = examine(fuzzed(seed), tmp_path)
+        outcome = examine(fuzz_file(seed), tmp_path)
         assert outcome.kind in ("pass", "fail", "refused"), (seed, outcome)
 
 
 def test_fuzzing_repeats_itself() -> None:
-    assert fuzzed(7) == fuzzed(7) != fuzzed(8)
+    assert fuzz_file(7) == fuzz_file(7) != fuzz_file(8)
 
 
 def test_what_is_no_plain_file_is_refused_without_waiting(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from region_meshes import KNOT, box_mesh
 
-from examples.corpus.files import encoded
+from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.region import read_region_mesh
@@ -21,7 +21,7 @@ def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -
 
     def write(used: Mesh, name: str = "room.stl") -> None:
         body = Body(used.vertices, used.faces)
-        (tmp_path / name).write_bytes(encoded(body, "stl"))
+        (tmp_path / name).write_bytes(encode(body, "stl"))
 
     scene = tmp_path / "scene.toml"
     scene.write_text('[region]\nkind = "mesh"\nfile = "room.stl"\n')

@@ -11,14 +11,14 @@ from knotfab_validators.files.scene import parse_scene, read_scene
 CONVENTIONS = Path(__file__).parents[3] / "docs" / "conventions.md"
 
 
-def documented() -> dict[str, object]:
+def read_documented() -> dict[str, object]:
     found = re.search(r"```toml\n(.*?)```", CONVENTIONS.read_text(encoding="utf-8"), re.DOTALL)
     assert found
     return tomllib.loads(found.group(1))
 
 
 def test_an_empty_scene_has_the_documented_defaults() -> None:
-    said, empty = parse_scene(documented()), parse_scene({})
+    said, empty = parse_scene(read_documented()), parse_scene({})
     assert empty.piece == said.piece and empty.region == said.region
     assert empty.material == said.material and empty.printer == said.printer
     assert empty.accuracy == said.accuracy

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from validator_parts import circle, tube
 
-from examples.corpus.files import encoded
+from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.mesh import read_mesh
 
@@ -17,7 +17,7 @@ from knotfab_validators.files.mesh import read_mesh
 def test_an_stl_gives_its_triangles_and_joins_equal_corners(tmp_path: Path, form: str) -> None:
     vertices, faces = tube(circle(30) + 100, 3.0, 8)
     single = vertices.astype(np.float32).astype(np.float64)
-    (tmp_path / "part.stl").write_bytes(encoded(Body(single, faces), form))
+    (tmp_path / "part.stl").write_bytes(encode(Body(single, faces), form))
     mesh = read_mesh(tmp_path / "part.stl")
     np.testing.assert_allclose(
         mesh.vertices[mesh.faces], single[faces], rtol=0 if form == "stl" else 1e-8

@@ -14,7 +14,7 @@ TURNED = "0.8 0.6 0 -0.6 0.8 0 0 0 1 3 -4 5"
 STRETCHED = "2 0 0 0.5 1 0 0 0.25 1.5 7 8 -9"
 
 
-def nested() -> str:
+def nest() -> str:
     """Two cubes in an object that is in another, each with a transform of its own."""
     pair = f'<component objectid="1" transform="{TURNED}"/><component objectid="1"/>'
     more = f'<component objectid="2" transform="{STRETCHED}"/><component objectid="1"/>'
@@ -39,7 +39,7 @@ def by_lib3mf(content: bytes) -> np.ndarray:
 
 
 def test_components_within_components_are_placed_as_by_lib3mf() -> None:
-    content = as_3mf(nested())
+    content = as_3mf(nest())
     ours = corners_3mf(content, "a.3mf")
     assert ours.shape == (48, 3, 3)
     np.testing.assert_allclose(ours, by_lib3mf(content), atol=1e-4)
@@ -91,7 +91,7 @@ def test_triangles_are_counted_before_they_are_made() -> None:
 
 
 def test_points_are_in_single_precision_as_by_lib3mf() -> None:
-    content = as_3mf(nested().replace("20.0", "20.123456789"))
+    content = as_3mf(nest().replace("20.0", "20.123456789"))
     plain = as_3mf(
         model(
             f'<object id="1">{MESH.replace("20.0", "20.123456789")}</object>',
@@ -112,7 +112,7 @@ def test_what_is_not_built_is_not_read_as_part_of_it() -> None:
 )
 def test_document_types_are_refused_before_they_do_anything(line: str) -> None:
     with pytest.raises(BadFile, match="document type"):
-        corners_3mf(as_3mf(nested().replace("<model", f"{line}<model", 1)), "a.3mf")
+        corners_3mf(as_3mf(nest().replace("<model", f"{line}<model", 1)), "a.3mf")
 
 
 def test_an_archive_of_anything_else_is_no_3mf() -> None:

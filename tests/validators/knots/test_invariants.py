@@ -8,11 +8,11 @@ from knot_curves import (
     WHITEHEAD,
     braid,
     figure_eight,
-    mirrored,
+    mirror,
     random_markov,
     ring,
+    rotate,
     torus_knot,
-    turned,
 )
 
 from knotfab_validators.knots.alexander import alexander_polynomial, colouring_number
@@ -81,7 +81,7 @@ def test_markov_moves_change_nothing(word: tuple[int, ...], seed: int) -> None:
     moved = random_markov(word, 60, seed)
     assert invariants(closed_braid(moved)) == invariants(closed_braid(word))
     (polygon,) = braid(moved)
-    found = invariants(diagram(turned(polygon, seed)))
+    found = invariants(diagram(rotate(polygon, seed)))
     assert found == invariants(closed_braid(word))
 
 
@@ -89,8 +89,8 @@ def test_polygons_have_the_invariants_of_their_braids() -> None:
     for word in (TREFOIL, (-1, -1, -1), (1, -2, 1, -2), (1, 1, 1, 2, -1, 2), WORDS[-1]):
         (polygon,) = braid(word)
         for seed in range(3):
-            assert invariants(diagram(turned(polygon, seed))) == invariants(closed_braid(word))
-        assert invariants(diagram(mirrored(polygon))) == invariants(closed_braid(word)).mirror()
+            assert invariants(diagram(rotate(polygon, seed))) == invariants(closed_braid(word))
+        assert invariants(diagram(mirror(polygon))) == invariants(closed_braid(word)).mirror()
     for word in ((1, 1), (-1, -1), WHITEHEAD, (1, -2, 1, -2, 1, -2)):
         found = diagram(*braid(word))
         assert found.linking_numbers() == closed_braid(word).linking_numbers()

@@ -13,11 +13,11 @@ from knot_curves import (
     braid,
     curves,
     figure_eight,
-    mirrored,
+    mirror,
     random_markov,
     ring,
+    rotate,
     torus_knot,
-    turned,
     zigzag,
 )
 
@@ -76,14 +76,14 @@ def seen_from_a_lamp(points: Array, distance: float = 150.0) -> Array:
 @pytest.mark.parametrize("n", [3, 4, 5, 100])
 def test_a_flat_polygon_is_an_unknot_however_it_lies(n: int) -> None:
     for seed in range(3):
-        found = check_knot_type(curves(turned(ring(n), seed)))
+        found = check_knot_type(curves(rotate(ring(n), seed)))
         assert (found.status, found.measured, found.limit) == ("pass", "unknot, proved", "unknot")
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_tangle_of_4000_vertices_is_proved_to_be_an_unknot(seed: int) -> None:
     """Crossings in every projection along an axis: it takes the reduction to see it."""
-    for tangle in (turned(filling(4000, seed), seed), seen_from_a_lamp(filling(4000, seed))):
+    for tangle in (rotate(filling(4000, seed), seed), seen_from_a_lamp(filling(4000, seed))):
         found = check_knot_type(curves(tangle))
         assert (found.status, found.measured) == ("pass", "unknot, proved")
 
@@ -97,17 +97,17 @@ def test_a_coil_closed_beside_or_along_its_axis_is_an_unknot() -> None:
     turns = 2 * np.pi * 12 * s
     coil = np.column_stack([np.cos(turns), np.sin(turns), 10 * s])
     for back in ([[0.0, 0, 11], [5, 0, 5], [0, 0, -1]], [[0.0, 0, 11], [0, 0, -1]]):
-        closed = turned(np.concatenate([coil, back]), 1)
+        closed = rotate(np.concatenate([coil, back]), 1)
         assert check_knot_type(curves(closed)).measured == "unknot, proved"
 
 
 def test_unlinks_are_proved() -> None:
-    apart = curves(ring(), turned(ring(), 1) + np.array([3.0, 0, 0]), ring() * 0.5)
+    apart = curves(ring(), rotate(ring(), 1) + np.array([3.0, 0, 0]), ring() * 0.5)
     for kind, linking in (knot_checks(apart),):
         assert (kind.status, kind.measured, kind.limit) == ("pass", "unknot, proved", "unknot")
         assert (linking.status, linking.measured, linking.limit) == ("pass", 0.0, 0.0)
         assert linking.detail == "all are apart from each other, proved"
-    halves = [turned(filling(1000, 1), 2), turned(filling(1000, 2) + np.array([0, 0, 60.0]), 2)]
+    halves = [rotate(filling(1000, 1), 2), rotate(filling(1000, 2) + np.array([0, 0, 60.0]), 2)]
     above = knot_checks(curves(halves[0], halves[1] + np.array([0.13, 0.17, 300])))
     assert [check.status for check in above] == ["pass", "pass"]
     assert above[0].measured == "unknot, proved" and above[1].detail.endswith("proved")
@@ -124,7 +124,7 @@ def test_rejects_a_trefoil_promised_as_an_unknot(seed: int) -> None:
         (torus_knot(2, 5), "left-handed 5_1, proved"),
     )
     for knot, name in named:
-        found = check_knot_type(curves(turned(knot, seed)))
+        found = check_knot_type(curves(rotate(knot, seed)))
         assert found.status == "fail" and found.required and found.name == "knot_type"
         assert found.measured == name
 
@@ -139,16 +139,16 @@ def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
     middle = tangle[stretch].mean(axis=0)
     knot = middle + np.column_stack([0.5 * (aside - 2), -0.8 * along, 0.3 * up])
     tied = np.concatenate([tangle[: stretch[0]], knot, tangle[stretch[-1] + 1 :]])
-    found = check_knot_type(curves(turned(tied, seed)))
+    found = check_knot_type(curves(rotate(tied, seed)))
     assert found.status == "fail" and str(found.measured).endswith("handed 3_1, proved")
-    near = np.linalg.norm(turned(knot, seed)[:, None] - np.array(found.at), axis=2).min()
+    near = np.linalg.norm(rotate(knot, seed)[:, None] - np.array(found.at), axis=2).min()
     assert near < 1e-3
-    assert check_knot_type(curves(turned(tied, seed), types=("3_1",))).status == "pass"
-    assert check_knot_type(curves(turned(tangle, seed))).status == "pass"
+    assert check_knot_type(curves(rotate(tied, seed), types=("3_1",))).status == "pass"
+    assert check_knot_type(curves(rotate(tangle, seed))).status == "pass"
 
 
 def test_rejects_an_unknot_promised_as_a_trefoil() -> None:
-    found = check_knot_type(curves(turned(ring(), 1), types=("trefoil",)))
+    found = check_knot_type(curves(rotate(ring(), 1), types=("trefoil",)))
     assert found.status == "fail" and found.measured == "unknot, proved"
     other = check_knot_type(curves(figure_eight(), types=("trefoil",)))
     assert other.status == "fail" and other.measured == "4_1, proved"
@@ -172,8 +172,8 @@ def test_knots_of_the_table_are_recognised_with_their_hands(name: str) -> None:
     right, left = (name, name) if even else (f"right-handed {name}", f"left-handed {name}")
     if hidden:
         right = left = f"{name} of either hand"
-    for seed, (shape, expected) in enumerate([(polygon, right), (mirrored(polygon), left)]):
-        for copy in (turned(shape, seed), zigzag(turned(shape, seed + 5), 4, seed)):
+    for seed, (shape, expected) in enumerate([(polygon, right), (mirror(polygon), left)]):
+        for copy in (rotate(shape, seed), zigzag(rotate(shape, seed + 5), 4, seed)):
             found = found_of(copy)
             assert found.status == "pass" and found.limit is None
             assert str(found.measured).rpartition(",")[0].split(" or ")[0] == expected
@@ -212,16 +212,16 @@ def test_small_diagrams_prove_where_invariants_alone_do_not() -> None:
 )
 def test_what_is_proved_and_why(word: tuple[int, ...], name: str, why: str) -> None:
     (polygon,) = braid(word)
-    found = found_of(turned(polygon, 3))
+    found = found_of(rotate(polygon, 3))
     assert found.measured == f"{name}, proved" and why in found.detail
     assert "Jones" in found.detail and "signature" in found.detail
 
 
 def test_knots_beyond_the_table() -> None:
-    found = found_of(turned(torus_knot(3, 7, 600), 1))
+    found = found_of(rotate(torus_knot(3, 7, 600), 1))
     assert found.status == "pass" and "not a knot of the table (determinant 1)" in found.detail
     for kind, status in (("T(3,7)", "pass"), ("T(3,-7)", "pass"), ("right-handed T(3,7)", "fail")):
-        found = found_of(turned(torus_knot(3, 7, 600), 1), kind)
+        found = found_of(rotate(torus_knot(3, 7, 600), 1), kind)
         assert found.status == status
         assert found.measured == ("not a " if status == "fail" else "") + kind + (
             ", consistent" if status == "pass" else ""
@@ -251,11 +251,11 @@ def test_knots_beyond_the_table() -> None:
 )
 def test_rejects(word: tuple[int, ...], promise: str, measured: str) -> None:
     (polygon,) = braid(word)
-    found = found_of(turned(polygon, 2), promise)
+    found = found_of(rotate(polygon, 2), promise)
     assert (found.status, found.measured, found.required) == ("fail", measured, True)
     assert f"promised as {promise}" in found.detail and found.limit == promise
     assert 1 <= len(found.at) <= 20
-    gaps = [np.linalg.norm(turned(polygon, 2) - np.array(p), axis=1).min() for p in found.at]
+    gaps = [np.linalg.norm(rotate(polygon, 2) - np.array(p), axis=1).min() for p in found.at]
     assert max(gaps) < 1e-3
 
 
@@ -269,7 +269,7 @@ def test_a_twin_by_all_polynomials_is_told_by_floer_homology() -> None:
 # --- unknots that are hard to see ------------------------------------------------------------
 
 
-def randomly_moved(polygon: Array, rounds: int, seed: int) -> Array:
+def move_randomly(polygon: Array, rounds: int, seed: int) -> Array:
     """A random walk of triangle moves: vertices swept to far places where no edge is in the way."""
     rng = np.random.default_rng(seed)
     at = polygon.copy()
@@ -287,22 +287,22 @@ def randomly_moved(polygon: Array, rounds: int, seed: int) -> Array:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_unknots_tangled_by_random_moves_are_proved(seed: int) -> None:
-    tangled = randomly_moved(ring(60, 2.0), 40, seed)
+    tangled = move_randomly(ring(60, 2.0), 40, seed)
     assert found_of(tangled, "unknot").measured == "unknot, proved"
-    trefoil = randomly_moved(braid((1, 1, 1))[0] / 2, 40, seed)
+    trefoil = move_randomly(braid((1, 1, 1))[0] / 2, 40, seed)
     assert found_of(trefoil, "unknot").measured == "right-handed 3_1, proved"
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_unknots_from_random_markov_moves_are_proved(seed: int) -> None:
     (polygon,) = braid(random_markov([1, -2, 3], 80, seed))
-    assert found_of(turned(polygon, seed), "unknot").measured == "unknot, proved"
+    assert found_of(rotate(polygon, seed), "unknot").measured == "unknot, proved"
 
 
 def test_floer_homology_proves_an_unknot_that_was_not_reduced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    placed = general_position([randomly_moved(ring(40, 2.0), 40, 1)])
+    placed = general_position([move_randomly(ring(40, 2.0), 40, 1)])
     assert placed is not None
     monkeypatch.setattr(
         "knotfab_validators.knots.identity.reduce_polygons",
@@ -324,16 +324,16 @@ class Unreduced:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_links_promised_as_unlinks_are_rejected(seed: int) -> None:
-    hopf = check_linking(curves(*[turned(p, seed) for p in braid((1, 1))]))
+    hopf = check_linking(curves(*[rotate(p, seed) for p in braid((1, 1))]))
     assert (hopf.name, hopf.status, hopf.required) == ("linking", "fail", True)
     assert (hopf.measured, hopf.limit) == (1.0, 0.0)
     assert hopf.detail == "knots 0 and 1 are linked, number +1" and len(hopf.at) == 1
-    left = check_linking(curves(*[turned(p, seed) for p in braid((-1, -1, -1, -1))]))
+    left = check_linking(curves(*[rotate(p, seed) for p in braid((-1, -1, -1, -1))]))
     assert left.measured == 2.0 and "number -2" in left.detail
-    whitehead = check_linking(curves(*[turned(p, seed) for p in braid(WHITEHEAD)]))
+    whitehead = check_linking(curves(*[rotate(p, seed) for p in braid(WHITEHEAD)]))
     assert whitehead.status == "fail" and whitehead.measured == "linked, with linking number 0"
     assert "knots 0 and 1 are linked, proved" in whitehead.detail
-    rings = check_linking(curves(*[turned(p, seed) for p in borromean()]))
+    rings = check_linking(curves(*[rotate(p, seed) for p in borromean()]))
     assert rings.status == "fail" and "knots 0 and 1 and 2 are linked, proved" in rings.detail
     types = check_knot_type(curves(*borromean()))
     assert types.status == "pass" and types.measured == "unknot, proved"
@@ -357,7 +357,7 @@ def test_a_link_with_alexander_polynomial_0_is_told_by_jones() -> None:
 
 def test_links_that_are_apart_are_proved_so() -> None:
     knots = [torus_knot(2, 3), torus_knot(2, 5) + [9.0, 0, 0], figure_eight() + [0, 9.0, 0]]
-    found = check_linking(curves(*[k @ turned(np.eye(3), 1) for k in knots]))
+    found = check_linking(curves(*[k @ rotate(np.eye(3), 1) for k in knots]))
     assert (found.status, found.measured) == ("pass", 0.0)
     assert found.detail == "all are apart from each other, proved"
     # a braid whose closure is an unlink in disguise

@@ -21,7 +21,7 @@ from knotfab_validators.knots.reduction import (
 )
 
 
-def reduced(*polygons: Array, shakes: int = 0) -> Reduced:
+def reduce_placed(*polygons: Array, shakes: int = 0) -> Reduced:
     placed = general_position(polygons)
     assert placed is not None
     return reduce_polygons(placed, shakes=shakes)
@@ -61,23 +61,23 @@ def spiral(n: int, turns: int, rng: np.random.Generator) -> Array:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_simple_curve_at_random_depths_is_an_unknot(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    assert reduced(spiral(600 + 400 * seed, 4 + seed, rng), shakes=40).vertices == 0
+    assert reduce_placed(spiral(600 + 400 * seed, 4 + seed, rng), shakes=40).vertices == 0
 
 
 @pytest.mark.parametrize("sides", [3, 4, 5, 100])
 def test_a_plane_polygon_is_an_unknot_though_all_its_signs_are_0(sides: int) -> None:
-    assert reduced(circle(sides)).vertices == 0
+    assert reduce_placed(circle(sides)).vertices == 0
     # straight runs: many vertices on each side of a square
     s = np.linspace(0, 1, 20, endpoint=False)[:, None]
     corner = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]])
     square = np.concatenate([a + s * (corner[(i + 1) % 4] - a) for i, a in enumerate(corner)])
-    assert reduced(square).vertices == 0
+    assert reduce_placed(square).vertices == 0
 
 
 def test_random_smooth_curves_vanish_or_keep_their_determinant() -> None:
     for seed in range(8):
         curve = tangle(300, seed)
-        rest = reduced(curve)
+        rest = reduce_placed(curve)
         assert determinant(rest.polygons[0] if rest.vertices else circle(5)) == determinant(curve)
 
 
@@ -85,7 +85,7 @@ def test_random_smooth_curves_vanish_or_keep_their_determinant() -> None:
 def test_random_tangled_polygons_keep_their_determinant(seed: int) -> None:
     """Polygons of random vertices: some are knotted; no wrong move may change the invariant."""
     curve = np.random.default_rng(seed).normal(size=(30, 3))
-    rest = reduced(curve, shakes=5)
+    rest = reduce_placed(curve, shakes=5)
     assert determinant(rest.polygons[0] if rest.vertices else circle(5)) == determinant(curve)
 
 
@@ -93,25 +93,25 @@ def test_random_tangled_polygons_keep_their_determinant(seed: int) -> None:
 def test_random_links_keep_their_linking_number(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = rng.normal(size=(2, 12, 3))
-    rest = reduced(one, other)
+    rest = reduce_placed(one, other)
     left = dict(zip(rest.components, rest.polygons, strict=True))
     now = linking_number(left[0], left[1]) if len(left) == 2 else 0
     assert now == linking_number(one, other)
 
 
 def test_knots_do_not_vanish() -> None:
-    assert 6 <= reduced(trefoil(400), shakes=10).vertices < 20
-    assert 6 <= reduced(trefoil(400) @ np.diag([1, 1, -1]), shakes=10).vertices < 20
+    assert 6 <= reduce_placed(trefoil(400), shakes=10).vertices < 20
+    assert 6 <= reduce_placed(trefoil(400) @ np.diag([1, 1, -1]), shakes=10).vertices < 20
 
 
 def test_links_do_not_vanish_and_unlinks_do() -> None:
     ring = circle(60, 10.0)
     through = ring[:, [2, 0, 1]] + [0.0, 10.0, 0.0]
-    assert reduced(ring, through, shakes=3).components == (0, 1)
-    assert reduced(ring, through + [0.0, 10.5, 0.0]).vertices == 0
-    assert reduced(ring, 2 * ring, 3 * ring).vertices == 0
+    assert reduce_placed(ring, through, shakes=3).components == (0, 1)
+    assert reduce_placed(ring, through + [0.0, 10.5, 0.0]).vertices == 0
+    assert reduce_placed(ring, 2 * ring, 3 * ring).vertices == 0
     # the one that is apart goes, whatever its number
-    assert reduced(ring, ring + 50, through).components == (0, 2)
+    assert reduce_placed(ring, ring + 50, through).components == (0, 2)
 
 
 def test_borromean_rings_do_not_vanish() -> None:
@@ -120,8 +120,8 @@ def test_borromean_rings_do_not_vanish() -> None:
     rings = [oval, oval[:, [2, 0, 1]], oval[:, [1, 2, 0]]]
     pairs = [(0, 1), (1, 2), (2, 0)]
     assert all(linking_number(rings[i], rings[j]) == 0 for i, j in pairs)
-    assert reduced(*rings, shakes=5).components == (0, 1, 2)
-    assert all(reduced(rings[i], rings[j]).vertices == 0 for i, j in pairs)
+    assert reduce_placed(*rings, shakes=5).components == (0, 1, 2)
+    assert all(reduce_placed(rings[i], rings[j]).vertices == 0 for i, j in pairs)
 
 
 def test_polygons_that_touch_have_no_general_position() -> None:

@@ -93,7 +93,7 @@ def test_a_face_without_area_is_found() -> None:
     vertices = ring().vertices.copy()
     faces = ring().faces
     vertices[faces[0, 0]] = vertices[faces[0, 1]]
-    checks = by_name(check_mesh(welded(ring(vertices=vertices))))
+    checks = by_name(check_mesh(weld(ring(vertices=vertices))))
     assert checks["mesh_degenerate"].status == "fail" and checks["mesh_degenerate"].measured == 2
     assert np.abs(vertices[faces[0, 0]] - checks["mesh_degenerate"].at[0]).max() < 1.0
     assert checks["mesh_self_intersection"].status == "pass"  # of all the others
@@ -143,11 +143,11 @@ def solid(scale: float = 1.0, shift: tuple[float, float, float] = (0.0, 0.0, 0.0
     return Mesh((TETRAHEDRON - 0.25) * scale + shift, SIDES_OF_IT)
 
 
-def flipped(mesh: Mesh) -> Mesh:
+def flip(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces[:, ::-1])
 
 
-def welded(mesh: Mesh) -> Mesh:
+def weld(mesh: Mesh) -> Mesh:
     """As a file gives it: equal corners are one vertex."""
     return merge_equal(mesh.vertices[mesh.faces])
 
@@ -158,9 +158,9 @@ def test_doubled_faces_and_bodies_are_found_by_where_they_lie() -> None:
     checks = by_name(check_mesh(other))
     assert checks["mesh_duplicate"].measured == len(mesh.faces)
     assert checks["mesh_closed"].status == checks["mesh_manifold"].status == "pass"
-    assert failures(welded(other)) >= {"mesh_duplicate", "mesh_manifold"}
+    assert failures(weld(other)) >= {"mesh_duplicate", "mesh_manifold"}
     # turned over, as a wall without thickness is
-    assert "mesh_duplicate" in failures(welded(two(mesh, flipped(mesh))))
+    assert "mesh_duplicate" in failures(weld(two(mesh, flip(mesh))))
     one = np.concatenate([mesh.faces, mesh.faces[[5]][:, [1, 0, 2]]])
     found = by_name(check_mesh(ring(faces=one)))["mesh_duplicate"]
     assert found.measured == 1
@@ -173,7 +173,7 @@ def test_doubled_faces_and_bodies_are_found_by_where_they_lie() -> None:
 def test_edges_of_four_faces_are_told_from_open_ones() -> None:
     corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     back = Mesh(corner * [1, -1, -1], SIDES_OF_IT)  # shares the edge along x
-    checks = by_name(check_mesh(welded(two(Mesh(corner, SIDES_OF_IT), back))))
+    checks = by_name(check_mesh(weld(two(Mesh(corner, SIDES_OF_IT), back))))
     assert checks["mesh_closed"].status == checks["mesh_winding"].status == "pass"
     assert checks["mesh_manifold"].measured == 1 and checks["mesh_manifold"].at == ((0.5, 0, 0),)
     assert checks["mesh_bodies"].status == "skipped"
@@ -181,13 +181,13 @@ def test_edges_of_four_faces_are_told_from_open_ones() -> None:
 
 def test_a_corner_where_two_bodies_touch_is_found() -> None:
     corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    back = flipped(Mesh(-corner, SIDES_OF_IT))
-    joined = welded(two(Mesh(corner, SIDES_OF_IT), back))
+    back = flip(Mesh(-corner, SIDES_OF_IT))
+    joined = weld(two(Mesh(corner, SIDES_OF_IT), back))
     assert len(joined.vertices) == 7
     checks = by_name(check_mesh(joined))
     assert checks["mesh_closed"].status == "pass"
     assert checks["mesh_manifold"].measured == 1 and checks["mesh_manifold"].at == ((0.0, 0, 0),)
-    apart = welded(two(Mesh(corner, SIDES_OF_IT), Mesh(back.vertices - 1e-9, back.faces)))
+    apart = weld(two(Mesh(corner, SIDES_OF_IT), Mesh(back.vertices - 1e-9, back.faces)))
     assert failures(apart) == set()
 
 
@@ -203,7 +203,7 @@ def test_a_wide_fan_is_no_pinch() -> None:
     )
     assert failures(cone) == set()
     pinned = two(cone, Mesh(cone.vertices + [0.0, 0, 2], cone.faces))
-    assert failures(welded(pinned)) == {"mesh_manifold"}
+    assert failures(weld(pinned)) == {"mesh_manifold"}
 
 
 def test_bodies_and_genus_inform_where_nothing_is_expected() -> None:
@@ -260,12 +260,12 @@ def test_the_tube_of_an_open_curve_has_no_handle(balls: bool) -> None:
 
 
 def test_a_cavity_is_right_in_a_strangers_part_and_wrong_in_a_tube() -> None:
-    hollow = two(solid(10.0), flipped(solid(2.0)))
+    hollow = two(solid(10.0), flip(solid(2.0)))
     assert failures(hollow) == set()
     assert failures(two(hollow, solid(0.5))) == set()  # a body loose in the cavity
-    assert failures(two(solid(10.0), flipped(solid(2.0, (30.0, 0, 0))))) == {"mesh_volume"}
+    assert failures(two(solid(10.0), flip(solid(2.0, (30.0, 0, 0))))) == {"mesh_volume"}
     nested = by_name(check_mesh(two(solid(10.0), solid(2.0))))["mesh_volume"]
     assert nested.status == "fail" and np.abs(np.array(nested.at[0])).max() < 1
-    tunnel = flipped(Mesh(*tube(CIRCLE, RADIUS / 2, SIDES)))
+    tunnel = flip(Mesh(*tube(CIRCLE, RADIUS / 2, SIDES)))
     assert "mesh_volume" in failures(two(ring(), tunnel), curves(CIRCLE, CIRCLE))
     assert failures(two(ring(), tunnel)) == set()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from solids import box, inward, moved, together
+from solids import box, inward, move, together
 from validator_parts import trefoil, tube
 
 from knotfab_validators.geometry.mesh import Mesh
@@ -32,8 +32,8 @@ def test_a_hollow_parts_a_column_and_an_overlap_joins_two() -> None:
 def test_an_axis_through_edges_and_corners_is_counted_once() -> None:
     # a fan about the middle, and the grid's axes on its spokes
     mesh = box((0, 0, 0), (4, 4, 4))
-    shifted = moved(mesh, shift=(-0.50137 * 0.5, -0.50079 * 0.5, 0))
-    grid = columns(together(shifted, moved(shifted, shift=(2.0, 2.0, 6.0))))
+    shifted = move(mesh, shift=(-0.50137 * 0.5, -0.50079 * 0.5, 0))
+    grid = columns(together(shifted, move(shifted, shift=(2.0, 2.0, 6.0))))
     assert (grid.high - grid.low == pytest.approx(4.0)) and len(grid.low) == 2 * 64
 
 

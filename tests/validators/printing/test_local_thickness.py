@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from solids import (
     blocks,
     box,
-    moved,
+    move,
     prism,
     together,
 )
@@ -29,7 +29,7 @@ def nozzle(mm: float) -> Printer:
 
 @pytest.mark.parametrize("turn", [np.eye(3), SKEW])
 def test_a_slab_is_as_thick_as_it_is(turn: np.ndarray) -> None:
-    slab = moved(box((0, 0, 0), (20, 15, 0.4)), turn, (3, 4, 20))
+    slab = move(box((0, 0, 0), (20, 15, 0.4)), turn, (3, 4, 20))
     found = run(slab)["feature"]
     assert found.measured == pytest.approx(0.4, rel=1e-6)
     assert (found.status, found.required, found.limit) == ("pass", True, 0.4)
@@ -67,7 +67,7 @@ def test_a_fin_that_thins_out_is_a_thin_wall() -> None:
 
 
 def test_a_tube_is_as_thick_as_its_diameter() -> None:
-    mesh = moved(Mesh(*tube(circle(200, 20.0), 1.5)), shift=(30, 30, 5))
+    mesh = move(Mesh(*tube(circle(200, 20.0), 1.5)), shift=(30, 30, 5))
     assert run(mesh)["feature"].measured == pytest.approx(3.0, rel=0.01)
 
 
@@ -83,13 +83,13 @@ def crossing_rods(gap: float, sides: int = 40) -> Mesh:
     """Two rods at right angles, each with an edge where they are closest."""
     t = 2 * np.pi * np.arange(sides) / sides
     corners = 2.0 * np.column_stack([np.cos(t), np.sin(t)])
-    below = moved(prism(corners, 40), shift=(20, 0, 2))
+    below = move(prism(corners, 40), shift=(20, 0, 2))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return together(below, moved(prism(corners, 40), turn, (40.3, 17.7, 6 + gap)))
+    return together(below, move(prism(corners, 40), turn, (40.3, 17.7, 6 + gap)))
 
 
 def test_crossing_tubes_are_measured_where_they_are_closest() -> None:
-    mesh = moved(crossing_rods(0.35), SKEW, (40, 40, 40))
+    mesh = move(crossing_rods(0.35), SKEW, (40, 40, 40))
     found = run(mesh)["gap"]
     assert found.measured == pytest.approx(0.35, rel=1e-6) and found.status == "fail"
     place = (np.array(found.at[0]) - 40) @ SKEW
@@ -118,8 +118,8 @@ def test_where_a_tube_enters_a_plate_there_is_a_crease_and_no_gap() -> None:
     from manifold3d import Manifold, Mesh64
 
     turn = Rotation.from_euler("x", 0.15).as_matrix()
-    ring = moved(Mesh(*tube(circle(150, 25.0), 2.0, 24)), turn)
-    ring = moved(ring, shift=(40, 40, 2.7 - ring.vertices[:, 2].min()))
+    ring = move(Mesh(*tube(circle(150, 25.0), 2.0, 24)), turn)
+    ring = move(ring, shift=(40, 40, 2.7 - ring.vertices[:, 2].min()))
     solids = [
         Manifold(Mesh64(m.vertices, m.faces.astype(np.uint64)))
         for m in (ring, box((0, 0, 0), (80, 80, 3)))
@@ -129,7 +129,7 @@ def test_where_a_tube_enters_a_plate_there_is_a_crease_and_no_gap() -> None:
         np.asarray(joined.vert_properties)[:, :3], np.asarray(joined.tri_verts).astype(np.int64)
     )
     assert run(mesh)["gap"].measured > 1.0
-    aloft = moved(ring, shift=(0, 0, 0.62))  # 0.32 mm above the plate
+    aloft = move(ring, shift=(0, 0, 0.62))  # 0.32 mm above the plate
     assert run(together(aloft, box((0, 0, 0), (80, 80, 3))))["gap"].measured == pytest.approx(0.32)
 
 
@@ -143,7 +143,7 @@ def hairpin(apart: float, radius: float = 2.0, sides: int = 32) -> Mesh:
     points = np.concatenate([cap + [20, 0, 0], line, -cap, -line + [20, 0, 0]])
     step = 2 * np.pi / sides
     mesh = Mesh(*tube(points, radius * float(np.sqrt(step / np.sin(step))), sides))
-    return moved(mesh, shift=(10, 10, 3))
+    return move(mesh, shift=(10, 10, 3))
 
 
 def test_a_tube_that_keeps_its_clearance_passes_and_one_closer_does_not() -> None:

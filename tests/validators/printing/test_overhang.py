@@ -10,7 +10,7 @@ from printed_solids import BARE, PRINTER, leaning, run
 from scipy.spatial.transform import Rotation
 from solids import (
     box,
-    moved,
+    move,
     table,
     together,
 )
@@ -55,13 +55,13 @@ def test_a_table_needs_a_box_of_support() -> None:
 
 def test_support_stands_on_the_surface_below() -> None:
     plate = box((-10, -10, 0), (30, 30, 4))
-    legless = moved(table(), shift=(0, 0, 0))
-    found = run(together(plate, moved(legless, shift=(0, 0, 5))))["support_volume"]
+    legless = move(table(), shift=(0, 0, 0))
+    found = run(together(plate, move(legless, shift=(0, 0, 5))))["support_volume"]
     # the leg's own underside hangs 1 mm above the plate, the top 11 mm
     assert found.measured == pytest.approx((16 * 1 + 384 * 11) / 1000, rel=0.02)
 
 
 def test_a_slope_off_the_grid_is_supported_within_its_error() -> None:
-    found = run(moved(leaning(60.0), Rotation.from_euler("z", 0.3).as_matrix(), (10, 5, 0)))
+    found = run(move(leaning(60.0), Rotation.from_euler("z", 0.3).as_matrix(), (10, 5, 0)))
     shift = 10 * np.tan(np.radians(60))
     assert found["support_volume"].measured == pytest.approx(shift * 10 / 2 * 20 / 1000, rel=0.02)

@@ -7,7 +7,7 @@ from printed_solids import BARE, PRINTER, run
 from solids import (
     box,
     bridge,
-    moved,
+    move,
     quarter,
     table,
     together,
@@ -19,7 +19,7 @@ from knotfab_validators.printing.printability import printability_checks
 
 
 def test_a_quarter_turn_changes_nothing_beyond_the_grid() -> None:
-    mesh = together(bridge(12.0, 7.3), moved(table(), shift=(0, 20, 0)))
+    mesh = together(bridge(12.0, 7.3), move(table(), shift=(0, 20, 0)))
     one, two = run(mesh, BARE), run(quarter(mesh), BARE)
     for name in PRINTING:
         a, b = one[name].measured, two[name].measured

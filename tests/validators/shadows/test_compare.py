@@ -65,11 +65,11 @@ def test_a_flat_ring_turned_is_the_ring_squashed() -> None:
     with SilhouetteRenderer(turned, faces) as renderer:
         squashed = renderer.render(g)
 
-    def cropped(mask: np.ndarray) -> np.ndarray:
+    def crop(mask: np.ndarray) -> np.ndarray:
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         i = rows[0] + ((np.arange(400) + 0.5) / 400 * (np.ptp(rows) + 1)).astype(int)
         j = columns[0] + ((np.arange(400) + 0.5) / 400 * (np.ptp(columns) + 1)).astype(int)
         return mask[np.ix_(i, j)]
 
-    by_hand = overlap(cropped(squashed), cropped(target)).iou
+    by_hand = overlap(crop(squashed), crop(target)).iou
     assert seen["45"] == pytest.approx(by_hand, abs=0.02)

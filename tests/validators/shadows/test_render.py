@@ -35,7 +35,7 @@ def test_agrees_with_the_exact_shadow(seed: int) -> None:
         wall_tilt_deg=tilt, azimuth_deg=azimuth, frame_height_mm=120.0, light_distance_mm=300.0
     )
     width, height = [(512, 341), (60, 40), (300, 200), (200, 199)][seed]
-    g = view_geometry(view, width, height).resampled(working_frame(width, height))
+    g = view_geometry(view, width, height).resample(working_frame(width, height))
     vertices, faces = tube(tangle(250, seed, 45.0), 2.5, 24)
     exact = shadow_mask(shadow_lines(vertices, faces, g), g)
     with SilhouetteRenderer(vertices, faces) as renderer:
@@ -49,7 +49,7 @@ def test_agrees_with_the_exact_shadow(seed: int) -> None:
 
 @needs_rendering
 def test_the_comparison_can_fail() -> None:
-    g = view_geometry(PlainView(), 64, 64).resampled(working_frame(64, 64))
+    g = view_geometry(PlainView(), 64, 64).resample(working_frame(64, 64))
     vertices, faces = tube(trefoil(), 3.0, 24)
     with SilhouetteRenderer(vertices + np.array([0.0, 1.0, 0.0]), faces) as renderer:
         seen = renderer.render(g)

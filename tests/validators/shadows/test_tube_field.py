@@ -20,10 +20,10 @@ PX = 180 / 1024  # mm
 
 def geometry(tilt: float = 0.0, azimuth: float = 0.0) -> ViewGeometry:
     view = PlainView(wall_tilt_deg=tilt, azimuth_deg=azimuth)
-    return view_geometry(view, 512, 512).resampled(FRAME)
+    return view_geometry(view, 512, 512).resample(FRAME)
 
 
-def measured(curve: Array, radius: float, vertices: Array, faces: Array) -> OutlineError:
+def measure(curve: Array, radius: float, vertices: Array, faces: Array) -> OutlineError:
     g = geometry(20.0, 30.0)
     lines = shadow_lines(vertices, faces, g)
     outline = shapely.get_coordinates(shadow_polygon(lines))
@@ -67,9 +67,9 @@ def test_a_segment_seen_end_on_is_a_ball() -> None:
 
 def test_a_fine_tube_is_right_and_a_coarse_one_is_not() -> None:
     curve = tangle(900, 5)
-    fine = measured(curve, 3.0, *tube(curve, 3.0, 96))
+    fine = measure(curve, 3.0, *tube(curve, 3.0, 96))
     assert fine.largest_mm < 0.1 * PX
-    coarse = measured(curve, 3.0, *tube(curve, 3.0, 6))
+    coarse = measure(curve, 3.0, *tube(curve, 3.0, 6))
     assert coarse.missing_mm > 0.5 * PX and coarse.spill_mm < 0.1 * PX
 
 
@@ -78,16 +78,16 @@ def test_a_shifted_shadow_is_found_and_measured(size_px: float) -> None:
     curve = circle(400, 40.0)
     vertices, faces = tube(curve, 3.0, 96)
     shift = size_px * PX * 500 / 600  # seen `size_px` away
-    error = measured(curve, 3.0, vertices + np.array([0.0, shift, 0.0]), faces)
+    error = measure(curve, 3.0, vertices + np.array([0.0, shift, 0.0]), faces)
     assert error.largest_mm > 0.9 * size_px * PX * (1 if size_px < 2 else 0.7)
     assert error.spill_mm > 0.5 * PX
 
 
 def test_a_wrong_radius_is_found() -> None:
     curve = tangle(600, 6)
-    thick = measured(curve, 3.0, *tube(curve, 3.0 + PX, 96))
+    thick = measure(curve, 3.0, *tube(curve, 3.0 + PX, 96))
     assert thick.spill_mm > 0.8 * PX and thick.missing_mm < 0.1 * PX
-    thin = measured(curve, 3.0, *tube(curve, 3.0 - PX, 96))
+    thin = measure(curve, 3.0, *tube(curve, 3.0 - PX, 96))
     assert thin.missing_mm > 0.8 * PX and thin.spill_mm < 0.1 * PX
 
 

@@ -70,7 +70,7 @@ def test_part_coordinates_and_resampling_show_the_same_picture() -> None:
     np.testing.assert_allclose(own.projection, g.projection @ pose, atol=1e-8)
     np.testing.assert_allclose(own.receiver, g.receiver @ pose, atol=1e-8)
     frame = working_frame(50, 80)
-    fine, w_fine = g.resampled(frame).project(scene)
+    fine, w_fine = g.resample(frame).project(scene)
     expected_u = (seen[:, 0] + 0.5) * frame.width / 50 - 0.5 + frame.pad_x
     expected_v = (seen[:, 1] + 0.5) * frame.height / 80 - 0.5 + frame.pad_y
     np.testing.assert_allclose(fine, np.column_stack([expected_u, expected_v]), atol=1e-7)

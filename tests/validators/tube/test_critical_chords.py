@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from polygon_kinds import KINDS, Polygons, placed
+from polygon_kinds import KINDS, Polygons, place
 from thickness_oracle import enumerate_chords, exact_thickness
 
 from knotfab_validators.tube import critical_chords
@@ -17,7 +17,7 @@ EACH = 150
 
 def drawn(kind: str, seed: int) -> tuple[Polygons, list[bool]] | None:
     rng = np.random.default_rng([seed, *kind.encode()])
-    polygons = placed(KINDS[kind](rng), rng)
+    polygons = place(KINDS[kind](rng), rng)
     edges = [np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1) for p in polygons]
     if min(float(e.min()) for e in edges) == 0:
         return None  # vertices that coincide are refused by the reader

@@ -23,7 +23,7 @@ GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]
 Body = tuple[np.ndarray, np.ndarray]
 
 
-def moved_outwards(by_mm: float) -> np.ndarray:
+def push_outwards(by_mm: float) -> np.ndarray:
     """The ring with its right side pushed out."""
     t = np.arctan2(CURVE[:, 1], CURVE[:, 0])
     bump = by_mm * np.exp(-((t / 0.3) ** 2))
@@ -33,12 +33,12 @@ def moved_outwards(by_mm: float) -> np.ndarray:
 
 @cache
 def on_a_stand(by_mm: float = 0.0) -> Body:
-    own = Knots((Knot(moved_outwards(by_mm)),), RADIUS)
+    own = Knots((Knot(push_outwards(by_mm)),), RADIUS)
     mount = plan_stand(own, [camera()], [EMPTY], 0.4, PLA, StandSettings(4.0, 10.0, 0.8))
     return stand_bodies([sweep(own.knots[0].points, RADIUS, 96)], mount)[0]
 
 
-def verified(body: Body, *, stand: bool = True) -> VerifiedView:
+def verify(body: Body, *, stand: bool = True) -> VerifiedView:
     """Against the ring as it should be; the picture is the ring's own shadow."""
     vertices, faces = body
     bare = sweep(CURVE, RADIUS, 96)
@@ -65,9 +65,9 @@ def outline(view: VerifiedView) -> float:
 
 @pytest.mark.slow
 def test_the_stand_is_no_fault_of_the_outline() -> None:
-    view = verified(on_a_stand())
+    view = verify(on_a_stand())
     assert outline(view) < 0.5
-    assert outline(verified(on_a_stand(), stand=False)) > 20  # the base, far below
+    assert outline(verify(on_a_stand(), stand=False)) > 20  # the base, far below
     # what it darkens below the frame does not count, what it darkens inside does
     assert view.whole.iou < view.framed.iou < view.judged.iou and view.intrusion is not None
     own = float(view.target.sum())
@@ -79,7 +79,7 @@ def test_the_stand_is_no_fault_of_the_outline() -> None:
 @pytest.mark.parametrize("by_mm", [0.3, -0.3, 1.5])
 def test_a_displaced_tube_is_found(by_mm: float) -> None:
     """Its shadow moves by 1.2 / 0.176 pixels a millimetre."""
-    view = verified(on_a_stand(by_mm))
+    view = verify(on_a_stand(by_mm))
     assert outline(view) == pytest.approx(abs(by_mm) * 1.2 * 1024 / 180, rel=0.1)
     assert view.outline is not None
     if abs(by_mm) < 1:
@@ -95,13 +95,13 @@ def test_a_missing_part_is_found() -> None:
     mesh = manifold3d.Mesh64(whole[0], whole[1].astype(np.uint64))
     hole = manifold3d.Manifold.cube((8, 8, 60), True).translate((50, 0, 0))
     cut = (manifold3d.Manifold(mesh) - hole).to_mesh64()
-    view = verified((np.array(cut.vert_properties[:, :3]), np.array(cut.tri_verts)))
+    view = verify((np.array(cut.vert_properties[:, :3]), np.array(cut.tri_verts)))
     assert view.outline is not None and outline(view) > 5
     assert view.outline.missing_mm > view.outline.spill_mm
 
 
 def test_the_floor_is_asked_of_the_tube() -> None:
-    view = verified(on_a_stand())
+    view = verify(on_a_stand())
 
     def status(floor: float) -> str:
         found = shadow_checks(

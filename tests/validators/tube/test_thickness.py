@@ -27,13 +27,13 @@ def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
     return points
 
 
-def turned(points: Array, seed: int = 0) -> Array:
+def turn(points: Array, seed: int = 0) -> Array:
     rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return points @ q.T + rng.normal(size=3) * 30
 
 
-def shifted(points: Array, x: float, y: float, z: float) -> Array:
+def move(points: Array, x: float, y: float, z: float) -> Array:
     return points + np.array([x, y, z])
 
 
@@ -62,7 +62,7 @@ def dcsd(*polygons: Array, closed: bool = True) -> float:
 
 @pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 8, 31, 64, 501, 1000])
 def test_regular_polygons(n: int) -> None:
-    polygon = turned(ngon(n, 10.0), n)
+    polygon = turn(ngon(n, 10.0), n)
     found = thickness([polygon])
     flat = 10 * np.cos(np.pi / n)
     assert found.min_rad == pytest.approx(flat, rel=1e-9)
@@ -75,7 +75,7 @@ def test_regular_polygons(n: int) -> None:
 def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
     square = thickness([np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])])
     assert (square.value, square.min_rad) == pytest.approx((1, 1), rel=1e-12)
-    slit = turned(np.array([[0.0, 0, 0], [50, 0, 0], [50, 2, 0], [0, 2, 0]]))
+    slit = turn(np.array([[0.0, 0, 0], [50, 0, 0], [50, 2, 0], [0, 2, 0]]))
     assert dcsd(slit) == pytest.approx(1, rel=1e-9)
     assert thickness([slit]).value == pytest.approx(1, rel=1e-9)
 
@@ -83,15 +83,15 @@ def test_the_right_angles_of_a_square_and_of_a_slit() -> None:
 @pytest.mark.parametrize("n", [4, 8, 12])
 def test_hopf_link_of_regular_polygons(n: int) -> None:
     a = ngon(n, 2.0)
-    b = shifted(ngon(n, 2.0, (0, 2)), 2.0, 0, 0)
-    found = thickness([turned(a), turned(b)])
+    b = move(ngon(n, 2.0, (0, 2)), 2.0, 0, 0)
+    found = thickness([turn(a), turn(b)])
     expected = enumerate_chords([a, b], [True, True])
     assert found.min_rad == pytest.approx(expected.min_rad, rel=1e-9)
-    assert dcsd(turned(a), turned(b)) == pytest.approx(expected.half_dcsd, rel=1e-9)
+    assert dcsd(turn(a), turn(b)) == pytest.approx(expected.half_dcsd, rel=1e-9)
 
 
 def test_hopf_link_of_round_polygons_is_half_a_radius_thick() -> None:
-    found = thickness([turned(ngon(400, 2.0)), turned(shifted(ngon(400, 2.0, (0, 2)), 2.0, 0, 0))])
+    found = thickness([turn(ngon(400, 2.0)), turn(move(ngon(400, 2.0, (0, 2)), 2.0, 0, 0))])
     assert found.value == pytest.approx(1.0, abs=1e-4)
     assert found.dcsd_at is not None and found.dcsd_at[0][0] != found.dcsd_at[1][0]
 
@@ -101,9 +101,9 @@ def test_parallel_strands_at_an_exact_gap() -> None:
     rest = np.column_stack([[100.0, 0], [-60.0, -60.0], [0.0, 0]])
     one = np.concatenate([np.column_stack([x, 0 * x, 0 * x]), rest])
     other = one * [1, -1, 1] + [0.17, 3.0, 0]  # shifted along: no vertices face each other
-    found = thickness([turned(one), turned(other)])
+    found = thickness([turn(one), turn(other)])
     assert found.min_rad < 1.5 and found.half_dcsd is None  # the ends are sharper
-    assert dcsd(turned(one), turned(other)) == pytest.approx(1.5, rel=1e-9)
+    assert dcsd(turn(one), turn(other)) == pytest.approx(1.5, rel=1e-9)
     chord = shortest_critical_chord([one, other], [True, True])
     assert chord is not None
     assert {end[0] for end in chord.ends} == {0, 1}
@@ -111,7 +111,7 @@ def test_parallel_strands_at_an_exact_gap() -> None:
 
 @pytest.mark.parametrize("n", [8, 9, 50])
 def test_stadium(n: int) -> None:
-    track = turned(stadium(40.0, 3.0, n))
+    track = turn(stadium(40.0, 3.0, n))
     found = thickness([track])
     corner = 2 * 3 * np.sin(np.pi / n / 2)  # edge; at the joins it turns by half the angle
     assert found.min_rad == pytest.approx(corner / (2 * np.tan(np.pi / n / 2)), rel=1e-9)
@@ -136,9 +136,9 @@ def test_open_ends() -> None:
     line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     straight = thickness([line], [False])
     assert straight.value == np.inf and straight.dcsd_at is None and straight.min_rad_at is None
-    facing = thickness([line, shifted(line, 5, 0, 0)], [False, False])  # end to end, 3 apart
+    facing = thickness([line, move(line, 5, 0, 0)], [False, False])  # end to end, 3 apart
     assert facing.half_dcsd == pytest.approx(1.5)
-    aside = thickness([line, shifted(line, 0, 3, 0)], [False, False])
+    aside = thickness([line, move(line, 0, 3, 0)], [False, False])
     assert aside.half_dcsd == pytest.approx(1.5)
     hook = np.array([[0.0, 0, 0], [10, 0, 0], [10, 6, 0], [5, 6, 0]])  # its end above an edge
     assert dcsd(hook, closed=False) == pytest.approx(3.0)
@@ -188,7 +188,7 @@ def test_a_long_tangle_of_many_vertices() -> None:
 def test_check_thickness_rejects_strands_at_0_999_diameters() -> None:
     radius = 2.0
     one = stadium(60.0, 20.0, 60)
-    near, far = (shifted(one, 0, 0, f * 2 * radius) for f in (0.999, 1.001))
+    near, far = (move(one, 0, 0, f * 2 * radius) for f in (0.999, 1.001))
     bad = check_thickness(curves(one, near), radius)
     assert bad.status == "fail" and bad.name == "thickness" and bad.unit == "mm"
     assert bad.measured == pytest.approx(0.999 * radius, rel=1e-9)
@@ -202,7 +202,7 @@ def test_check_thickness_rejects_strands_at_0_999_diameters() -> None:
 def test_thickness_exactly_at_its_limit() -> None:
     """Squares of corners that doubles hold exactly: thickness 1 by their bends, 0.75 by a gap."""
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
-    for at_limit in (curves(square), curves(square, shifted(square, 0, 0, 1.5))):
+    for at_limit in (curves(square), curves(square, move(square, 0, 0, 1.5))):
         value = 0.75 if len(at_limit.polygons) == 2 else 1.0
         found = check_thickness(at_limit, value)
         assert found.status == "pass" and found.measured == value
@@ -230,7 +230,7 @@ def test_check_bend_rejects_a_bend_at_0_99_of_the_limit() -> None:
 
 def test_check_length() -> None:
     square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
-    both = curves(square, shifted(3 * square, 0, 0, 5))
+    both = curves(square, move(3 * square, 0, 0, 5))
     good = check_length(both, 32.0)
     assert good.status == "pass" and good.limit == 32.0 and good.unit == "mm"
     assert check_length(both, 32.0 * (1 - 1e-13)).status == "pass"

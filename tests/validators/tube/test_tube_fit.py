@@ -117,7 +117,7 @@ def test_a_knot_without_a_tube_is_named_so() -> None:
     assert len(check.at) > 1 and all(60 < z < 120 for _, _, z in check.at)
 
 
-def dented(depth: float, vertices: int) -> tuple[Mesh, Array]:
+def dent(depth: float, vertices: int) -> tuple[Mesh, Array]:
     """The trefoil's tube with some neighbouring vertices pushed in by `depth` radii, and where."""
     ring = MESH.vertices.reshape(-1, 32, 3).copy()
     at = TREFOIL[100:101]
@@ -128,7 +128,7 @@ def dented(depth: float, vertices: int) -> tuple[Mesh, Array]:
 @pytest.mark.parametrize("vertices", [1, 6])
 def test_a_dent_or_blister_is_refused_with_its_place(vertices: int) -> None:
     for depth in (0.15, -0.15):
-        mesh, place = dented(depth, vertices)
+        mesh, place = dent(depth, vertices)
         check = check_tube(mesh, knots(TREFOIL))
         assert check.status == "fail" and check.measured == pytest.approx(0.15 * RADIUS, rel=0.1)
         assert np.linalg.norm(np.array(check.at[0]) - place) < 1.5 * RADIUS

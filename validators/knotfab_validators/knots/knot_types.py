@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, Place, Status, places, skipped
+from knotfab_validators.check import Check, Place, Status, places, skip_check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.alexander import colouring_remainder
 from knotfab_validators.knots.identity import PROVED_UNKNOT, Identity, identify
@@ -144,7 +144,7 @@ def _check_type(curves: Curves, found: KnotTypes) -> Check:
     name = "knot_type"
     left_out = _name_left_out(curves)
     if not any(curves.closed):
-        return skipped(name, "an open curve has no knot type")
+        return skip_check(name, "an open curve has no knot type")
     limit = _word_limit(curves)
     if found.touching is not None:
         detail = "the polygons touch themselves or each other" + left_out
@@ -171,7 +171,7 @@ def _check_type(curves: Curves, found: KnotTypes) -> Check:
 def _check_linking(curves: Curves, found: KnotTypes) -> Check:
     name = "linking"
     if not any(curves.closed):
-        return skipped(name, "an open curve is not linked with anything")
+        return skip_check(name, "an open curve is not linked with anything")
     left_out = _name_left_out(curves)
     if sum(curves.closed) == 1:
         return Check(name, "pass", True, 0.0, 0.0, "", "there is only one closed curve" + left_out)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_most, places, skipped, spot
+from knotfab_validators.check import Check, at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.inside import winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
@@ -236,7 +236,7 @@ def _check_crossings(mesh: Mesh, found: Surface) -> Check:
     name = "mesh_self_intersection"
     kept = np.delete(np.arange(len(mesh.faces)), found.flat)
     if not len(kept):
-        return skipped(name, "faces without an area cannot be tested")
+        return skip_check(name, "faces without an area cannot be tested")
     asked = opinions(Mesh(mesh.vertices, mesh.faces[kept]))
     if asked.pairs is None:
         return Check(name, "fail", True, "untested", 0, "pairs", f"not tested: {asked.why}")
@@ -245,7 +245,7 @@ def _check_crossings(mesh: Mesh, found: Surface) -> Check:
     detail = f"pairs of faces that meet elsewhere than in a shared edge or corner: {by_igl}"
     if asked.seen is None:
         if number == 0:
-            return skipped(name, f"{detail}; {asked.why}", required=True)
+            return skip_check(name, f"{detail}; {asked.why}", required=True)
         detail += f"; {asked.why}"
         seen = kept[:0]
     else:
@@ -285,4 +285,4 @@ def _centres(mesh: Mesh, faces: Ints) -> Array:
 
 
 def _skip_all(names: tuple[str, ...], why: str) -> list[Check]:
-    return [skipped(name, why) for name in names]
+    return [skip_check(name, why) for name in names]

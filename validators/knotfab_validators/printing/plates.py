@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotfab_validators.check import Check, at_most, places, skipped, spot
+from knotfab_validators.check import Check, at_most, places, skip_check, spot
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.inside import surface_distance, winding_numbers
@@ -39,7 +39,7 @@ def check_plates(
     """
     if build_volume_mm is None:
         why = "the scene names a printer without its build_volume_mm"
-        checks = [skipped("build_volume", why)]
+        checks = [skip_check("build_volume", why)]
     else:
         found = [check_build_volume(plate.mesh, build_volume_mm) for plate in plates]
         checks = [_pick_worst(found, plates)]
@@ -55,7 +55,7 @@ def check_plates_printable(
     """The checks of printability, each of the plate that comes out worst."""
     broken = [c for c in before if c.name == "plate_mesh" and c.status == "fail"]
     if broken:
-        return [skipped(name, "the surface of a plate is broken") for name in PRINTING]
+        return [skip_check(name, "the surface of a plate is broken") for name in PRINTING]
     each = [printability_checks(plate.mesh, printer, seconds=seconds) for plate in plates]
     return [_pick_worst([checks[k] for checks in each], plates) for k in range(len(PRINTING))]
 
@@ -89,7 +89,7 @@ def _check_whole(part: Mesh, plates: Sequence[Plate]) -> list[Check]:
         )
         return [
             Check("plates", "fail", True, "unknown", APART_MM, "mm", why),
-            skipped("plates_volume", why, required=True),
+            skip_check("plates_volume", why, required=True),
         ]
     vertices = np.concatenate([p.in_part(p.mesh.vertices, p.body) for p in plates])
     shift = np.cumsum([0] + [len(p.mesh.vertices) for p in plates[:-1]])

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.check import Check, at_least, at_most, places, skipped, spot
-from knotfab_validators.clock import timed
+from knotfab_validators.check import Check, at_least, at_most, places, skip_check, spot
+from knotfab_validators.clock import time_stage
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.names import PRINTING
@@ -83,23 +83,23 @@ def printability_checks(
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
         lacking = f"the part is larger than {MOST_MM / 1000:g} m"
     if lacking is not None:
-        return [skipped(name, lacking) for name in PRINTING]
+        return [skip_check(name, lacking) for name in PRINTING]
     use = _settings(printer)
-    with timed(seconds, "feature"):
+    with time_stage(seconds, "feature"):
         probe = Probe(mesh)
         wall = probe.wall()
     near = NEAR_MM if use.nozzle is None else max(NEAR_MM, 1.5 * use.nozzle)
-    with timed(seconds, "gap"):
+    with time_stage(seconds, "gap"):
         gap = probe.gap(near)
-    with timed(seconds, "overhang"):
+    with time_stage(seconds, "overhang"):
         grid = columns(mesh)
-    with timed(seconds, "bridges"):
+    with time_stage(seconds, "bridges"):
         air = find_unsupported(grid, use.layer)
     checks = [_check_feature(wall, use), _check_gap(gap, use)]
-    with timed(seconds, "overhang"):
+    with time_stage(seconds, "overhang"):
         checks += _check_overhang(mesh, grid, air, use)
     checks.append(_check_bridge(air, use))
-    with timed(seconds, "standing"):
+    with time_stage(seconds, "standing"):
         checks += _check_bed(mesh, air, use, stands, desk)
     return checks
 

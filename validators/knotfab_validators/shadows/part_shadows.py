@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check
-from knotfab_validators.clock import timed
+from knotfab_validators.clock import time_stage
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import Scene
 from knotfab_validators.geometry.curves import Curves
@@ -59,7 +59,7 @@ def verify_shadows(
     radius = curves.radius_mm if curves is not None else None
     renderer, why = None, "left out on request"
     if SKIP_RENDER not in skip:
-        with timed(seconds, "renderer"):
+        with time_stage(seconds, "renderer"):
             try:
                 renderer = SilhouetteRenderer(vertices, mesh.faces)
             except CannotRender as error:
@@ -67,7 +67,7 @@ def verify_shadows(
     verified: dict[str, VerifiedView] = {}
     try:
         for view in scene.views:
-            with timed(seconds, f"view {view.name}"):
+            with time_stage(seconds, f"view {view.name}"):
                 target = read_silhouette(folder / view.picture, invert=view.invert)
                 geometry = view_geometry(view, target.shape[1], target.shape[0])
                 found = verify_view(
@@ -84,27 +84,27 @@ def verify_shadows(
                 )
             verified[view.name] = found
             soft = None
-            fine = geometry.resampled(found.frame)
+            fine = geometry.resample(found.frame)
             lamp = view.light_diameter_mm if view.kind == "shadow" else 0.0
             if renderer is not None and blur_px(vertices, fine, lamp) > BLUR_PX:
-                with timed(seconds, "penumbra"):
+                with time_stage(seconds, "penumbra"):
                     soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
             if renderer is not None:
-                with timed(seconds, "misplacement"):
+                with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     views[-1]["misplacement"] = measure_misplacement(
                         renderer,
                         _middle(points),
-                        geometry.resampled(coarse),
+                        geometry.resample(coarse),
                         padded_mask(target, coarse),
                         turns=scene.mount.kind != "wall",
                     )
             if soft is not None:
                 views[-1]["penumbra"] = {"widest_px": soft.widest_px, "iou": soft.iou}
             if pictures_dir is not None:
-                with timed(seconds, "pictures"):
+                with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)
                     write_shadow(into / f"shadow-{view.name}.png", found.shadow, found.frame)
                     write_compare(
@@ -131,7 +131,7 @@ def _report(
 ) -> dict[str, Any]:
     """The report's keys of a view; `projection` and `receiver` in part coordinates."""
     own = geometry.in_part(pose)
-    fine_mm = geometry.resampled(found.frame).pixel_mm
+    fine_mm = geometry.resample(found.frame).pixel_mm
     return {
         "name": view.name,
         "kind": view.kind,

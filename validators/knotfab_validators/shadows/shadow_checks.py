@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, at_least, at_most, skipped
+from knotfab_validators.check import Check, at_least, at_most, skip_check
 from knotfab_validators.names import SHADOWS
 from knotfab_validators.shadows.outline_stretch import WRONG_PX
 from knotfab_validators.shadows.verify_view import VerifiedView
@@ -17,7 +17,7 @@ MOST_INTRUSION = 0.001  # of the frame, by a mount whose pegs hide in the tube's
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:
     """All of them, skipped for one reason."""
-    return [skipped(name, why, required=required) for name in SHADOWS]
+    return [skip_check(name, why, required=required) for name in SHADOWS]
 
 
 def shadow_checks(
@@ -45,7 +45,7 @@ def shadow_checks(
     """
     checks = []
     if no_rendering is not None and not polygons_decide:
-        checks.append(skipped("shadow", no_rendering, required=True))
+        checks.append(skip_check("shadow", no_rendering, required=True))
     else:
         name = min(views, key=lambda n: views[n].judged.iou)
         by = "rendered" if no_rendering is None else "exact polygons alone"
@@ -63,7 +63,7 @@ def shadow_checks(
         )
     if no_rendering is not None:
         checks.append(
-            skipped("shadow_exact", f"nothing to compare with: {no_rendering}", required=False)
+            skip_check("shadow_exact", f"nothing to compare with: {no_rendering}", required=False)
         )
     else:
         name = max(views, key=lambda n: views[n].stray_px or 0)
@@ -80,7 +80,7 @@ def shadow_checks(
         )
     known = {n: v.outline_px for n, v in views.items() if v.outline_px is not None}
     if not known:
-        checks.append(skipped("outline", "not given the knots", required=False))
+        checks.append(skip_check("outline", "not given the knots", required=False))
     else:
         name = max(known, key=lambda n: known[n])
         outline = views[name].outline
@@ -121,7 +121,7 @@ def shadow_checks(
 def _check_intrusion(views: Mapping[str, VerifiedView], mount: str) -> Check:
     dark = {n: v.intrusion for n, v in views.items() if v.intrusion is not None}
     if not dark:
-        return skipped("intrusion", "not given the knots", required=False)
+        return skip_check("intrusion", "not given the knots", required=False)
     name = max(dark, key=lambda n: dark[n])
     return at_most(
         "intrusion",

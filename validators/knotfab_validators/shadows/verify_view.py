@@ -91,7 +91,7 @@ def verify_view(
         ShadowError: the part reaches the light.
     """
     frame = working_frame(target.shape[1], target.shape[0], longer)
-    fine = geometry.resampled(frame)
+    fine = geometry.resample(frame)
     wanted = padded_mask(target, frame)
     lines = shadow_lines(vertices, faces, fine)
     exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)

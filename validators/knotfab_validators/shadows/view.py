@@ -115,7 +115,7 @@ class ViewGeometry:
         """The receiver's points (n, 3), mm, under pixel coordinates (n, 2)."""
         return self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv
 
-    def resampled(self, frame: WorkingFrame) -> ViewGeometry:
+    def resample(self, frame: WorkingFrame) -> ViewGeometry:
         """The same view on the padded working frame's pixels."""
         scale_u, scale_v = self.width / frame.width, self.height / frame.height
         u0, v0 = (0.5 - frame.pad_x) * scale_u - 0.5, (0.5 - frame.pad_y) * scale_v - 0.5

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_least, skipped, spot
+from knotfab_validators.check import Check, at_least, skip_check, spot
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.sampling import number_runs
@@ -72,16 +72,16 @@ def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None
     """
     name = "clearance"
     if not mesh.usable:
-        return skipped(name, "the mesh has no faces, or coordinates that are not finite")
+        return skip_check(name, "the mesh has no faces, or coordinates that are not finite")
     if curves is not None and not all(curves.closed):
-        return skipped(name, "the gaps of open curves are not measured")
+        return skip_check(name, "the gaps of open curves are not measured")
     rounding = SINGLE * float(np.abs(mesh.vertices).max())
     if curves is None or curves.radius_mm is None:
         lacking = "centre lines" if curves is None else "the tube's radius"
         blind = f"not given {lacking}: gaps within one body were not looked for"
         found = nearest_bodies(mesh)
         if isinstance(found, str):
-            return skipped(name, f"{found}; {blind}")
+            return skip_check(name, f"{found}; {blind}")
         distance, points = found
         detail = f"between two bodies, {_spots(points)}; {blind}"
         if distance <= 0:
@@ -92,9 +92,9 @@ def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None
     try:
         gap, cap, left_out = strand_gap(mesh, curves, required_mm or 0.0)
     except ValueError as error:
-        return skipped(name, str(error), required=True)
+        return skip_check(name, str(error), required=True)
     if left_out == len(mesh.faces):
-        return skipped(name, "no face of the mesh is near the centre lines", required=True)
+        return skip_check(name, "no face of the mesh is near the centre lines", required=True)
     rest = f"; {left_out} faces belong to no strand and were left out" if left_out else ""
     if gap is None:
         detail = f"no strands face each other within {cap:.2f} mm{rest}"

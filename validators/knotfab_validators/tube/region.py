@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check, at_most, skipped, spot, worst_apart
+from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
 from knotfab_validators.files.scene import Pose, Region
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
@@ -52,12 +52,12 @@ def check_region(
         pose: from the coordinates of curves and mesh to the scene's; None: they are the same.
     """
     if region.kind == "mesh" and region.surface is None:
-        return skipped("region", "the region's mesh is not given")
+        return skip_check("region", "the region's mesh is not given")
     if region.kind != "mesh" and region.size_mm is None:
-        return skipped("region", "the scene leaves the region's size open")
+        return skip_check("region", "the scene leaves the region's size open")
     tube = curves is not None and curves.radius_mm is not None
     if not tube and mesh is None:
-        return skipped("region", "neither the part nor the tube's radius is given")
+        return skip_check("region", "neither the part nor the tube's radius is given")
     matrix = np.eye(4) if pose is None else np.array(pose, dtype=np.float64)
     radius = 0.0
     if tube:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.check import Check, at_most, skipped, spot, worst_apart
+from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
 from knotfab_validators.geometry.curves import CurveEdges, Curves
 from knotfab_validators.geometry.inside import surface_distance, winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
@@ -77,9 +77,9 @@ def check_tube(mesh: Mesh, curves: Curves | None, *, mounted: bool = False) -> C
     """
     if curves is None or curves.radius_mm is None:
         lacking = "the knots" if curves is None else "the tube's radius"
-        return skipped("tube", f"not given {lacking}")
+        return skip_check("tube", f"not given {lacking}")
     if not mesh.usable:
-        return skipped("tube", "the mesh has no faces, or coordinates that are not finite")
+        return skip_check("tube", "the mesh has no faces, or coordinates that are not finite")
     fit = tube_fit(mesh, curves, mounted=mounted)
     radius = curves.radius_mm
     if mounted or fit.bare > max(fit.off, LIMIT):
