@@ -347,8 +347,11 @@ def _read_kept(path: Path | None) -> dict[Cell, Result]:
 
 
 def _keep(path: Path, results: Mapping[Cell, Result]) -> None:
+    """Add what is as it should be to the file; runs of other rows or columns may add theirs beside it."""
+    good = {cell: result for cell, result in results.items() if result[0]}
     kept = {
-        f"{c.row.name} / {c.column}": (said, day) for c, (ok, said, day) in results.items() if ok
+        f"{cell.row.name} / {cell.column}": (said, day)
+        for cell, (_, said, day) in {**_read_kept(path), **good}.items()
     }
     staged = path.with_suffix(".new")
     path.parent.mkdir(parents=True, exist_ok=True)
