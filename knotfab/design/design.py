@@ -130,7 +130,7 @@ def design_knots(
 def price_design(
     made: Design,
     question: Question,
-    start: Start,
+    start: Start | None,
     unmet: SearchResult | None,
     progress: Progress,
     device: str = "cpu",
@@ -138,12 +138,19 @@ def price_design(
     """The design with the prices of its limits, where they cost the pictures their IoU.
 
     Args:
-        question: seen from where the search ended. start: of short searches without a limit.
+        question: seen from where the search ended.
+        start: of the short searches without a limit; None: as of a search for this question.
         unmet: what the pictures' own filling came to, where that met not every limit.
     """
     if unmet is None and made.result.iou_estimate >= made.scene.accuracy.iou_floor:
         return made
     with progress.stage("limits"):
+        if start is None:
+            try:
+                radius, knots = made.knots.radius_mm, len(made.knots.knots)
+                start = make_start(question.problem, radius, made.settings, knots)
+            except SceneError:  # this picture alone has no such curve
+                return made
         binding = price_limits(
             question.problem,
             start,

@@ -13,7 +13,6 @@ from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, opening_iou, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.problem import Start
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import SearchSettings, search_settings
@@ -161,8 +160,7 @@ def chain(
             )
         motion = measure(fine, ended.points, outlines[k - 1], radius)
         made = settle_design(questions[k], ended.result, first.settings)
-        begin = Start(tuple(rings.split(known[trial.origin].points)), found.result.log.template)
-        made = price_design(made, questions[k], begin, None, progress, device)
+        made = price_design(made, questions[k], None, None, progress, device)
         yield Frame(made, motion, found.transported, trial.origin)
         known.append(found.result.knots)
         fine = ended.points
