@@ -57,9 +57,10 @@ test-quick: $(DONE)
 accuracy-table: system $(DONE)
 	$(BIN)/python -m examples.studies.accuracy_table
 
-# every feature in every setting, built: one view, several, a free view, a sequence (about half an hour)
+# every feature in every setting, built: one view, several, a free view, a sequence (about half an hour; an interrupted
+# run goes on where it was)
 feature-table: system slicer $(DONE)
-	$(BIN)/python -m examples.features --write docs/features.md
+	$(BIN)/python -m examples.features --kept out/feature-table.json --write docs/features.md
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)

@@ -93,7 +93,7 @@ class Start:
     """Closed polylines [(n, 3) mm] of known type, and why it is known.
 
     `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
-    direction between two views.
+    direction between two views. `ious`: with each of several pictures, on a coarse image.
     """
 
     curves: tuple[Array, ...]
@@ -102,6 +102,7 @@ class Start:
     depth: DepthChoice | None = None
     far: bool = False
     facing: int | None = 0
+    ious: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.types:

@@ -17,6 +17,7 @@ from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
 
+import knotfab.piece as piece
 import knotfab.pipeline as building
 from knotfab.design.design import Design
 from knotfab.verify.checks import CHECKS
@@ -391,7 +392,7 @@ def fill_up(folder: Path) -> None:
 def test_a_disk_that_fills_up(
     designed: list[str], disk: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
-    original = building.write_part
+    original = piece.write_part
 
     def write(*arguments: Any) -> None:
         if moment == "before the verification":
@@ -400,7 +401,7 @@ def test_a_disk_that_fills_up(
         if moment == "before the part":
             original(*arguments)
 
-    monkeypatch.setattr(building, "write_part", write)
+    monkeypatch.setattr(piece, "write_part", write)
     done = knotfab(*designed, "--out", disk)
     assert done.code == 3 and "Traceback" not in done.err
     assert done.err.startswith("knotfab: ") and done.err.count("\n") == 1

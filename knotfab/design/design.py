@@ -33,10 +33,16 @@ from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
 from knotfab.start.start import make_start
-from knotfab.start.views import start_ious
 from knotfab.target.read import Target
 
-__all__ = ["Design", "choose_tube", "design_knots", "refine_settings", "settle_design"]
+__all__ = [
+    "Design",
+    "choose_tube",
+    "design_knots",
+    "price_design",
+    "refine_settings",
+    "settle_design",
+]
 
 REGION_FILE = "region.stl"
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
@@ -116,29 +122,46 @@ def design_knots(
             knots = _knots_asked(question.scene)
             result = search_sparser(problem, radius, knots, settings, device) or unmet
     if settings.free_view:
-        radius = result.knots.radius_mm
         question = question.seen_from(result.views, targets)
-    binding: tuple[LimitPrice, ...] = ()
-    floor = _floor(question, settings, radius)
-    if unmet is not None or result.iou_estimate < floor:
-        with progress.stage("limits"):
-            binding = price_limits(
-                question.problem,
-                start,
-                unmet or result,
-                settings,
-                question.roomy(),
-                device,
-                None if unmet is None else result.iou_estimate,
-            )
-    made = settle_design(question, result, settings)
-    return replace(
-        made,
-        radius=choice,
-        unmet=None if unmet is None else unmet.feasibility,
-        binding=binding,
-        start_ious=start_ious(problem, start, radius) if question.bounds else (),
-    )
+    made = replace(settle_design(question, result, settings), radius=choice, start_ious=start.ious)
+    return price_design(made, question, start, unmet, progress, device)
+
+
+def price_design(
+    made: Design,
+    question: Question,
+    start: Start | None,
+    unmet: SearchResult | None,
+    progress: Progress,
+    device: str = "cpu",
+) -> Design:
+    """The design with the prices of its limits, where they cost the pictures their IoU.
+
+    Args:
+        question: seen from where the search ended.
+        start: of the short searches without a limit; None: as of a search for this question.
+        unmet: what the pictures' own filling came to, where that met not every limit.
+    """
+    if unmet is None and made.result.iou_estimate >= made.scene.accuracy.iou_floor:
+        return made
+    with progress.stage("limits"):
+        if start is None:
+            try:
+                radius, knots = made.knots.radius_mm, len(made.knots.knots)
+                start = make_start(question.problem, radius, made.settings, knots)
+            except SceneError:  # this picture alone has no such curve
+                return made
+        binding = price_limits(
+            question.problem,
+            start,
+            unmet or made.result,
+            made.settings,
+            question.roomy(),
+            device,
+            None if unmet is None else made.result.iou_estimate,
+        )
+    feasibility = None if unmet is None else unmet.feasibility
+    return replace(made, unmet=feasibility, binding=binding)
 
 
 def settle_design(question: Question, result: SearchResult, settings: SearchSettings) -> Design:
@@ -154,7 +177,9 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
     if region.file is not None:  # the build writes it beside the scene
         region_stl = Path(region.file).read_bytes()
         region = region.model_copy(update={"file": REGION_FILE})
-    floor = _floor(question, settings, radius)
+    # what the part must reach: the scene's, or what follows from what its pictures allow
+    asked = question.scene.accuracy.iou_floor
+    floor = settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
     return Design(
         _resolve(question, region, result, radius, floor, settings),
         result.knots,
@@ -165,12 +190,6 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         region_stl,
         bounds=question.bounds,
     )
-
-
-def _floor(question: Question, settings: SearchSettings, radius: float) -> float:
-    """The IoU that the part must reach: the scene's, or what follows from what its pictures allow."""
-    asked = question.scene.accuracy.iou_floor
-    return settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
 
 
 def choose_tube(

@@ -124,8 +124,9 @@ def _require_several(scene: Scene) -> None:
     if scene.piece.depth != "auto":
         raise InputError(
             "scene key piece.depth",
-            "with several views the pictures decide the depth",
-            'Leave it out, or write "auto"',
+            "with several views the pictures decide the depth: what is deep for one light is wide in the "
+            "picture of another",
+            'Leave it out, or write "auto"; [region] size_mm bounds the piece',
         )
     if scene.search.get("free_view", False):
         raise InputError(

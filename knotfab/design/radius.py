@@ -19,7 +19,6 @@ from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill, simple_curves
 from knotfab.start.start import make_start
-from knotfab.start.views import start_ious
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 
@@ -121,7 +120,7 @@ class _Trials:
         if not self.one_view:
             if self.settings.network_start == "filling":
                 self.starts[radius] = start
-            return min(start_ious(problem, start, radius))
+            return min(start.ious)
         plan = replace(plan_of(short), repairs=0)
         return search(problem, start, radius, short, plan=plan, device=self.device).iou_estimate
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -55,11 +56,15 @@ class Plates:
     pins: list[tuple[float, float]]
     poses: list[dict[str, Any]]
 
-    def to_dict(self) -> dict[str, Any]:
+    def files(self, suffix: str = "") -> list[str]:
+        """The plates' file names; `suffix` is such as "-01" of a sequence's frame."""
+        return [f"plate{suffix}-{number}.3mf" for number in range(1, len(self.plates) + 1)]
+
+    def to_dict(self, suffix: str = "") -> dict[str, Any]:
         """The report's `print.plates`."""
         files = [
-            {"file": f"plate-{number}.3mf", "bodies": plate.names, "size_mm": _size(plate)}
-            for number, plate in enumerate(self.plates, start=1)
+            {"file": name, "bodies": plate.names, "size_mm": _size(plate)}
+            for name, plate in zip(self.files(suffix), self.plates, strict=True)
         ]
         joints = {
             "cuts_of_knots": self.cuts,
@@ -89,7 +94,8 @@ def lay_on_plates(
 ) -> Plates:
     """Lay every body on a plate in a print pose of its own; bodies that no plate holds are cut.
 
-    Pieces are cut so that their supports fit beside them (`rules.margin_mm`).
+    Pieces are cut so that their supports fit beside them (`rules.margin_mm`), or where no cut leaves that
+    room, so that they fit themselves, as a whole piece would (`choose_pose`).
 
     Args:
         part_pose: of the assembled piece, as it is written to part.stl.
@@ -125,7 +131,7 @@ def lay_on_plates(
             counts.append(0)
             continue
         except SceneError:
-            pieces, cuts = _cut_to_fit(one, clear, nozzle_mm, gap_mm, pose)
+            pieces, cuts = _cut_to_fit(one, (clear, build_volume_mm), nozzle_mm, gap_mm, pose)
         posed += pieces
         counts.append(len(cuts))
         pins += cuts
@@ -135,28 +141,31 @@ def lay_on_plates(
 
 def _cut_to_fit(
     one: Printable,
-    room: tuple[float, float, float],
+    rooms: Sequence[tuple[float, float, float]],
     nozzle: float,
     gap: float,
     pose: Callable[[str, Mesh, Array, float, bool], _Posed],
 ) -> tuple[list[_Posed], list[tuple[float, float]]]:
-    """The posed pieces of a body, and their pins; a little smaller where one misses the printer."""
-    last: SceneError | None = None
-    for share in (1.0, 0.96, 0.92, 0.85):
+    """The posed pieces of a body, and their pins; a little smaller where one misses the printer.
+
+    `rooms` are tried in their order; where none serves, the error says why the last does not.
+    """
+    why: SceneError | None = None
+    for room, share in product(rooms, (1.0, 0.96, 0.92, 0.85)):
         aim = (room[0] * share, room[1] * share, room[2] * share)
-        cuts = find_cuts(one.line, aim, nozzle, one.name)
-        pieces = cut_body(one.mesh, one.line.points, one.line.radius, gap, cuts)
         try:
+            cuts = find_cuts(one.line, aim, nozzle, one.name)
+            pieces = cut_body(one.mesh, one.line.points, one.line.radius, gap, cuts)
             posed = [
                 pose(f"{one.name} piece {n}", p.mesh, p.points, one.line.radius, False)
                 for n, p in enumerate(pieces, start=1)
             ]
         except SceneError as error:
-            last = error
+            why = error if share == 1.0 else why
             continue
         return posed, [(2 * c.pin_radius, c.pin_length) for c in cuts]
-    assert last is not None
-    raise last
+    assert why is not None
+    raise why
 
 
 def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Array) -> list[Plate]:

@@ -26,16 +26,20 @@ COLOURED = "part-colours.3mf"
 _PALETTE = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7")
 
 
-def make_pose(matrix: Array, plates: Plates | None = None) -> Pose:
+def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> Pose:
     """The scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
-    laid = [] if plates is None else plates.plates
-    each = tuple(Plate(matrices=tuple(_rows(motion) for motion in p.to_part)) for p in laid)
+    if plates is None:
+        return Pose(matrix=_rows(matrix))
+    each = tuple(
+        Plate(file=name, matrices=tuple(_rows(motion) for motion in plate.to_part))
+        for name, plate in zip(plates.files(suffix), plates.plates, strict=True)
+    )
     return Pose(matrix=_rows(matrix), plates=each)
 
 
-def pose_scene(part: Part) -> ResolvedScene:
+def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
     """The part's scene, its mount resolved, with the pose that takes the written files to it."""
-    pose = make_pose(part.pose.matrix, part.plates)
+    pose = make_pose(part.pose.matrix, part.plates, suffix)
     return part.mounted.scene.model_copy(update={"pose": pose})
 
 
@@ -57,8 +61,10 @@ def write_part(
     title = "knotfab " + " and ".join(target.name for target in targets)
     write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
     write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, title)
-    for number, plate in enumerate([] if part.plates is None else part.plates.plates, start=1):
-        write_3mf(folder.file(f"plate-{number}.3mf"), plate.bodies, f"{title}, plate {number}")
+    if part.plates is not None:
+        laid = zip(part.plates.files(suffix), part.plates.plates, strict=True)
+        for number, (name, plate) in enumerate(laid, start=1):
+            write_3mf(folder.file(name), plate.bodies, f"{title}, plate {number}")
     if colours:
         count = len(part.bodies)
         paint = [scene.material.color, *(_PALETTE[k % len(_PALETTE)] for k in range(count - 1))]

@@ -85,9 +85,10 @@ def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array
 def find_pictures(folder: Path) -> list[Picture]:
     """The report's pictures that lie in a folder, with their captions."""
     found = []
-    failures, part = folder / "failures.png", folder / "part.png"
-    if failures.is_file():
-        found.append(Picture(failures, "part", "where the part fails its checks"))
+    part = folder / "part.png"
+    for path in sorted(folder.glob("failures*.png")):
+        name = path.stem.replace("failures-", "part-").replace("failures", "the part")
+        found.append(Picture(path, "part", f"where {name} fails its checks"))
     for path in sorted(folder.glob("compare-*.png")):
         caption = "target, shadow of the written file, and where they differ"
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))

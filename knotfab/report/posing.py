@@ -11,8 +11,14 @@ if TYPE_CHECKING:
 __all__ = ["add_posing"]
 
 
-def add_posing(report: dict[str, Any], part: Part, flattening: Flattening | None) -> None:
-    """Add `print.pose`, `print.plates` where there are any, and the notes that go with them."""
+def add_posing(
+    report: dict[str, Any], part: Part, flattening: Flattening | None, suffix: str = ""
+) -> None:
+    """Add `print.pose`, `print.plates` where there are any, and the notes that go with them.
+
+    Args:
+        suffix: of the plates' files, such as "-01" of a sequence's frame.
+    """
     account = part.pose.account
     by = "the mount" if part.mounted.upright is not None else "least height"
     pose: dict[str, Any] = {"chosen_by": by}
@@ -39,9 +45,9 @@ def add_posing(report: dict[str, Any], part: Part, flattening: Flattening | None
             )
     if part.plates is None:
         return
-    plates = part.plates.to_dict()
+    plates = part.plates.to_dict(suffix)
     report["print"]["plates"] = plates
-    count, cuts = len(plates["files"]), sum(plates["cuts_of_knots"])
+    names, cuts = part.plates.files(suffix), sum(plates["cuts_of_knots"])
     joints = ""
     if cuts:
         joints = (
@@ -49,6 +55,6 @@ def add_posing(report: dict[str, Any], part: Part, flattening: Flattening | None
             "a drop of glue each."
         )
     notes.append(
-        f"The printer does not hold the whole piece: print plate-1.3mf to plate-{count}.3mf; "
-        f"part.3mf shows how they go together.{joints}"
+        f"The printer does not hold the whole piece: print {names[0]} to {names[-1]}; "
+        f"part{suffix}.3mf shows how they go together.{joints}"
     )

@@ -137,8 +137,12 @@ class Mount(_Table):
 
 
 class Plate(_Table):
-    """plate-N.3mf: the rigid motions that take its bodies, in their order, to part.stl."""
+    """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
 
+    `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
+    """
+
+    file: str = ""
     matrices: Annotated[tuple[tuple[Row, Row, Row, Row], ...], Field(min_length=1)]
 
 

@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 
 from shapely import MultiPolygon
 
-from knotfab.design.design import Design, design_knots
+from knotfab.design.design import Design, design_knots, price_design, settle_design
+from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, opening_iou, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.knots import Knot, Knots
-from knotfab.problem import Problem
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
 from knotfab.sequence.require import require_sequence
-from knotfab.sequence.search import FrameResult, finish
+from knotfab.sequence.search import finish
 from knotfab.sequence.starts import Following, Likeness
 from knotfab.target.read import Target
 
@@ -82,7 +81,8 @@ def chain(
     may close, within what the outlines' motion back to the first frame allows.
 
     Args:
-        scene: of one view, as for `design_knots`.
+        scene: of one view, as for `design_knots`. A free view is found with the first frame: lamp and wall
+            stand where they are while the frames change.
         budget_s: seconds that all searches may take; the iterations are set to fit, on the first frame.
 
     Raises:
@@ -92,10 +92,12 @@ def chain(
     require_sequence(scene)
     progress = progress or Progress("quiet")
     settings = search_settings(scene.accuracy.name, scene.search)
+    if settings.free_view:
+        scene, settings = place_start(scene, settings)
     with progress.stage("radius"):
         question = ask(scene, targets[:1])
-        polygons = [silhouette_polygon(question.views[0], target) for target in targets]
-        radius, choice = radius_for_all(question, polygons[1:], settings)
+        others = [silhouette_polygon(question.views[0], target) for target in targets[1:]]
+        radius, choice = radius_for_all(question, others, settings)
     piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
     view = scene.views[0].model_copy(update={"name": targets[0].name})
     asked = scene.model_copy(update={"piece": piece, "views": (view,)})
@@ -103,10 +105,14 @@ def chain(
     if budget_s is not None:
         share = (budget_s - (time.perf_counter() - begun)) / (1.0 + _OF_FIRST * (len(targets) - 1))
     first = design_knots(asked, targets[:1], device, progress, share)
-    # the region as it was asked for: a mesh lies where the scene says, not yet beside the result
-    within = first.scene.model_copy(update={"region": question.problem.region})
+    # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and what is
+    # required of the IoU, unless it was given, follows from the frame's own picture
+    update = {"region": question.problem.region, "accuracy": scene.accuracy}
+    within = first.scene.model_copy(update=update)
     with progress.stage("search"):
-        problems = [ask(_rename_view(within, t), [t]).problem for t in targets]
+        questions = [ask(_rename_view(within, t), [t]) for t in targets]
+        problems = [question.problem for question in questions]
+        polygons = [problem.polygons[0] for problem in problems]
         outlines = [
             outline_motion(p, q)
             for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
@@ -116,10 +122,10 @@ def chain(
     with progress.stage("search"):
         log = first.result.log
         ended = finish(start, rings, problems[0], radius, first.settings, [], log, device)
-    made = _design_of(first, ended, problems[0], targets[0], False)
-    yield Frame(replace(made, radius=choice), None, 1.0)
+    made = settle_design(questions[0], ended.result, first.settings)
+    yield Frame(replace(made, radius=choice, unmet=first.unmet, binding=first.binding), None, 1.0)
     length, area = first.knots.knots[0].length_mm, polygons[0].area
-    known, fine, fine_start = [start], ended.points, ended.points
+    known, fine, fine_start = [first.knots], ended.points, ended.points
     alike, closing = Likeness([t.mask for t in targets]), True
     for k in range(1, len(targets)):
         following = Following(
@@ -153,36 +159,16 @@ def chain(
                 device,
             )
         motion = measure(fine, ended.points, outlines[k - 1], radius)
-        made = _design_of(first, ended, problems[k], targets[k], scene.accuracy.iou_floor == "auto")
+        made = settle_design(questions[k], ended.result, first.settings)
+        made = price_design(made, questions[k], None, None, progress, device)
         yield Frame(made, motion, found.transported, trial.origin)
-        known.append(found.points)
+        known.append(found.result.knots)
         fine = ended.points
 
 
-def _rename_view(scene: ResolvedScene, target: Target) -> ResolvedScene:
+def _rename_view(scene: ResolvedScene, target: Target) -> Scene:
     """A resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
         update={"name": target.name, "picture": f"picture-{target.name}{target.suffix}"}
     )
     return scene.model_copy(update={"views": (view,)})
-
-
-def _design_of(
-    first: Design, found: FrameResult, problem: Problem, target: Target, own_floor: bool
-) -> Design:
-    """A frame as a design of its own, so that it is made, verified and reported like any piece.
-
-    `own_floor`: the IoU required follows from the frame's own picture, as it does for a single one.
-    """
-    scene = _rename_view(first.scene, target)
-    opened = opening_iou(problem.polygons[0], first.knots.radius_mm)
-    if own_floor:
-        floor = first.settings.floor(opened)
-        scene = scene.model_copy(
-            update={"accuracy": scene.accuracy.model_copy(update={"iou_floor": floor})}
-        )
-    result, kind = found.result, first.knots.knots[0].type
-    knots = Knots((Knot(found.points, kind),), first.knots.radius_mm)
-    result.log.types = (kind,)
-    result = replace(result, knots=knots)
-    return replace(first, scene=scene, knots=knots, result=result, radius=None, opening_iou=opened)

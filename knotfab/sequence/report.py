@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from knotfab.piece import WrittenPiece
 from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.scene.model import Printer
@@ -25,6 +26,7 @@ __all__ = [
 ]
 
 Record = dict[str, Any]
+_OF_FRAME = ("pose", "plates")  # of a piece's `print`, what goes with its frame
 _ORDER = ("fail", "skipped", "pass")
 
 
@@ -99,7 +101,7 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
 
 def sequence_report(
     reports: Sequence[Record],
-    verdicts: Sequence[Record],
+    pieces: Sequence[WrittenPiece],
     frames: Sequence[Frame],
     motions: Sequence[Motion],
     checks: Sequence[Record],
@@ -109,8 +111,7 @@ def sequence_report(
     """report.json of a sequence, from the frames' own reports.
 
     Args:
-        reports: of each frame, as of a piece of its own.
-        verdicts: the validators', for the seconds that they took beside the search.
+        reports: of each frame, as of a piece of its own. pieces: as they were written and verified.
         motions: into frames 2, 3, … and, last, back to the first.
         checks: of the sequence as a whole.
     """
@@ -129,15 +130,17 @@ def sequence_report(
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "mount": report["print"].get("mount", {"kind": "none"}),
+                    **{k: report["print"][k] for k in _OF_FRAME if k in report["print"]},
+                    **{k: report[k] for k in ("bending_plan",) if k in report},
                     "failed": [c["name"] for c in list_unmet(report["checks"])],
                 }
             )
     first = reports[0]
     volume = sum(r["print"]["volume_mm3"] for r in reports)
     mass = sum(r["print"]["mass_g"] for r in reports)
-    print_ = {**first["print"], "volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
-    if drawings := [name for r in reports for name in r["print"].get("drawings", ())]:
-        print_["drawings"] = drawings
+    print_ = {k: v for k, v in first["print"].items() if k not in _OF_FRAME}
+    print_ |= {"volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
+    print_["drawings"] = [name for r in reports for name in r["print"].get("drawings", ())]
     if spun is not None:
         print_["zoetrope"] = {
             "scale": spun.scale,
@@ -154,9 +157,9 @@ def sequence_report(
     settings["sequence"] = {
         "frames": len(reports),
         "closing": _motion(motions[-1]),
-        "verification_s": round(sum(sum(v["seconds"].values()) for v in verdicts), 2),
+        "verification_s": round(sum(sum(p.verdict["seconds"].values()) for p in pieces), 2),
     }
-    return assemble(
+    report = assemble(
         views=views,
         checks=[*_together([r["checks"] for r in reports]), *checks],
         effects=_effects(reports),
@@ -166,9 +169,29 @@ def sequence_report(
         settings=settings,
         notes=[
             f"{len(reports)} frames of one knot, each a part of its own (part-NN.stl); the picture that "
-            "moves is sequence.gif."
+            "moves is sequence.gif.",
+            *_gather_notes(reports),
         ],
     )
+    prices = [
+        {**price, "frame": number}
+        for number, frame in enumerate(reports, start=1)
+        for price in frame.get("binding", ())
+    ]
+    return {**report, "binding": prices} if any("binding" in r for r in reports) else report
+
+
+def _gather_notes(reports: Sequence[Record]) -> list[str]:
+    """The notes of all frames, each once; those that are not of every frame say of which they are."""
+    frames: dict[str, list[int]] = {}
+    for number, report in enumerate(reports, start=1):
+        for note in report.get("notes", ()):
+            frames.setdefault(note, []).append(number)
+    every = len(reports)
+    return [
+        note if len(of) == every else f"Frame {', '.join(map(str, of))}: {note}"
+        for note, of in frames.items()
+    ]
 
 
 def _motion(motion: Motion) -> Record:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Scene
-from knotfab.scene.settings import search_settings
 
 __all__ = ["require_sequence"]
 
@@ -26,11 +25,4 @@ def require_sequence(scene: Scene) -> None:
             f"{scene.piece.knots} knots (--knots {scene.piece.knots})",
             "a sequence is of one knot",
             "Leave it out, or use 1",
-        )
-    settings = search_settings(scene.accuracy.name, scene.search)
-    if settings.free_view:
-        raise InputError(
-            "a free view (--free view)",
-            "all frames of a sequence are seen from one place",
-            "Leave it out",
         )

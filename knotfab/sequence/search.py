@@ -9,6 +9,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines
+from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
@@ -56,7 +57,7 @@ def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
 
 
 def follow(
-    before: Array,
+    before: Knots,
     rings: Polylines,
     problems: tuple[Problem, Problem],
     radius: float,
@@ -66,7 +67,7 @@ def follow(
     device: str = "cpu",
     report: Callable[[float, float | None], None] | None = None,
 ) -> FrameResult:
-    """A frame's knot from that of an earlier one, `before` (N, 3).
+    """A frame's knot from that of an earlier one, `before`.
 
     Transport along the displacement between the two silhouettes, then the search on the new picture with
     the motion bound in its objective; vertices keep their number and order.
@@ -82,8 +83,8 @@ def follow(
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now) + 0.5 * radius
     light = new.views[0].view.light_distance_mm
-    moved = transport(before, rings, was, now, light, radius, furthest)
-    log = CertificateLog("the knot of an earlier frame", ("unknot",) * len(rings.sizes))
+    moved = transport(before.points, rings, was, now, light, radius, furthest)
+    log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)
     # half as many iterations as from a template: the transport has done the rest

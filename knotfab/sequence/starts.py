@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
 from knotfab.design.question import opening_iou
 from knotfab.geometry.polylines import Polylines
+from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
@@ -47,7 +47,7 @@ class Likeness:
 class Following:
     """What it takes to search one more frame: `known` are the knots of those before it."""
 
-    known: tuple[Array, ...]
+    known: tuple[Knots, ...]
     problems: tuple[Problem, ...]  # of the frames before, and of this one
     rings: Polylines
     radius: float
@@ -78,7 +78,7 @@ class Following:
                 self.settings.scaled(effort),
                 self.taut_mm,
                 [
-                    Anchor(self.known[last], self.outline_mm + self.radius, self.radius),
+                    Anchor(self.known[last].points, self.outline_mm + self.radius, self.radius),
                     *([] if back is None else [back]),
                 ],
                 self.device,

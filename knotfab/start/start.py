@@ -15,7 +15,7 @@ from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
 from knotfab.start.tie import Room, tie
-from knotfab.start.views import start_between_views
+from knotfab.start.views import start_between_views, start_ious
 
 __all__ = ["make_start", "tie_knot"]
 
@@ -43,13 +43,16 @@ def make_start(
     if one and template is None:
         template = fill(problem.views[0].polygon, spacing * radius, knots)
     if settings.network_start == "circle":
-        return start_at_circles(problem, radius, settings, template)
-    if template is not None:
-        start = lift_template(problem, template, radius, settings)
+        start = start_at_circles(problem, radius, settings, template)
+    elif template is not None:
+        start = tie_knot(problem, lift_template(problem, template, radius, settings), radius)
     else:
         tied = bool(parse_knot_name(problem.knot).factors)
         start = start_between_views(problem, spacing * radius, settings, facing_only=tied)
-    return tie_knot(problem, start, radius)
+        start = tie_knot(problem, start, radius)
+    if one or start.ious:
+        return start
+    return replace(start, ious=start_ious(problem, start, radius))
 
 
 def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
@@ -86,4 +89,5 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
         f"{start.why}; and a {wanted.promise} tied into knot {tied.component}, before or behind all "
         "strands that it hides: their connected sum"
     )
-    return replace(start, curves=tuple(c @ axes for c in tied.curves), types=tuple(types), why=why)
+    curves = tuple(c @ axes for c in tied.curves)
+    return replace(start, curves=curves, types=tuple(types), why=why, ious=())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -73,7 +74,8 @@ def start_between_views(
             found.append(Start(tuple(deep), why, facing=facing))
     if not found:
         raise _nothing(radius)
-    return max(found, key=lambda start: min(start_ious(problem, start, radius)))
+    measured = [replace(start, ious=start_ious(problem, start, radius)) for start in found]
+    return max(measured, key=lambda start: min(start.ious))
 
 
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:

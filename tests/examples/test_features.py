@@ -20,6 +20,7 @@ ELSEWHERE = {
     "region mesh": "tests/effects/test_region_mesh.py",
     "limit prices": "tests/examples/test_hard_cases_values.py",
     "wire plan": "tests/wire/test_plan.py",
+    "view found along (free view)": "tests/design/test_free_view.py",
 }
 QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
 

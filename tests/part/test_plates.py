@@ -74,7 +74,9 @@ def cut_track() -> tuple[list[Cut], list[Piece]]:
 
 
 def laid_out(
-    curves: list[Array], room: tuple[float, float, float] = ROOM
+    curves: list[Array],
+    room: tuple[float, float, float] = ROOM,
+    rules: Rules | None = None,
 ) -> tuple[Plates, PrintPose]:
     tubes = [tube(c) for c in curves]
     knots = Knots(tuple(Knot(c) for c in curves), RADIUS)
@@ -83,7 +85,7 @@ def laid_out(
         Printable(f"knot {k + 1}", body, line_of(c))
         for k, (body, c) in enumerate(zip(tubes, curves, strict=True))
     ]
-    return lay_on_plates(parts, whole, room, 0.4, 0.4, Rules()), whole
+    return lay_on_plates(parts, whole, room, 0.4, 0.4, rules or Rules()), whole
 
 
 # --- cuts ---
@@ -207,6 +209,20 @@ def test_whole_knots_that_fit_alone_are_not_cut() -> None:
     ]
 
 
+def test_pieces_that_leave_no_room_for_supports_use_the_whole_printer() -> None:
+    """Bends too tight to be cut: their pieces, 30 mm wide, fit the bed, but not the bed less margins."""
+    room, rules, points = (40.0, 36.0, 10.0), Rules(margin_mm=3.0), track(120.0, 24.0)
+    with pytest.raises(SceneError, match="pieces that do not fit either"):
+        find_cuts(line_of(points), (34.0, 30.0, 10.0), 0.4, "knot 1")
+    plates, _ = laid_out([points], room, rules)
+    assert plates.cuts[0] >= 4
+    for plate in plates.plates:
+        for vertices, _ in plate.bodies:
+            assert (vertices >= 0).all() and (vertices <= np.array(room) + 1e-6).all()
+    with pytest.raises(SceneError, match="does not fit 34 x 30 x 10 mm"):
+        laid_out([points], (34.0, 30.0, 10.0), rules)
+
+
 def test_the_report_names_the_pins() -> None:
     plates, _ = laid_out([track()])
     report = plates.to_dict()
@@ -224,9 +240,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Surface, list[Pla
     folder = tmp_path_factory.mktemp("plates")
     plates, whole = laid_out([track(), track(20.0, 30.0) + [0.0, 0.0, 20.0]])
     text = "schema = 1\n[pose]\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"
-    for number, plate in enumerate(plates.plates, start=1):
-        write_3mf(folder / f"plate-{number}.3mf", plate.bodies)
-        text += f"[[pose.plates]]\nmatrices = {[m.tolist() for m in plate.to_part]}\n"
+    for name, plate in zip(plates.files("-01"), plates.plates, strict=True):
+        write_3mf(folder / name, plate.bodies)
+        matrices = [m.tolist() for m in plate.to_part]
+        text += f"[[pose.plates]]\nfile = '{name}'\nmatrices = {matrices}\n"
     part = merge_equal(np.concatenate([v[f] for v, f in whole.tubes]).astype(np.float32))
     return part, read_plates(folder, parse_scene(tomllib.loads(text))), folder, text
 
@@ -328,6 +345,8 @@ def test_bodies_and_motions_must_agree(written: tuple[Surface, list[Plate], Path
         [{"matrices": []}],
         [{"matrices": [[1, 2]]}],
         [{"matrices": [np.diag([2.0, 1, 1, 1]).tolist()]}],
+        [{"file": "../plate-1.3mf", "matrices": [np.eye(4).tolist()]}],
+        [{"file": 3, "matrices": [np.eye(4).tolist()]}],
     ],
 )
 def test_a_scene_with_impossible_plates_is_refused(plates: object) -> None:

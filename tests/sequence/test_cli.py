@@ -34,7 +34,6 @@ def _refuse(code: int, *arguments: str | Path) -> str:
     ("options", "why"),
     [
         (["--knots", "2"], "one knot"),
-        (["--free", "view"], "--free view"),
         (["--depth", "9999"], "towards the light"),
     ],
 )
@@ -100,6 +99,8 @@ def test_a_shorter_sequence_leaves_no_frames_of_the_one_before(tmp_path: Path) -
     out = tmp_path / "out"
     out.mkdir()
     old = ["part-01.stl", "part-02.3mf", "knots-02.json", "scene-02.toml", "zoetrope.stl"]
+    old += ["plate-02-1.3mf", "setup-02.pdf", "bends-02.csv", "bends-02-1.csv"]
+    old += ["bending-templates-a4-02.pdf", "drill-template-letter-02.pdf"]
     for name in [*old, "sequence.gif", "picture-frame-02.png", "report.json", "my-part-1.stl"]:
         (out / name).write_text("old")
     with OutputFolder(out) as folder:

@@ -11,6 +11,7 @@ from questions import ask_views
 from shapely import MultiPolygon, Point, affinity
 
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult
 from knotfab.scene.settings import PRESETS
 from knotfab.search.search import search
@@ -49,15 +50,18 @@ def rings_of(points: Array) -> Polylines:
 
 
 def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> None:
+    trefoil = replace(first.knots.knots[0], type="trefoil")
     before, rings = first.knots.points, rings_of(first.knots.points)
     assert first.feasible
     bound = outline_motion(DISC, MOVED) + RADIUS
     anchor = Anchor(before, bound, RADIUS)
     problems = ask_one(DISC), ask_one(MOVED)
     length = 1.1 * first.knots.knots[0].length_mm
-    found = follow(before, rings, problems, RADIUS, QUICK, length, [anchor])
+    start = Knots((trefoil,), RADIUS)  # the type goes along, whatever it is
+    found = follow(start, rings, problems, RADIUS, QUICK, length, [anchor])
     assert found.sound and found.result.feasible and found.beyond_mm <= 0
     assert found.points.shape == before.shape  # the same vertices, in their order
+    assert found.result.knots.knots[0].type == "trefoil"
     assert found.result.log.certified and found.result.log.resamplings == 0
     assert 0 < found.transported <= 1
     # a frame that had stayed would draw little of the new picture

@@ -54,7 +54,7 @@ class _Follow:
 
     def __call__(
         self,
-        before: NDArray[np.float64],
+        before: Knots,
         rings: object,
         problems: object,
         radius: float,
@@ -63,14 +63,13 @@ class _Follow:
         anchors: Sequence[Anchor],
         *rest: Any,
     ) -> FrameResult:
-        asked = int(before[0, 0]), len(anchors) == 2, settings.fine_iterations > 10
+        asked = int(before.points[0, 0]), len(anchors) == 2, settings.fine_iterations > 10
         self.asked.append(asked)
         limits = Limits(2.0, 0.4, 2.2, 1000.0, ROOM)
         at = np.zeros(3)
         measured = Feasibility(3.0 if self.sound else 1.0, at, 5.0, at, -1.0, at, 100.0, limits)
-        knots = Knots((Knot(before, "unknot"),), radius)
         seen = (self.seen.get(asked, 0.5),)
-        return FrameResult(SearchResult(knots, measured, CertificateLog(), {}, None, seen), -1.0)
+        return FrameResult(SearchResult(before, measured, CertificateLog(), {}, None, seen), -1.0)
 
 
 def _following(monkeypatch: pytest.MonkeyPatch, follow: _Follow, closing: bool) -> Following:
@@ -80,8 +79,8 @@ def _following(monkeypatch: pytest.MonkeyPatch, follow: _Follow, closing: bool) 
     view = ResolvedView(frame_width_mm=80.0, frame_height_mm=80.0)
     target = TargetView(view, _legs(10), MultiPolygon([box(0, 0, 9, 9)]))
     problem = Problem((target,), 0.4, None, 1000.0, ROOM)
-    known = tuple(np.full((4, 3), float(k)) for k in range(3))
-    back = Anchor(known[0], 5.0, 2.0) if closing else None
+    known = tuple(Knots((Knot(np.full((4, 3), float(k))),), 2.0) for k in range(3))
+    back = Anchor(known[0].points, 5.0, 2.0) if closing else None
     settings = SearchSettings(fine_iterations=10)
     return Following(
         known, (problem,) * 4, polylines_of_sizes((4,)), 2.0, settings, 100.0, back, 3.0, "cpu"

@@ -1,4 +1,4 @@
-"""The plates on which a part is printed in several pieces: plate-N.3mf, beside the scene."""
+"""The plates on which a part is printed in several pieces: 3MF files beside the scene."""
 
 from __future__ import annotations
 
@@ -53,8 +53,7 @@ def read_plates(folder: Path, scene: Scene) -> list[Plate]:
         BadFile: a plate cannot be read.
     """
     found = []
-    for number, motions in enumerate(scene.plates, start=1):
-        name = f"plate-{number}.3mf"
+    for name, motions in scene.plates:
         mesh = read_mesh(folder / name)
         found.append(Plate(name, mesh, number_bodies(mesh)[0], np.array(motions, dtype=np.float64)))
     return found

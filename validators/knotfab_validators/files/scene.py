@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -136,8 +136,8 @@ class Mount:
 class Scene:
     """One scene; `pose` (4 x 4 rows) takes part coordinates to scene coordinates, None: absent.
 
-    `plates`: where the part is printed in several pieces, for each plate-N.3mf the motions (4 x 4
-    rows) that take its bodies to the part.
+    `plates`: where the part is printed in several pieces, for each plate its file beside the scene and the
+    motions (4 x 4 rows) that take its bodies to the part.
     """
 
     piece: Piece
@@ -148,7 +148,7 @@ class Scene:
     accuracy: Accuracy
     mount: Mount
     pose: Pose | None
-    plates: tuple[tuple[Pose, ...], ...] = ()
+    plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
 
 
 def read_scene(path: Path) -> Scene:
@@ -302,16 +302,19 @@ def _pose(data: Any, name: str) -> Pose | None:
     return _motion(data.get("matrix") if isinstance(data, dict) else None, f"{name}: [pose] matrix")
 
 
-def _plates(data: Any, name: str) -> tuple[tuple[Pose, ...], ...]:
-    """The motions of the bodies of each plate."""
+def _plates(data: Any, name: str) -> tuple[tuple[str, tuple[Pose, ...]], ...]:
+    """The file of each plate, and the motions of its bodies."""
     tables = data.get("plates", []) if isinstance(data, dict) else []
     where = f"{name}: [pose] plates"
     found = []
-    for table in tables if isinstance(tables, list) else [None]:
+    for number, table in enumerate(tables if isinstance(tables, list) else [None], start=1):
         rows = table.get("matrices") if isinstance(table, dict) else None
         if not isinstance(rows, list) or not rows:
             raise BadFile(f"{where} must be tables, each with the matrices of its bodies")
-        found.append(tuple(_motion(one, f"{where}: a matrix") for one in rows))
+        file = Table(table, where).word("file", "") or f"plate-{number}.3mf"
+        if PurePath(file).name != file:
+            raise BadFile(f"{where}: {short(file)} is not the name of a file beside the scene")
+        found.append((file, tuple(_motion(one, f"{where}: a matrix") for one in rows)))
     return tuple(found)
 
 

@@ -1,0 +1,214 @@
+"""One piece, or one frame of a sequence: written, handed over to be verified and sliced, and reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from knotfab.design.design import Design
+from knotfab.errors import SceneError
+from knotfab.files.folder import OutputFolder
+from knotfab.files.threemf import read_back_strict
+from knotfab.flatten import flatten
+from knotfab.knots import Knots
+from knotfab.part.assemble import Part, part_of
+from knotfab.part.flatter import Flattening
+from knotfab.part.write import pose_scene, write_part, write_unbuilt
+from knotfab.progress import Progress
+from knotfab.report.drawings import write_drawings
+from knotfab.report.of_bounds import add_bounds
+from knotfab.report.of_build import (
+    add_binding,
+    add_fabrication,
+    check_3mf,
+    check_certificate,
+    check_limits,
+    report_of,
+)
+from knotfab.report.of_slicer import check_slicing
+from knotfab.report.pictures import find_pictures
+from knotfab.report.posing import add_posing
+from knotfab.report.report_html import write_report_html
+from knotfab.report.report_json import write_report_json
+from knotfab.request import Outcome, Request
+from knotfab.scene.model import ResolvedScene
+from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
+from knotfab.slicer.run import SlicerQueue
+from knotfab.target.read import Target
+from knotfab.verify.checks import exit_code, explain_unprinted, verdict_without_part
+from knotfab.verify.verifier import Files, Verifier
+
+if TYPE_CHECKING:
+    from knotfab.wire.plan import WirePlan
+
+__all__ = ["WrittenPiece", "finish_build", "report_piece", "write_piece"]
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class WrittenPiece:
+    """One piece as it was written; `part` is None where none can be made of its knots.
+
+    `scene` has its pose. `suffix` is in its files' names, such as "-01" of a sequence's frame. `answer` waits
+    for the validators' verdict; `slicings` are what the slicer will say, by file.
+    """
+
+    made: Design
+    scene: ResolvedScene
+    part: Part | None
+    targets: tuple[Target, ...]
+    suffix: str
+    answer: Callable[[], Record]
+    slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
+    flattening: Flattening | None = None
+
+    @property
+    def knots(self) -> Knots:
+        """As they are in the file."""
+        return self.made.knots if self.part is None else self.part.pose.knots
+
+    @cached_property
+    def verdict(self) -> Record:
+        """What the validators say of the files."""
+        return self.answer()
+
+    @cached_property
+    def sliced(self) -> dict[str, Sliced | NotSliced]:
+        """What the slicer made of each file."""
+        return {name: slicing.result() for name, slicing in self.slicings.items()}
+
+
+def write_piece(
+    made: Design,
+    targets: Sequence[Target],
+    folder: OutputFolder,
+    request: Request,
+    verifier: Verifier,
+    slicer: SlicerQueue,
+    progress: Progress,
+    suffix: str = "",
+) -> WrittenPiece:
+    """Write the part of a design with its knots, scene and pictures, and hand them over.
+
+    Where no part can be made of it, or the printer holds none, its verdict says why.
+
+    Args:
+        targets: the pictures of all views.
+    """
+    targets, flattening = tuple(targets), None
+    if made.region_stl is not None and made.scene.region.file is not None:
+        folder.write(made.scene.region.file, made.region_stl)
+    try:
+        part = part_of(made, request.printing, targets, progress)
+        if len(targets) == 1 and not request.sequence:  # all frames move in one depth
+            made, part, flattening = flatten(request, targets[0], made, part, progress)
+    except SceneError as error:
+        why = str(error)
+        scene = write_unbuilt(folder, made, targets, suffix)
+        return WrittenPiece(made, scene, None, targets, suffix, lambda: verdict_without_part(why))
+    with progress.stage("part"):
+        scene = pose_scene(part, suffix)
+        write_part(folder, part, scene, targets, request.colours, suffix)
+    slicings = {}
+    if request.printing and "slicer" not in request.skip:
+        printed = _files_for_slicer(folder, part, suffix)
+        slicings = {path.name: slicer.submit(path, scene) for path in printed}
+    files = Files(
+        folder.file(f"part{suffix}.stl"),
+        folder.file(f"knots{suffix}.json"),
+        folder.file(f"scene{suffix}.toml"),
+        folder.work,
+        folder.file(f"failures{suffix}.png"),
+    )
+    answer = verifier.submit(files).result
+    return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening)
+
+
+def report_piece(
+    piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
+) -> Record:
+    """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
+    made, part = piece.made, piece.part
+    with progress.stage("verify"):
+        verdict = piece.verdict
+    if not request.printing:
+        explain_unprinted(verdict["checks"], request.skip)
+    own = [check_certificate(made), check_limits(made)]
+    if part is None:
+        verdict["checks"] += own
+        report = report_of(request, made, piece.knots, [], verdict, progress)
+        add_binding(report, made)
+        return report
+    sag = part.mounted.check_sag()
+    verdict["checks"] += [check_3mf(_read_back(folder, piece)), *own]
+    verdict["checks"] += [] if sag is None else [sag]
+    with progress.stage("slicer"):
+        sliced = sum_slicings(piece.sliced) if piece.sliced else None
+    if sliced is not None:
+        verdict["checks"].append(check_slicing(sliced))
+    plan = _plan_bends(folder, piece, progress)
+    if plan is not None:
+        verdict["checks"] += plan.checks
+    drawings: list[str] = []
+    if request.printing:
+        with progress.stage("drawings"):
+            drawings = write_drawings(
+                folder, part, piece.scene, piece.targets, verdict, piece.suffix
+            )
+    with progress.stage("report"):
+        report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
+        add_fabrication(report, part.mounted, sliced, plan, request.printing)
+        report["print"]["drawings"] = drawings
+        add_binding(report, made)
+        add_bounds(report, made)
+        add_posing(report, part, piece.flattening, piece.suffix)
+    return report
+
+
+def finish_build(folder: OutputFolder, request: Request, report: Record, title: str) -> Outcome:
+    """Write the report, and move the whole to where its checks say that it belongs."""
+    write_report_json(folder.file("report.json"), report)
+    write_report_html(folder.file("report.html"), report, find_pictures(folder.work), title)
+    code = exit_code(report["checks"])
+    if code == 0:
+        folder.commit()
+        return Outcome(0, report, request.out)
+    folder.reject()
+    return Outcome(code, report, request.out / "rejected")
+
+
+def _plan_bends(folder: OutputFolder, piece: WrittenPiece, progress: Progress) -> WirePlan | None:
+    """The bending plan, written, where the piece is of wire."""
+    if piece.scene.material.process != "wire":
+        return None
+    from knotfab.wire.plan import write_bending_plan
+
+    with progress.stage("bending plan"):
+        pictures = [folder.file(view.picture) for view in piece.scene.views]
+        return write_bending_plan(
+            folder.work, piece.made.knots, piece.scene, pictures, suffix=piece.suffix
+        )
+
+
+def _files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:
+    """What is printed: the part, or its plates."""
+    names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
+    return [folder.file(name) for name in names]
+
+
+def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:
+    """What lib3mf says of the files for the slicer, by name where there are several."""
+    assert piece.part is not None
+    whole, coloured = (
+        folder.file(f"{name}{piece.suffix}.3mf") for name in ("part", "part-colours")
+    )
+    others = {*_files_for_slicer(folder, piece.part, piece.suffix), coloured} - {whole}
+    warnings = read_back_strict(whole)
+    for path in sorted(p for p in others if p.is_file()):
+        warnings += [f"{path.name}: {warning}" for warning in read_back_strict(path)]
+    return warnings
