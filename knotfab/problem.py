@@ -66,6 +66,9 @@ class Problem:
     depth_mm: float | None = (
         None  # of one view: extent of the centre lines along its axis; None: flat
     )
+    overhang_deg: float | None = (
+        None  # steepest that prints without supports; None: they cost nothing
+    )
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
 

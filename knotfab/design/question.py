@@ -108,6 +108,9 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         None if isinstance(bend, str) else bend,
         scene.material.max_length_mm,
         resolve_region(scene.region, views, bounds, thinnest),
+        overhang_deg=scene.printer.max_overhang_deg
+        if scene.printer.max_overhang_deg < 90
+        else None,
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,

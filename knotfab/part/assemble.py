@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
+from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import clean_body
 from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, list_printables
-from knotfab.part.supports import Rules
 from knotfab.progress import Progress
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Scene

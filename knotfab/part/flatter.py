@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
-from knotfab.part.orient import estimate_supports_cm3, propose_turns, rank_turns
-from knotfab.part.supports import Rules, strands_of
+from knotfab.part.orient import estimate_supports_cm3, propose_turns, rank_turns, strands_of
 
 __all__ = ["Flattening", "flatter_depth"]
 

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
-from knotfab.part.supports import Estimate, Rules, Strands, estimate
+from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate, strands_along
+from knotfab.knots import Knots
 
 __all__ = [
     "AXES",
@@ -21,6 +22,7 @@ __all__ = [
     "propose_turns",
     "rank_turns",
     "spread_turns",
+    "strands_of",
 ]
 
 
@@ -67,6 +69,12 @@ def estimate_minutes(found: Estimate) -> float:
         + MINUTES_TIPSY * max(0.0, 1.0 - found.tip_deg / TIPSY_DEG)
         + MINUTES_CONTACT / (1.0 + found.contact_mm2 / CONTACT_MM2)
     )
+
+
+def strands_of(knots: Knots, most: int = 6000) -> Strands:
+    """The centre lines as short rods."""
+    curves, closed = [k.points for k in knots.knots], [k.closed for k in knots.knots]
+    return strands_along(curves, knots.radius_mm, closed, most)
 
 
 def propose_turns(strands: Strands) -> list[Array]:

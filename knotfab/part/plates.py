@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.part.clean import clean_body
 from knotfab.part.connector import cut_body
 from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.supports import Rules
 
 __all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
 

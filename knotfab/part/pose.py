@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots
-from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns
-from knotfab.part.supports import Rules, strands_of
+from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
 
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
 

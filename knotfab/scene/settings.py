@@ -31,7 +31,7 @@ class SearchSettings(BaseModel):
     edge_radii: float = Field(0.6, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
-    depth_candidates: int = Field(60, ge=1)  # depth profiles tried for the least legible one
+    depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     tolerance_px: float = Field(
         0.25, gt=0
@@ -76,7 +76,7 @@ PRESETS: dict[str, SearchSettings] = {
         coarse_iterations=50,
         fine_iterations=40,
         settle_iterations=30,
-        depth_candidates=30,
+        depth_candidates=120,
         radius_candidates=8,
         tolerance_px=0.5,
         mesh_sides=20,
@@ -88,7 +88,7 @@ PRESETS: dict[str, SearchSettings] = {
         coarse_iterations=160,
         fine_iterations=160,
         settle_iterations=80,
-        depth_candidates=150,
+        depth_candidates=600,
         radius_candidates=16,
         tolerance_px=0.1,
         mesh_sides=48,

@@ -1,17 +1,21 @@
 """The depth profile: where along the light's rays each stretch of the template goes.
 
 Moving points along rays leaves the picture of a simple curve simple, so the lifted curve is still an
-unknot by inspection. Among many random smooth profiles the one is taken from which the picture can
-least be read elsewhere.
+unknot by inspection. Of random smooth profiles the best are varied, by descent: those from which the
+picture can least be read elsewhere, and which need little support in print.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
+from knotfab.geometry.overhang import Rules, estimate, strands_along
+from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.problem import DepthChoice
 from knotfab.start.legibility import legibility
 
@@ -19,7 +23,14 @@ __all__ = ["choose_depth", "lift"]
 
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
+_SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
+_SAMPLE_RADII = 0.8  # between the points that a profile is judged at
+_DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
+_KEPT = 4  # profiles that are varied in turn
+_CHANGED = 0.5  # share of its waves that a variation changes
+_CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
+_TURNS = 4  # to the bed, that supports are weighed in: the best of the first profiles
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
@@ -27,39 +38,129 @@ def lift(curve: Array, depth: Array, light_distance: float) -> Array:
     return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
 
 
-def _profile(rng: np.random.Generator, arc: Array, length: float, shortest: float) -> Array:
-    """A random periodic profile between about -2 and 2 whose waves are at least `shortest` long."""
-    waves = max(1, int(length / shortest))
-    k = np.arange(1, waves + 1)
-    amplitude, phase = rng.normal(size=waves), rng.uniform(0, 2 * np.pi, waves)
-    angle = 2 * np.pi * arc[:, None] / length * k + phase
-    # a normal variable made uniform: the curve spends as much length in front as in the middle, so
-    # that neighbouring parts of the outline are far apart in depth
-    profile = 2.0 * erf((amplitude * np.cos(angle)).sum(1) / np.sqrt(waves))
-    # a curve shorter than a wave keeps its slope small and goes to a depth of its own instead
-    return np.asarray(
-        profile * min(1.0, length / shortest) + rng.normal() * (length < 3 * shortest)
+@dataclass(frozen=True)
+class _Profile:
+    """Per curve the cosines and sines (2, k) of its first k waves and an offset; the shortest wave, mm."""
+
+    waves: tuple[Array, ...]
+    offsets: Array
+    shortest: float
+
+    def heights(self, arcs: list[Array]) -> list[Array]:
+        """Between about -2 and 2 at arc lengths (n + 1,) of each curve, the last of which is its length."""
+        out = []
+        for (cosine, sine), offset, arc in zip(self.waves, self.offsets, arcs, strict=True):
+            length = float(arc[-1])
+            angle = 2 * np.pi * arc[:-1, None] / length * np.arange(1, len(cosine) + 1)
+            wave = (cosine * np.cos(angle) - sine * np.sin(angle)).sum(1) / np.sqrt(2 * len(cosine))
+            # a normal variable made uniform: the curve spends as much length in front as in the middle, so
+            # that neighbouring parts of the outline are far apart in depth; a curve shorter than a wave
+            # keeps its slope small and goes to a depth of its own instead
+            own = offset if length < 3 * self.shortest else 0.0
+            out.append(2.0 * erf(wave) * min(1.0, length / self.shortest) + own)
+        return out
+
+    def varied(self, rng: np.random.Generator, change: float) -> _Profile:
+        """Another of the same spread, in which about half of the waves are changed by this share."""
+
+        def mix(wave: Array) -> Array:
+            step = rng.normal(size=wave.shape) * (rng.random(wave.shape[-1]) < _CHANGED)
+            return np.asarray(np.sqrt(1.0 - change**2) * wave + change * step)
+
+        offsets = self.offsets + change * rng.normal(size=len(self.offsets))
+        return _Profile(tuple(mix(w) for w in self.waves), offsets, self.shortest)
+
+
+def _draw_profile(rng: np.random.Generator, arcs: list[Array], shortest: float) -> _Profile:
+    counts = [max(1, int(arc[-1] / shortest)) for arc in arcs]
+    return _Profile(
+        tuple(rng.normal(size=(2, n)) for n in counts), rng.normal(size=len(arcs)), shortest
     )
 
 
-def _overlapping(curves: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
-    """Pairs of points that hide each other seen from the light, so that they must differ in depth.
+def _overlapping(
+    samples: tuple[Array, ...], arcs: list[Array], radius: float
+) -> tuple[Indices, Indices]:
+    """Pairs of samples that hide each other seen from the light, so that they must differ in depth.
 
     Where two strands run in a stroke about one tube wide, neither can step aside without a trace.
     """
-    every = np.concatenate(curves)
-    curve = np.repeat(np.arange(len(curves)), [len(c) for c in curves])
-    arc = np.concatenate(
-        [np.cumsum(np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1)) for c in curves]
-    )
-    total = np.array([arc[curve == k].max() for k in range(len(curves))])[curve]
-    some = np.arange(0, len(every), 2)
-    pairs = some[cKDTree(every[some]).query_pairs(1.85 * radius, output_type="ndarray")]
+    sizes = [len(s) for s in samples]
+    curve = np.repeat(np.arange(len(samples)), sizes)
+    arc, total = np.concatenate([a[:-1] for a in arcs]), np.repeat([a[-1] for a in arcs], sizes)
+    pairs = cKDTree(np.concatenate(samples)).query_pairs(1.85 * radius, output_type="ndarray")
     i, j = pairs[:, 0], pairs[:, 1]
     along = np.abs(arc[i] - arc[j])
     along = np.minimum(along, total[i] - along)
     far = (curve[i] != curve[j]) | (along > 6.0 * radius)
     return i[far], j[far]
+
+
+def _turns() -> Array:
+    """(18, 3, 3) turns to the bed whose ways up lie along the axes and between two of them."""
+    ups = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
+    ups = ups[np.isin(np.abs(ups).sum(1), (1, 2))]
+    ups /= np.linalg.norm(ups, axis=1)[:, None]
+    side = np.cross(ups, np.eye(3)[np.abs(ups).argmin(1)])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    return np.stack([side, np.cross(ups, side), ups], axis=1)
+
+
+@dataclass
+class _Judge:
+    """What a profile is judged by: samples of the curves, and whoever hides whom."""
+
+    curves: tuple[Array, ...]
+    radius: float
+    light_distance: float
+    extent_mm: float
+    target: Mask
+    overhang_deg: float | None
+    turns: Array = field(default_factory=_turns)
+
+    def __post_init__(self) -> None:
+        step = _SAMPLE_RADII * self.radius
+        self.samples = tuple(sample_evenly(c, step) for c in self.curves)
+        self.arcs = [arc_lengths(s) for s in self.samples]
+        self.pairs = _overlapping(self.samples, self.arcs, self.radius)
+
+    def place(self, profile: _Profile) -> list[Array]:
+        """The samples lifted."""
+        heights = _fit(profile.heights(self.arcs), self.extent_mm)
+        return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
+
+    def legibility(self, parts: list[Array]) -> float:
+        """From 45 and 30 degrees aside, and what strands hide each other."""
+        points = np.concatenate(parts)
+        seen = [
+            share * legibility(points, self.radius, self.light_distance, self.target, angle)
+            for share, angle in ((0.75, 45.0), (0.25, 30.0))
+        ]
+        one, other = self.pairs
+        close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
+        return sum(seen) + _CONFLICT * float(close.sum()) / max(len(one), 1)
+
+    def supports(self, parts: list[Array]) -> Array:
+        """(turns,) The weighted volume of the supports, over the tube's."""
+        if self.overhang_deg is None:
+            return np.zeros(1)
+        rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius)
+        tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
+        found = [estimate(rods, turn, rules).support_cm3 for turn in self.turns]
+        return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
+
+    def keep_best_turns(self, placed: list[list[Array]]) -> None:
+        """From here on only the turns in which these need least."""
+        mean = np.mean([self.supports(parts) for parts in placed], axis=0)
+        self.turns = self.turns[np.argsort(mean, kind="stable")[:_TURNS]]
+
+
+def _fit(heights: list[Array], extent_mm: float) -> list[Array]:
+    """The heights of all curves, shifted and scaled to the extent about zero."""
+    joined = np.concatenate(heights)
+    low, high = float(joined.min()), float(joined.max())
+    scale = extent_mm / max(high - low, 1e-9)
+    return [(h - 0.5 * (low + high)) * scale for h in heights]
 
 
 def choose_depth(
@@ -70,41 +171,41 @@ def choose_depth(
     target: Mask,
     candidates: int,
     seed: int,
+    overhang_deg: float | None = None,
 ) -> DepthChoice:
-    """The least legible of `candidates` random profiles of the given extent.
+    """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
         radius: tube radius, mm.
         light_distance: mm to the middle of the piece.
         extent_mm: extent of the centre lines along the view's axis.
-        target: the picture's mask, from `legibility.stretched`.
+        target: the picture's mask, from `legibility.stretch_mask`.
+        overhang_deg: the steepest from the vertical that prints without supports; None: they cost nothing.
     """
+    rng = np.random.default_rng(seed)
+    judge = _Judge(curves, radius, light_distance, extent_mm, target, overhang_deg)
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
-    rng = np.random.default_rng(seed)
-    arcs, lengths = [], []
-    for curve in curves:
-        steps = np.linalg.norm(np.roll(curve, -1, axis=0) - curve, axis=1)
-        arcs.append(np.concatenate([[0.0], np.cumsum(steps)[:-1]]))
-        lengths.append(float(steps.sum()))
-    one, other = _overlapping(curves, radius)
-    best: DepthChoice | None = None
-    for n in range(candidates):
-        shortest = _WAVELENGTHS[n % len(_WAVELENGTHS)] * across
-        raw = [_profile(rng, a, length, shortest) for a, length in zip(arcs, lengths, strict=True)]
-        joined = np.concatenate(raw)
-        low, high = float(joined.min()), float(joined.max())
-        scale = extent_mm / max(high - low, 1e-9)
-        depths = tuple((d - 0.5 * (low + high)) * scale for d in raw)
-        points = np.concatenate(
-            [lift(c, d, light_distance) for c, d in zip(curves, depths, strict=True)]
-        )
-        seen = 0.75 * legibility(points, radius, light_distance, target, 45.0)
-        seen += 0.25 * legibility(points, radius, light_distance, target, 30.0)
-        apart = np.linalg.norm(points[one] - points[other], axis=1)
-        seen += _CONFLICT * float((apart < 2.2 * radius).sum()) / max(len(one), 1)
-        if best is None or seen < best.legibility:
-            best = DepthChoice(depths, seen)
-    assert best is not None
-    return best
+    drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
+    first = []
+    for n in range(drawn):
+        profile = _draw_profile(rng, judge.arcs, _WAVELENGTHS[n % len(_WAVELENGTHS)] * across)
+        parts = judge.place(profile)
+        first.append((judge.legibility(parts), profile, parts))
+    first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
+    judge.keep_best_turns([parts for _, _, parts in first])
+    scored = [(seen + float(judge.supports(parts).min()), p, seen) for seen, p, parts in first]
+    best = sorted(scored, key=lambda one: one[0])[:_KEPT]
+    begin, end = _CHANGES
+    for n in range(drawn, candidates):
+        change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
+        profile = best[n % len(best)][1].varied(rng, change)
+        parts = judge.place(profile)
+        seen = judge.legibility(parts)
+        if seen < best[-1][0]:  # else no saving of supports could bring it in
+            cost = seen + float(judge.supports(parts).min())
+            best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
+    _, profile, seen = best[0]
+    arcs = [arc_lengths(c) for c in curves]
+    return DepthChoice(tuple(_fit(profile.heights(arcs), extent_mm)), seen)

@@ -32,6 +32,7 @@ def lift_template(
         stretch_mask(target.mask),
         1 if flat else settings.depth_candidates,
         settings.seed,
+        problem.overhang_deg,
     )
     step = settings.edge_radii * radius
     parts = [

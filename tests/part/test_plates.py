@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
 from knotfab.files.threemf import write_3mf
+from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.connector import DEEPER_MM, KERF_MM, Piece, cut_body
 from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
 from knotfab.part.plates import APART_MM, Plates, Printable, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.supports import Rules
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.plates import Plate, read_plates
 from knotfab_validators.files.scene import Printer, parse_scene

@@ -21,9 +21,6 @@ from knotfab.problem import Problem
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS, search_settings
 from knotfab.search.phases import plan_of
-from knotfab.start.depth import choose_depth, lift
-from knotfab.start.filling import fill
-from knotfab.start.legibility import legibility, stretch_mask
 from knotfab.start.start import make_start
 
 QUICK = PRESETS["draft"].model_copy(
@@ -158,25 +155,6 @@ def test_feasibility_finds_each_violation(problem: Problem) -> None:
     assert "leaves the region by 0.05" in measure_feasibility(both, rings, outside).violations[0]
     bent = replace(limits, clearance=0.2, bend_radius=41.0)
     assert "bend radius 39.99" in measure_feasibility(both, rings, bent).violations[0]
-
-
-def test_depth_keeps_the_picture_and_lowers_legibility(problem: Problem) -> None:
-    template = fill(problem.polygons[0], 3.0)
-    target = stretch_mask(problem.views[0].mask)
-    light = problem.views[0].view.light_distance_mm
-    choice = choose_depth(template.curves, 3.0, light, 90.0, target, 12, 0)
-    joined = np.concatenate(choice.depths)
-    assert np.ptp(joined) == pytest.approx(90.0)
-    lifted = np.concatenate(
-        [lift(c, d, light) for c, d in zip(template.curves, choice.depths, strict=True)]
-    )
-    flat = np.concatenate([lift(c, 0 * c[:, 0], light) for c in template.curves])
-    # seen from the light nothing moved
-    seen = lifted[:, :2] / (1 - lifted[:, 2:] / light)
-    np.testing.assert_allclose(seen, flat[:, :2], atol=1e-9)
-    spread = legibility(lifted, 3.0, light, target, 45.0)
-    assert spread < legibility(flat, 3.0, light, target, 45.0) - 0.08
-    assert legibility(flat, 3.0, light, target, 0.0) > 0.9
 
 
 def test_unknown_search_keys_are_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
-from knotfab.knots import Knots
 
-__all__ = ["Estimate", "Rules", "Strands", "estimate", "strands_of"]
+__all__ = ["Estimate", "Rules", "Strands", "estimate", "strands_along"]
 
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
@@ -66,23 +66,31 @@ class Estimate:
     bridge_mm: float
 
 
-def strands_of(knots: Knots, most: int = 6000) -> Strands:
-    """Rods of even length along every knot, about `FINEST_RADII` of the radius, `most` in all."""
-    total = sum(knot.length_mm for knot in knots.knots)
-    pitch = max(FINEST_RADII * knots.radius_mm, total / most)
+def strands_along(
+    curves: Sequence[Array], radius: float, closed: Sequence[bool] | None = None, most: int = 6000
+) -> Strands:
+    """Rods of even length along every curve (n, 3), mm, about `FINEST_RADII` of the radius, `most` in all.
+
+    Args:
+        closed: which of the curves are; None: all.
+    """
+    closed = [True] * len(curves) if closed is None else closed
+    whole = [np.vstack([c, c[:1]]) if shut else c for c, shut in zip(curves, closed, strict=True)]
+    arcs = [
+        np.concatenate([[0.0], np.linalg.norm(np.diff(c, axis=0), axis=1).cumsum()]) for c in whole
+    ]
+    pitch = max(FINEST_RADII * radius, sum(float(arc[-1]) for arc in arcs) / most)
     ends, counts = [], []
-    for knot in knots.knots:
-        closed = np.vstack([knot.points, knot.points[:1]]) if knot.closed else knot.points
-        arc = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
+    for curve, arc in zip(whole, arcs, strict=True):
         count = max(8, int(np.ceil(arc[-1] / pitch)))
         at = np.linspace(0.0, arc[-1], count + 1)
-        ends.append(np.column_stack([np.interp(at, arc, closed[:, k]) for k in range(3)]))
+        ends.append(np.column_stack([np.interp(at, arc, curve[:, k]) for k in range(3)]))
         counts.append(count)
     middle = np.concatenate([(p[1:] + p[:-1]) / 2 for p in ends])
     step = np.concatenate([np.diff(p, axis=0) for p in ends])
     length = np.linalg.norm(step, axis=1)
     along = step / np.maximum(length, 1e-12)[:, None]
-    return Strands(middle, along, length, tuple(counts), knots.radius_mm)
+    return Strands(middle, along, length, tuple(counts), radius)
 
 
 def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
+from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.flatter import flatter_depth
@@ -18,9 +19,9 @@ from knotfab.part.orient import (
     keeps_limits,
     propose_turns,
     rank_turns,
+    strands_of,
 )
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.supports import Estimate, Rules, Strands, estimate, strands_of
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.columns import columns
 from knotfab_validators.printing.overhang import support_volume
