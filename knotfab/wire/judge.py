@@ -115,7 +115,7 @@ def cast_shadows(
         mask = read_silhouette(picture, invert=view.invert)
         height, width = mask.shape
         frame = working_frame(width, height)
-        geometry = view_geometry(view, width, height).resampled(frame)
+        geometry = view_geometry(view, width, height).resample(frame)
         shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
         inside = distance_transform_edt(shadow) * geometry.pixel_mm
         target = padded_mask(mask, frame)
