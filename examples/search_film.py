@@ -27,7 +27,7 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.problem import Problem
 from knotfab.render.frame import Frame
 from knotfab.render.picture import picture_at
-from knotfab.render.tiled import render_tiled
+from knotfab.render.silhouette import render
 from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of
@@ -98,9 +98,7 @@ def _shadow(
     """The tube's shadow: black where it is wanted, red where not, blue where it is missing."""
     p = torch.as_tensor(points, dtype=torch.float32)
     with torch.no_grad():
-        cast = (
-            render_tiled(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
-        )
+        cast = render(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
     return Image.fromarray(paint_comparison(cast, wanted))
 
 

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from knotfab.render.capsule import BEHIND, capsule_distance
 from knotfab.render.clip import NEAREST_RADII, cut_before_light
+from knotfab.render.silhouette import render as render_compiled
 from knotfab.render.tiled import render_tiled
 
 from .oracle import signed_distance_px
@@ -18,6 +19,9 @@ from .rendering import RenderCase, frame_at
 
 EPSILONS = 16.0  # how many machine epsilons times the condition number an error may be
 _CUTOFF = 40.0
+
+Render = Callable[..., Tensor]
+FORMS: dict[str, Render] = {"torch": render_tiled, "compiled": render_compiled}
 
 
 @dataclass(frozen=True)
@@ -120,13 +124,13 @@ def condition(case: RenderCase) -> Tensor:
     return torch.maximum(*(_condition(case, kind) for kind in kinds))
 
 
-def image(case: RenderCase, dtype: torch.dtype) -> Tensor:
-    """[height, width] by the tiled renderer."""
+def image(case: RenderCase, dtype: torch.dtype, render: Render = render_tiled) -> Tensor:
+    """[height, width] by one form of the tiled renderer."""
     starts, ends = _ends(case, dtype)
-    return render_tiled(starts, ends, frame_at(case, dtype), case.radius, case.tau, _CUTOFF)
+    return render(starts, ends, frame_at(case, dtype), case.radius, case.tau, _CUTOFF)
 
 
-def forward_error(case: RenderCase) -> ForwardError:
+def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardError:
     """Single against double precision: the distances of all pixels, and the tiled image."""
     exact, rough = distances(case, torch.float64), distances(case, torch.float32)
     kappa = torch.maximum(_condition(case, exact.winner), _condition(case, rough.winner))
@@ -138,7 +142,7 @@ def forward_error(case: RenderCase) -> ForwardError:
     share = away / bound
     worst = int(share.argmax())
     wanted = torch.sigmoid(case.tau * exact.s).reshape(case.height, case.width)
-    single, double = image(case, torch.float32), image(case, torch.float64)
+    single, double = (image(case, t, render) for t in (torch.float32, torch.float64))
     # the sigmoid's slope is at most a quarter; its own rounding and what the cut-off leaves out
     allowed = (0.25 * case.tau * bound + 4 * epsilon).reshape(wanted.shape)
     image_share = ((single.double() - wanted).abs() / allowed).max()
@@ -153,7 +157,9 @@ def forward_error(case: RenderCase) -> ForwardError:
     )
 
 
-def sampled_error(case: RenderCase, count: int = 2000) -> tuple[float, float]:
+def sampled_error(
+    case: RenderCase, count: int = 2000, render: Render = render_tiled
+) -> tuple[float, float]:
     """Of an image too large for every pixel against every capsule: `count` pixels anywhere, `count` on edges.
 
     Returns the largest error of the tiled single precision image in px (at the slope of an edge), and
@@ -163,7 +169,7 @@ def sampled_error(case: RenderCase, count: int = 2000) -> tuple[float, float]:
     starts, ends = _ends(case, torch.float32)
     starts = starts.requires_grad_()
     frame = frame_at(case, torch.float32)
-    shown = render_tiled(starts, ends, frame, case.radius, case.tau, _CUTOFF).flatten()
+    shown = render(starts, ends, frame, case.radius, case.tau, _CUTOFF).flatten()
     (gradient,) = torch.autograd.grad(shown.sum(), starts)
     shown = shown.detach()
     if not bool(gradient.isfinite().all() and shown.isfinite().all()):
@@ -218,10 +224,12 @@ def gradient_condition(case: RenderCase) -> float:
     return max(float(((moved - g) * v).sum().abs()) for v in _ways(points, 4)) / size
 
 
-def _loss(case: RenderCase, points: Tensor, dtype: torch.dtype) -> Tensor:
+def _loss(
+    case: RenderCase, points: Tensor, dtype: torch.dtype, render: Render = render_tiled
+) -> Tensor:
     """A weighted sum of the image's pixels; the weights are fixed."""
     e = torch.as_tensor(case.edges)
-    shown = render_tiled(
+    shown = render(
         points[e[:, 0]], points[e[:, 1]], frame_at(case, dtype), case.radius, case.tau, _CUTOFF
     )
     generator = torch.Generator().manual_seed(2)
@@ -256,11 +264,11 @@ def _ways(points: Tensor, count: int) -> list[Tensor]:
     return found
 
 
-def gradient_error(case: RenderCase, ways: int = 3) -> GradientError:
+def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_tiled) -> GradientError:
     """Of a fixed weighted sum of the image, along `ways` smooth random motions of the points."""
     points = torch.as_tensor(case.points)
-    g = _gradient(lambda p: _loss(case, p, torch.float64), points)
-    single = _gradient(lambda p: _loss(case, p, torch.float32), points.float())
+    g = _gradient(lambda p: _loss(case, p, torch.float64, render), points)
+    single = _gradient(lambda p: _loss(case, p, torch.float32, render), points.float())
     pixel = _pixel_mm(case)
     least = 1e-4 / max(case.tau, 1.0) * pixel
     double_off, single_off = 0.0, 0.0
@@ -268,7 +276,9 @@ def gradient_error(case: RenderCase, ways: int = 3) -> GradientError:
         # the step that suits: rounding spoils a small one, curvature a large one
         slopes = []
         for h in (least, 10 * least):
-            ahead, behind = (float(_loss(case, points + k * h * v, torch.float64)) for k in (1, -1))
+            ahead, behind = (
+                float(_loss(case, points + k * h * v, torch.float64, render)) for k in (1, -1)
+            )
             slopes.append((ahead - behind) / (2 * h))
         along = float((g * v).sum())
         # below a thousandth of the slope of one pixel's edge, the sigmoid's rounding is all there is
@@ -279,7 +289,9 @@ def gradient_error(case: RenderCase, ways: int = 3) -> GradientError:
     return GradientError(double_off, single_off, finite)
 
 
-def subgradient_excess(case: RenderCase, dtype: torch.dtype, directions: int = 6) -> float:
+def subgradient_excess(
+    case: RenderCase, dtype: torch.dtype, directions: int = 6, render: Render = render_tiled
+) -> float:
     """At the case's kinks: how far the gradient leaves what the one-sided slopes allow, relative.
 
     A subgradient's slope along v lies between f'(x; v) and -f'(x; -v).
@@ -293,7 +305,7 @@ def subgradient_excess(case: RenderCase, dtype: torch.dtype, directions: int = 6
         def value(p: Tensor, pixel: tuple[int, int] = pixel) -> Tensor:
             e = torch.as_tensor(case.edges)
             frame = frame_at(case, p.dtype, pixel)
-            return render_tiled(p[e[:, 0]], p[e[:, 1]], frame, case.radius, case.tau).sum()
+            return render(p[e[:, 0]], p[e[:, 1]], frame, case.radius, case.tau).sum()
 
         g = _gradient(value, points.to(dtype)).double()
         worst = worst if bool(g.isfinite().all()) else np.inf

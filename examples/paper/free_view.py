@@ -19,8 +19,8 @@ from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.posed_frame import Sheet, posed_frame
+from knotfab.render.silhouette import render
 from knotfab.render.threads import one_thread
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
 from knotfab.search.search import search
@@ -42,7 +42,7 @@ def shadow_of(points: Array, numbers: ViewNumbers, sheet: Sheet = SHEET) -> torc
     distances = torch.tensor([numbers.light_distance_mm, numbers.wall_distance_mm]).double()
     frame = posed_frame(sheet, turn, *distances)
     p = torch.as_tensor(points)
-    return (render_tiled(p, p.roll(-1, 0), frame, numbers.radius_mm, 10.0) > 0.5).float()
+    return (render(p, p.roll(-1, 0), frame, numbers.radius_mm, 10.0) > 0.5).float()
 
 
 def recoveries(seeds: int = 3) -> None:

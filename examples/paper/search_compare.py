@@ -21,7 +21,7 @@ from examples.measurement import Stopwatch, paint_comparison, read_question
 from examples.pictures import pictures
 from knotfab.problem import Problem, SearchResult
 from knotfab.render.picture import picture_at
-from knotfab.render.tiled import render_tiled
+from knotfab.render.silhouette import render
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
@@ -147,7 +147,7 @@ def _compare(problem: Problem, radius: float, result: SearchResult) -> NDArray[n
     for knot in result.knots.knots:
         points = torch.as_tensor(knot.points, dtype=torch.float32)
         ahead = torch.roll(points, -1, dims=0)
-        seen |= (render_tiled(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
+        seen |= (render(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
     return paint_comparison(seen, (target > 0.5).numpy())
 
 

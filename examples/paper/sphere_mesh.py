@@ -28,8 +28,8 @@ from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
 from knotfab.progress import Progress
 from knotfab.render.picture import picture_at
+from knotfab.render.silhouette import render
 from knotfab.render.threads import one_thread
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
 
@@ -163,7 +163,7 @@ def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     starts = torch.as_tensor(knots.points).float()
     ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
     with torch.no_grad():
-        seen = (render_tiled(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
+        seen = (render(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
     return _square(target.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
 
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 
 from examples.hard_cases.curves import circle, hard_knots
 from examples.hard_cases.isotopy import fuzz
-from examples.hard_cases.measure import image, sampled_error
+from examples.hard_cases.measure import FORMS, image, sampled_error
 from examples.hard_cases.pictures import hard_pictures
 from examples.hard_cases.rendering import RenderCase, large_cases
 from examples.hard_cases.value_error import slope_excess, value_error
@@ -35,7 +35,7 @@ from knotfab.arrays import Array
 from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
-from knotfab.render.tiled import render_tiled
+from knotfab.render.silhouette import render
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
@@ -89,7 +89,10 @@ def _drawn(case: ValueCase) -> Draw:
 def _images() -> Iterator[Line]:
     for case in large_cases():
         watch = Stopwatch()
-        error, share = sampled_error(case)
+        error, share = (
+            max(e)
+            for e in zip(*(sampled_error(case, render=f) for f in FORMS.values()), strict=True)
+        )
         spent = watch.cpu_s
         cells = (str(len(case.edges)), f"{error:.0e}", f"{share:.3f}", f"{spent:.0f}")
         good = share <= 1 and error <= 1e-3
@@ -192,7 +195,7 @@ def _shadow(made: Design, target: Target) -> Array:
     shadow = torch.zeros(target.height, target.width, dtype=torch.float64)
     for knot in made.knots.knots:
         p = torch.as_tensor(knot.points)
-        one = render_tiled(p, p.roll(-1, 0), frame, made.knots.radius_mm, 4.0)
+        one = render(p, p.roll(-1, 0), frame, made.knots.radius_mm, 4.0)
         shadow = torch.maximum(shadow, one)
     return np.asarray(shadow)
 

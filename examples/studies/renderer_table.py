@@ -1,12 +1,16 @@
-"""The tiled renderer against the dense formula: seconds of forward and backward, in one run.
+"""The tiled renderers against the dense formula: CPU seconds of forward and backward, one thread, in one run.
 
-`python -m examples.studies.renderer_table [--pixels 256] [--capsules 1000]`.
+    python -m examples.studies.renderer_table [--pixels 256] [--capsules 1000] [--cut 16]
+
+The compiled form is also held against a floor: every pixel that is coloured tested against its winner alone,
+once, and evaluated once, at the rates at which the same loops run in cache.
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -15,9 +19,15 @@ from torch import Tensor
 from examples.measurement import Stopwatch
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame, frame_of
+from knotfab.render.silhouette import render, squared_error, winners
+from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
+
+VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
+RADIUS, TAU = 2.0, 1.0
+Error = Callable[[Tensor], Tensor]  # the squared error of closed polylines [n, 3] with a target
 
 
 def curve(capsules: int, dtype: torch.dtype) -> Tensor:
@@ -27,55 +37,107 @@ def curve(capsules: int, dtype: torch.dtype) -> Tensor:
     return torch.stack([r * torch.cos(t), r * torch.sin(t), 40 * torch.cos(5 * t)], -1)
 
 
-def _seconds(dense: bool, points: Tensor, frame: Frame, tau: float, chunk: int) -> float:
+def _errors(frame: Frame, target: Tensor, cut: float, chunk: int = 4096) -> dict[str, Error]:
+    """The squared error by each form."""
+
+    def dense(p: Tensor) -> Tensor:
+        seen = render_dense(p, p.roll(-1, 0), frame, RADIUS, TAU, chunk)
+        return ((seen - target) ** 2).sum()
+
+    def tiled(p: Tensor) -> Tensor:
+        seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, TAU, cut)
+        return ((seen - target) ** 2).sum()
+
+    def compiled(p: Tensor) -> Tensor:
+        return squared_error(p, p.roll(-1, 0), frame, RADIUS, TAU, target, cut)
+
+    return {"dense": dense, "torch": tiled, "compiled": compiled}
+
+
+def _seconds(error: Error, points: Tensor) -> float:
     watch = Stopwatch()
-    ends = points.roll(-1, 0)
-    image = (
-        render_dense(points, ends, frame, 2.0, tau, chunk)
-        if dense
-        else render_tiled(points, ends, frame, 2.0, tau, 16.0)
-    )
-    torch.autograd.grad((image * image).sum(), points)
-    return watch.wall_s
+    torch.autograd.grad(error(points), points)
+    return watch.cpu_s
 
 
+def _floor_s(points: Tensor, frame: Frame, cut: float) -> float:
+    """Each pixel that is coloured tested once and evaluated once, at the rates of loops in cache."""
+    p = points.detach()
+    coloured = len(winners(p, p.roll(-1, 0), frame, RADIUS, cut / TAU)[0])
+    # one tile under very many equal capsules: nothing is pruned, everything is in cache
+    small = frame_of(camera_of(VIEW, 8, 8), torch.float32)
+    many = torch.zeros(20_000, 3)
+    won = winners(many, many, small, 60.0, cut / TAU)
+    tests, evaluations = [], []
+    for _ in range(7):
+        watch = Stopwatch()
+        winners(many, many, small, 60.0, cut / TAU)
+        tests.append(watch.cpu_s / (64 * len(many)))
+    wide = tuple(w.repeat(20_000) for w in won)
+    few = many[:1].requires_grad_()
+    own = (torch.zeros_like(wide[0]), torch.zeros_like(wide[1]))
+    for _ in range(7):
+        watch = Stopwatch()
+        squared_error(few, few, small, 60.0, TAU, torch.zeros(8, 8), cut, own)
+        evaluations.append(watch.cpu_s / len(own[0]))
+    return coloured * (statistics.median(tests) + statistics.median(evaluations))
+
+
+@one_thread()
 def main() -> None:
-    """Print medians and their ratio, and how far the two agree in double precision."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Print medians and their ratios, and how far the forms agree."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pixels", type=int, default=256)
     parser.add_argument("--capsules", type=int, default=1000)
+    parser.add_argument("--cut", type=float, default=16.0, help="tau s below minus this is empty")
     parser.add_argument("--runs", type=int, default=3)
     asked = parser.parse_args()
-    view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
-    camera = camera_of(view, asked.pixels, asked.pixels)
-    tau = 1.0
     points = curve(asked.capsules, torch.float32).requires_grad_()
-    frame = frame_of(camera, torch.float32)
+    frame = frame_of(camera_of(VIEW, asked.pixels, asked.pixels), torch.float32)
+    target = torch.rand(asked.pixels, asked.pixels, generator=torch.Generator().manual_seed(1))
     # the dense formula at its own best chunk, found first
-    chunks = {c: _seconds(True, points, frame, tau, c) for c in (128, 512, 2048)}
+    chunks = {
+        c: _seconds(_errors(frame, target, asked.cut, c)["dense"], points) for c in (128, 512, 2048)
+    }
     chunk = min(chunks, key=lambda c: chunks[c])
-    _seconds(False, points, frame, tau, chunk)
-    dense, tiled = [], []
+    errors = _errors(frame, target, asked.cut, chunk)
+    for name in ("torch", "compiled"):
+        _seconds(errors[name], points)
+    spent: dict[str, list[float]] = {name: [] for name in errors}
     for _ in range(asked.runs):
-        dense.append(_seconds(True, points, frame, tau, chunk))
-        tiled.extend(_seconds(False, points, frame, tau, chunk) for _ in range(5))
-    slow, fast = statistics.median(dense), statistics.median(tiled)
-    print(f"{asked.pixels} px, {asked.capsules} capsules, forward and backward, float32")
+        spent["dense"].append(_seconds(errors["dense"], points))
+        for name in 5 * ("torch", "compiled"):
+            spent[name].append(_seconds(errors[name], points))
+    middle = {name: statistics.median(seconds) for name, seconds in spent.items()}
     print(
-        f"dense (chunks of {chunk} pixels) {slow:.2f} s, tiled {1000 * fast:.1f} ms: {slow / fast:.0f} times"
+        f"{asked.pixels} px, {asked.capsules} capsules, forward and backward, float32, one thread"
     )
-    small = frame_of(camera_of(view, 96, 96), torch.float64)
+    print(f"dense (chunks of {chunk} pixels) {middle['dense']:.2f} s")
+    for name in ("torch", "compiled"):
+        times = middle["dense"] / middle[name]
+        print(f"{name:9}{1000 * middle[name]:.1f} ms: {times:.0f} times faster than dense")
+    floor_s = _floor_s(points, frame, asked.cut)
+    print(
+        f"compiled {middle['torch'] / middle['compiled']:.1f} times faster than torch, "
+        f"{middle['compiled'] / floor_s:.1f} times the floor of {1000 * floor_s:.2f} ms"
+    )
+    seen = [
+        f(points.detach(), points.detach().roll(-1, 0), frame, RADIUS, TAU, asked.cut)
+        for f in (render_tiled, render)
+    ]
+    print(f"float32: images differ by {float((seen[0] - seen[1]).abs().max()):.1e}")
+    small = frame_of(camera_of(VIEW, 96, 96), torch.float64)
     exact = curve(asked.capsules, torch.float64).requires_grad_()
-    results = []
-    for render in (render_dense, render_tiled):
-        image = render(exact, exact.roll(-1, 0), small, 2.0, tau)
-        (gradient,) = torch.autograd.grad((image * image).sum(), exact)
-        results.append((image.detach(), gradient))
-    (image_a, grad_a), (image_b, grad_b) = results
-    print(
-        f"float64: image differs by {float((image_a - image_b).abs().max()):.1e}, gradient by "
-        f"{float((grad_a - grad_b).norm() / grad_a.norm()):.1e} relative"
-    )
+    found = [
+        (float(e.detach()), torch.autograd.grad(e, exact)[0])
+        for e in (f(exact) for f in _errors(small, torch.rand(96, 96).double(), 40.0).values())
+    ]
+    (_, grad_a), *others = found
+    for name, (value, grad) in zip(("torch", "compiled"), others, strict=True):
+        print(
+            f"float64: {name}'s error is off by {abs(value - found[0][0]) / value:.1e}, its gradient "
+            f"by {float((grad_a - grad).norm() / grad_a.norm()):.1e} relative"
+        )
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from PIL import Image
 from knotfab.geometry.polylines import Polylines
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.posed_frame import Sheet
-from knotfab.render.tiled import render_tiled
+from knotfab.render.silhouette import render
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
 
@@ -97,7 +97,7 @@ def iou_of(
     p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
     q = p[torch.as_tensor(rings.next, device=target.device)]
     with torch.no_grad():
-        seen = render_tiled(p, q, frame, radius, 10.0, CUTOFF) > 0.5
+        seen = render(p, q, frame, radius, 10.0, CUTOFF) > 0.5
     wanted = target > 0.5
     union = (seen | wanted).sum()
     return float((seen & wanted).sum() / union) if union > 0 else 1.0

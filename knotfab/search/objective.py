@@ -16,7 +16,7 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.render.frame import Frame, Number
 from knotfab.render.picture import CUTOFF, ViewImage
-from knotfab.render.tiled import render_tiled, winners
+from knotfab.render.silhouette import Winners, squared_error, winners
 
 __all__ = ["Objective", "Term", "Weights", "add_limits"]
 
@@ -73,7 +73,7 @@ class Objective:
         self.following = torch.as_tensor(self.rings.next, device=device)
         self._loose = None if self.loose is None else torch.as_tensor(self.loose, device=device)
         self._turn: Tensor | None = None
-        self._won: list[tuple[Tensor, Tensor] | None] = [None] * len(self.images)
+        self._won: list[Winners | None] = [None] * len(self.images)
 
     def __call__(self, points: Tensor, near: Neighbours, progress: float) -> Tensor:
         if self._loose is not None:
@@ -109,16 +109,17 @@ class Objective:
         """
         image = self.images[number]
         p = points.to(image.target.dtype)
-        seen = render_tiled(
+        error = squared_error(
             p,
             p[self.following],
             frame or image.frame,
             self.limits.radius if radius is None else radius,
             tau,
+            image.target,
             CUTOFF,
             self._won[number],
         )
-        return (((seen - image.target) ** 2).sum() / image.radius_px**2).to(points.dtype)
+        return (error / image.radius_px**2).to(points.dtype)
 
     def limit_terms(
         self,
@@ -139,9 +140,9 @@ class Objective:
             return
         for number, image in enumerate(self.images):
             p = torch.as_tensor(points, dtype=image.target.dtype, device=image.target.device)
-            a, b = image.frame.local(p), image.frame.local(p[self.following])
             reach = CUTOFF / self._tau(number, progress)
-            self._won[number] = winners(a, b, image.frame, self.limits.radius, reach)
+            ends = p[self.following]
+            self._won[number] = winners(p, ends, image.frame, self.limits.radius, reach)
 
     def look_from(self, frame: Frame, limits: Limits, turn: Tensor) -> None:
         """See the one view from another pose: its frame, the limits there, and its axes [3, 3] as columns."""

@@ -22,7 +22,7 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.frame import Frame
 from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
-from knotfab.render.tiled import render_tiled
+from knotfab.render.silhouette import render
 from knotfab.search.objective import Objective
 from knotfab.search.phases import SETTLE
 
@@ -297,7 +297,7 @@ def fit_view(
 def _render(pose: Pose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) -> Tensor:
     """[height, width] the tube about segments [n, 3] at the present pose, with gradient."""
     frame, radius = pose.frame(sheet, starts.dtype), pose.lengths[2].to(starts.dtype)
-    return render_tiled(starts, ends, frame, radius, tau, _CUTOFF)
+    return render(starts, ends, frame, radius, tau, _CUTOFF)
 
 
 def _polish(

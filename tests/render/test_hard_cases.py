@@ -12,6 +12,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from examples.hard_cases.measure import (
+    FORMS,
+    Render,
     distances,
     double_error,
     forward_error,
@@ -23,7 +25,7 @@ from examples.hard_cases.measure import (
 from examples.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame
-from knotfab.render.tiled import render_tiled, winners
+from knotfab.render.tiled import winners
 
 pytestmark = pytest.mark.slow
 
@@ -40,10 +42,14 @@ def case_of(name: str) -> RenderCase:
     return CASES[name]
 
 
+FORM = pytest.mark.parametrize("render", FORMS.values(), ids=FORMS)
+
+
+@FORM
 @pytest.mark.parametrize("name", CASES)
-def test_single_precision_is_within_its_condition(name: str) -> None:
+def test_single_precision_is_within_its_condition(name: str, render: Render) -> None:
     case = case_of(name)
-    found = forward_error(case)
+    found = forward_error(case, render)
     assert found.finite
     assert found.share <= 1.0
     assert found.image_share <= 1.0
@@ -56,21 +62,23 @@ def test_double_precision_is_within_its_condition_of_fifty_digits(name: str) -> 
     assert double_error(case_of(name)) <= 1.0
 
 
+@FORM
 @pytest.mark.parametrize("name", CASES)
-def test_gradients_are_those_of_the_image(name: str) -> None:
+def test_gradients_are_those_of_the_image(name: str, render: Render) -> None:
     case = case_of(name)
     well = case.smooth and gradient_condition(case) < 1e-4
-    found = gradient_error(case, 2 if well else 0)
+    found = gradient_error(case, 2 if well else 0, render)
     assert found.finite
     if well:
         assert found.double <= 1e-6
         assert found.single <= 1e-3
 
 
+@FORM
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.kinks])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype) -> None:
-    assert subgradient_excess(case_of(name), dtype) <= 1e-3
+def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype, render: Render) -> None:
+    assert subgradient_excess(case_of(name), dtype, render=render) <= 1e-3
 
 
 def test_a_gradient_that_is_none_is_found_out() -> None:
@@ -99,8 +107,9 @@ def test_scaled_scenes_give_the_same_picture() -> None:
         assert torch.allclose(distances(case_of(name), torch.float64).s, plain, atol=1e-9)
 
 
+@FORM
 @pytest.mark.parametrize("seed", range(8))
-def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int) -> None:
+def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int, render: Render) -> None:
     # around a corner of a polygon whose edges are far longer than wide: squares lose most of a pixel
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(8, 3)) * (30, 30, 10) + (0, 0, 600)
@@ -110,7 +119,7 @@ def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int) -> N
     frame = Frame(torch.eye(3), torch.zeros(3), float(u0), float(v0), step, 200, 120)
     dense = render_dense(a, a.roll(-1, 0), frame, 0.01, 0.1)
     assert float(dense.max()) > 0.4
-    tiled = render_tiled(a, a.roll(-1, 0), frame, 0.01, 0.1)
+    tiled = render(a, a.roll(-1, 0), frame, 0.01, 0.1)
     assert float((tiled - dense).abs().max()) <= 2e-7
 
 
@@ -169,10 +178,11 @@ def test_any_points_give_a_finite_picture_and_gradient(
     frame = frame_at(case, dtype)
     at = torch.as_tensor(p).to(dtype).requires_grad_()
     follow = at[torch.as_tensor(case.edges[:, 1])]
-    tiled = render_tiled(at, follow, frame, case.radius, case.tau)
     dense = render_dense(at, follow, frame, case.radius, case.tau)
-    assert bool(tiled.isfinite().all() and dense.isfinite().all())
-    (gradient,) = torch.autograd.grad(tiled.sum() + dense.sum(), at)
-    assert bool(gradient.isfinite().all())
-    if dtype == torch.float64:
-        assert float((tiled - dense).detach().abs().max()) <= 1e-6
+    for render in FORMS.values():
+        tiled = render(at, follow, frame, case.radius, case.tau)
+        assert bool(tiled.isfinite().all() and dense.isfinite().all())
+        (gradient,) = torch.autograd.grad(tiled.sum() + dense.sum(), at, retain_graph=True)
+        assert bool(gradient.isfinite().all())
+        if dtype == torch.float64:
+            assert float((tiled - dense).detach().abs().max()) <= 1e-6

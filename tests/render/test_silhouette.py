@@ -1,0 +1,242 @@
+"""The compiled silhouette against the torch form and finite differences, and how its code is kept."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import ModuleType
+
+import numba.core.caching
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from knotfab.render import silhouette
+from knotfab.render.frame import Frame, frame_of
+from knotfab.render.silhouette import render, squared_error
+from knotfab.render.tiled import render_tiled
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import ResolvedView
+
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
+RADIUS = 3.0
+
+
+def frame_at(dtype: torch.dtype, width: int = 92, height: int = 69, tilt: float = 20.0) -> Frame:
+    """An oblique view whose sides are no whole number of tiles."""
+    view = VIEW.model_copy(update={"wall_tilt_deg": tilt})
+    return frame_of(camera_of(view, width, height), dtype)
+
+
+def tangle(count: int, seed: int, dtype: torch.dtype) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    scale = torch.tensor([110.0, 80.0, 90.0], dtype=torch.float64)
+    return ((torch.rand(count, 3, generator=generator, dtype=torch.float64) - 0.5) * scale).to(
+        dtype
+    )
+
+
+def target_at(frame: Frame, dtype: torch.dtype) -> Tensor:
+    generator = torch.Generator().manual_seed(9)
+    return torch.rand(frame.height, frame.width, generator=generator, dtype=torch.float64).to(dtype)
+
+
+def torch_error(p: Tensor, frame: Frame, tau: float, target: Tensor, *rest: object) -> Tensor:
+    seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, tau, *rest)  # type: ignore[arg-type]
+    return ((seen - target) ** 2).sum()
+
+
+@pytest.mark.parametrize("tau", [0.3, 2.0, 30.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_image_is_that_of_torch(tau: float, seed: int) -> None:
+    for dtype, most in ((torch.float32, 1e-5), (torch.float64, 1e-12)):
+        p, frame = tangle(80, seed, dtype), frame_at(dtype)
+        found = render(p, p.roll(-1, 0), frame, RADIUS, tau)
+        wanted = render_tiled(p, p.roll(-1, 0), frame, RADIUS, tau)
+        assert found.dtype == dtype and found.shape == wanted.shape
+        assert float((found - wanted).abs().max()) <= most
+        assert float(wanted.max()) > 0.6
+
+
+@pytest.mark.parametrize("tau", [0.3, 2.0])
+def test_error_and_gradient_are_those_of_torch(tau: float) -> None:
+    for dtype, most in ((torch.float32, 1e-4), (torch.float64, 1e-12)):
+        p, frame = tangle(80, 5, dtype).requires_grad_(), frame_at(dtype)
+        target = target_at(frame, dtype)
+        ours = squared_error(p, p.roll(-1, 0), frame, RADIUS, tau, target)
+        theirs = torch_error(p, frame, tau, target)
+        assert float(ours.detach()) == pytest.approx(
+            float(theirs.detach()), rel=10 * torch.finfo(dtype).eps
+        )
+        (g,), (w,) = torch.autograd.grad(3 * ours, p), torch.autograd.grad(3 * theirs, p)
+        assert float((g - w).norm()) <= most * float(w.norm())
+        # and by way of the image
+        seen = render(p, p.roll(-1, 0), frame, RADIUS, tau)
+        (g,) = torch.autograd.grad(3 * ((seen - target) ** 2).sum(), p)
+        assert float((g - w).norm()) <= most * float(w.norm())
+
+
+def test_gradient_against_finite_differences() -> None:
+    p, frame = tangle(25, 6, torch.float64).requires_grad_(), frame_at(torch.float64)
+    target = target_at(frame, torch.float64)
+
+    def value(q: Tensor) -> Tensor:
+        return squared_error(q, q.roll(-1, 0), frame, RADIUS, 1.0, target)
+
+    (gradient,) = torch.autograd.grad(value(p), p)
+    generator = torch.Generator().manual_seed(2)
+    for _ in range(5):
+        way = torch.randn(p.shape, generator=generator, dtype=torch.float64)
+        h = 1e-5
+        with torch.no_grad():
+            slope = (value(p + h * way) - value(p - h * way)) / (2 * h)
+        assert float((gradient * way).sum()) == pytest.approx(float(slope), rel=1e-5)
+
+
+def test_winners_of_before_give_what_they_give_in_torch() -> None:
+    p, frame = tangle(50, 7, torch.float64), frame_at(torch.float64)
+    won = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, 10.0)
+    moved = (p + 0.5 * torch.randn(p.shape, dtype=torch.float64)).requires_grad_()
+    target = target_at(frame, torch.float64)
+    ours = squared_error(moved, moved.roll(-1, 0), frame, RADIUS, 1.0, target, 10.0, won)
+    theirs = torch_error(moved, frame, 1.0, target, 10.0, won)
+    (g,), (w,) = torch.autograd.grad(ours, moved), torch.autograd.grad(theirs, moved)
+    assert float(ours.detach()) == pytest.approx(float(theirs.detach()), rel=1e-12)
+    assert float((g - w).norm()) <= 1e-12 * float(w.norm())
+    fresh = render(moved, moved.roll(-1, 0), frame, RADIUS, 1.0, 10.0)
+    stale = render(moved, moved.roll(-1, 0), frame, RADIUS, 1.0, 10.0, won)
+    assert bool((stale <= fresh + math.exp(-10)).all())
+
+
+def test_winners_are_those_within_reach() -> None:
+    p, frame = tangle(30, 8, torch.float64), frame_at(torch.float64, 200, 150)
+    for reach in (0.0, 1.0, 12.0):
+        pixel, capsule = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, reach)
+        assert len(pixel.unique()) == len(pixel) > 1000
+        assert int(capsule.min()) >= 0 and int(capsule.max()) < len(p)
+        # at a sharpness of 1 the image tells the distance
+        seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, 1.0, 30.0).flatten()
+        within = seen > 1 / (1 + math.exp(reach))
+        assert torch.equal(within.nonzero()[:, 0], pixel.long().sort().values)
+
+
+def test_slopes_in_the_views_own_numbers_are_those_of_torch() -> None:
+    p, frame = tangle(40, 3, torch.float64), frame_at(torch.float64)
+    target = target_at(frame, torch.float64)
+    found = []
+    for error in (squared_error, None):
+        step, radius = (
+            torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (frame.step, RADIUS)
+        )
+        free = Frame(frame.axes, frame.eye, frame.u0, frame.v0, step, frame.width, frame.height)
+        rows = (p, p.roll(-1, 0), free, radius, 1.0)
+        seen = render_tiled(*rows)
+        loss = ((seen - target) ** 2).sum() if error is None else error(*rows, target)
+        found.append(torch.stack(torch.autograd.grad(loss, (step, radius))))
+    torch.testing.assert_close(found[0], found[1], rtol=1e-12, atol=0)
+
+
+def test_what_is_far_out_or_no_number_colours_nothing_and_harms_nothing() -> None:
+    frame = frame_at(torch.float32)
+    p = tangle(20, 4, torch.float32)
+    plain = render(p, p.roll(-1, 0), frame, RADIUS, 1.0)
+    for wild in (math.nan, math.inf, -math.inf, 3e38, 1e12):
+        more = torch.cat([p, torch.full((2, 3), wild)])
+        ends = torch.cat([p.roll(-1, 0), torch.full((2, 3), wild)])
+        seen = render(more, ends, frame, RADIUS, 1.0)
+        assert bool(seen.isfinite().all())
+        assert torch.equal(seen, plain)
+
+
+def test_no_capsules_give_an_empty_image() -> None:
+    frame = frame_at(torch.float32)
+    none = torch.zeros(0, 3, requires_grad=True)
+    target = target_at(frame, torch.float32)
+    error = squared_error(none, none, frame, RADIUS, 1.0, target)
+    assert float(error.detach()) == pytest.approx(float((target**2).sum()), rel=1e-6)
+    assert torch.autograd.grad(error, none)[0].shape == (0, 3)
+
+
+def test_winners_of_another_scene_are_refused() -> None:
+    p, frame = tangle(20, 4, torch.float32), frame_at(torch.float32)
+    won = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, 5.0)
+    for few, small in ((p[:5], frame), (p, frame_at(torch.float32, 20, 15))):
+        with pytest.raises(IndexError, match="another scene"):
+            render(few, few.roll(-1, 0), small, RADIUS, 1.0, 5.0, won)
+
+
+def test_every_number_of_threads_gives_the_same_bits() -> None:
+    p, frame = tangle(80, 5, torch.float32), frame_at(torch.float32)
+    target = target_at(frame, torch.float32)
+
+    def once(_: int = 0) -> tuple[Tensor, Tensor]:
+        q = p.clone().requires_grad_()
+        error = squared_error(q, q.roll(-1, 0), frame, RADIUS, 1.0, target)
+        return error.detach(), torch.autograd.grad(error, q)[0]
+
+    threads = torch.get_num_threads()
+    try:
+        found = []
+        for count in (1, 4):
+            torch.set_num_threads(count)
+            found.append(once())
+            with ThreadPoolExecutor(4) as pool:
+                found.extend(pool.map(once, range(8)))
+    finally:
+        torch.set_num_threads(threads)
+    for error, gradient in found[1:]:
+        assert torch.equal(error, found[0][0]) and torch.equal(gradient, found[0][1])
+
+
+def load(source: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("small", source)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    path = tmp_path / "place" / "small.py"
+    path.parent.mkdir()
+    path.write_text(
+        "from knotfab.compiled import compiled\n"
+        "@compiled\ndef halve(x: float) -> float:\n    return x / 2\n"
+    )
+    return path
+
+
+def test_compiled_code_is_kept_and_found_again(source: Path) -> None:
+    assert load(source).halve(3.0) == 1.5
+    assert list(source.parent.rglob("*.nbc"))
+    again = load(source).halve
+    assert again(5.0) == 2.5
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_passed_over(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a file where the folder would be: that nobody can write into
+    (source.parent / "__pycache__").write_text("")
+    elsewhere = tmp_path / "cache"
+    monkeypatch.setattr(numba.core.caching.config, "CACHE_DIR", str(elsewhere))
+    assert load(source).halve(3.0) == 1.5
+    assert list(elsewhere.rglob("*.nbc"))
+
+
+def test_without_any_place_to_write_it_is_compiled_all_the_same(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (source.parent / "__pycache__").write_text("")
+    (tmp_path / "blocked").write_text("")
+    for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.setenv(name, os.fspath(tmp_path / "blocked" / "no"))
+    module = load(source)
+    assert module.halve(3.0) == 1.5 and np.isinf(module.halve(np.inf))
+    assert not list(tmp_path.rglob("*.nbc"))
