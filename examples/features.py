@@ -158,7 +158,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         "sparser fallback",
         lambda f: "binding" in f.report and "fail" not in f.check("bend") + f.check("clearance"),
-        "[material]\nmin_bend_radius_mm = 14.0\n",
+        "[material]\nmin_bend_radius_mm = 30.0\n",
         passes=False,
     ),
     Row(
