@@ -98,14 +98,14 @@ def write_piece(
     Where no part can be made of it, or the printer holds none, its verdict says why.
 
     Args:
-        targets: the pictures of all views.
+        targets: the pictures of all views. suffix: of its files' names, where it is one of several frames.
     """
     targets, flattening = tuple(targets), None
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
     try:
         part = part_of(made, request.printing, targets, progress)
-        if len(targets) == 1 and not request.sequence:  # all frames move in one depth
+        if len(targets) == 1 and not suffix:  # all frames move in one depth
             made, part, flattening = flatten(request, targets[0], made, part, progress)
     except SceneError as error:
         why = str(error)
