@@ -24,6 +24,7 @@ class Rules:
     """What the printer file says of overhangs ([printer] in docs/conventions.md).
 
     `margin_mm`: the room that supports take at the sides of a piece, where they stick out of it.
+    `powder`: it carries the piece, so that no pose needs supports and only the room it takes counts.
     """
 
     max_overhang_deg: float = 45.0
@@ -32,6 +33,7 @@ class Rules:
     max_support_cm3: float | None = None
     max_bridge_mm: float = 10.0
     margin_mm: float = 0.0
+    powder: bool = False
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,8 @@ def rules_of(scene: Scene) -> Rules:
     """What the printer file says of overhangs, and the room that its supports take beside a piece."""
     printer = scene.printer
     limit = printer.max_support_cm3
-    beside = printer.supports and scene.material.process == "filament"
+    powder = printer.process == "powder"
+    beside = printer.supports and not powder and scene.material.process == "filament"
     return Rules(
         printer.max_overhang_deg,
         printer.layer_height_mm,
@@ -135,4 +136,5 @@ def rules_of(scene: Scene) -> Rules:
         None if limit == "auto" else limit,
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
+        powder,
     )

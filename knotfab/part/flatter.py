@@ -42,7 +42,7 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
     Returns:
         None: there is no limit, it is kept as it is, or not even a flat piece would keep it.
     """
-    if rules.max_support_cm3 is None or not rules.supports:
+    if rules.max_support_cm3 is None or not rules.supports or rules.powder:
         return None
     limit = AIM * rules.max_support_cm3
 

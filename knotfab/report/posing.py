@@ -20,13 +20,22 @@ def add_posing(
         suffix: of the plates' files, such as "-01" of a sequence's frame.
     """
     account = part.pose.account
-    by = "the mount" if part.mounted.upright is not None else "least height"
+    powder = part.mounted.scene.printer.process == "powder"
+    by = "the volume of its box" if powder else "least height"
+    if part.mounted.upright is not None:
+        by = "the mount"
     pose: dict[str, Any] = {"chosen_by": by}
     pose["height_mm"] = round(float(part.pose.size_mm[2]), 2)
+    pose["box_cm3"] = round(float(part.pose.size_mm.prod()) / 1000, 1)
     if account is not None:
         pose = account.to_dict()
     report["print"]["pose"] = pose
     notes: list[str] = report["notes"]
+    if powder:
+        notes.append(
+            "It is printed in powder, which carries it: no supports, and any pose will do. Its box of "
+            f"{pose['box_cm3']:.0f} cm³ is what it takes of the powder bed."
+        )
     if flattening is not None:
         pose["depth_mm"] = {
             "first": round(flattening.from_mm, 2),

@@ -37,8 +37,11 @@ def why_not_sliced(scene: Scene) -> str | None:
     """Why a slicer for filament has nothing to say of this piece; None where it has."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
-    if scene.material.process == "resin" or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
+    resin = "resin" in (scene.material.process, scene.printer.process)
+    if resin or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
         return "resin: only its own slicer can say"
+    if scene.printer.process == "powder":
+        return "powder: no supports, and those who print it pack it"
     return None
 
 
