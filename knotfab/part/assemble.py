@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
-from knotfab.geometry.overhang import Rules
+from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import clean_body
@@ -136,5 +136,6 @@ def rules_of(scene: Scene) -> Rules:
         None if limit == "auto" else limit,
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
+        SUPPORT_LINE_NOZZLES * printer.nozzle_mm,
         powder,
     )

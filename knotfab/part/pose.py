@@ -188,6 +188,7 @@ def _figures(pose: Ranked) -> dict[str, Any]:
     found = pose.estimate
     return {
         "support_cm3_estimate": round(found.support_cm3, 2),
+        "support_filament_cm3_estimate": round(found.filament_cm3, 2),
         "height_mm": round(found.height_mm, 2),
         "contact_mm2": round(found.contact_mm2, 1),
         "tips_at_deg": round(found.tip_deg, 1),

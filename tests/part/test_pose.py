@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from knotfab.part.supports import Rules
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -13,7 +14,6 @@ from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab.part.supports import Rules
 
 Array = NDArray[np.float64]
 
