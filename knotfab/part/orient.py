@@ -44,7 +44,7 @@ SAME_DEG = 2.0  # directions nearer to each other are one
 # many short lines, and each layer costs its lift, wipe and travel; a piece that could fall, or that hardly
 # touches the bed, costs the prints that fail. Minutes as PrusaSlicer tells them of the same knot with
 # more and with less supports (docs/report.md).
-MINUTES_PER_CM3 = 5.4
+MINUTES_PER_CM3 = 9.0
 SHORT = 1.12  # times the estimate is the most that the surface's own columns came to
 MINUTES_PER_LAYER = 4.0 / 60.0
 USUAL_LAYER_MM = 0.2  # fine layers cost more time in every pose alike

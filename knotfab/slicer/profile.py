@@ -97,6 +97,8 @@ def profile(scene: Scene) -> dict[str, str]:
         "support_material_interface_spacing": ROOF_GAP_MM,
         # Supports stand on strands below without a floor of their own: less to pick off.
         "support_material_bottom_interface_layers": 0,
+        # A first layer over supports as thick as any other: thick bridges leave a layer more of air.
+        "thick_bridges": 0,
         # Without the variable widths of Arachne it slices in half the time, to the same amount of
         # filament: a tube is several lines thick everywhere.
         "perimeter_generator": "classic",

@@ -276,11 +276,11 @@ def test_limits_are_inclusive() -> None:
 
 
 def test_the_weights_of_a_pose() -> None:
-    """5.4 min a cm³, a layer in 4 s, 30 min for what falls, 5 min for what hardly touches the bed."""
+    """9 min a cm³, a layer in 4 s, 30 min for what falls, 5 min for what hardly touches the bed."""
     sound = Estimate(10.0, 20.0, 1e9, 45.0, 0, 0.0)
     assert estimate_minutes(sound) == pytest.approx(20 / 0.2 * 4 / 60, abs=1e-6)
     propped = replace(sound, filament_cm3=2.0)
-    assert estimate_minutes(propped) == pytest.approx(10.8 + 20 / 0.2 * 4 / 60, abs=1e-6)
+    assert estimate_minutes(propped) == pytest.approx(18.0 + 20 / 0.2 * 4 / 60, abs=1e-6)
     assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 0.0, 0, 0.0)) == pytest.approx(
         estimate_minutes(sound) + 30
     )
