@@ -166,7 +166,7 @@ def report_piece(
         report["print"]["drawings"] = drawings
         add_binding(report, made)
         add_bounds(report, made)
-        add_posing(report, part, piece.flattening, piece.suffix)
+        add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)
     return report
 
 

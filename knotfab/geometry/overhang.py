@@ -11,12 +11,29 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
 
-__all__ = ["Estimate", "Rules", "Strands", "estimate", "strands_along"]
+__all__ = [
+    "ROOF_GAP_MM",
+    "ROOF_LAYERS",
+    "SPACING_MM",
+    "SUPPORT_LINE_NOZZLES",
+    "Estimate",
+    "Rules",
+    "Strands",
+    "estimate",
+    "strands_along",
+]
 
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width
 CELL_RADII = 1.0  # of the grid in which strands find what lies below them
+
+# How supports are printed (knotfab.slicer.profile), and so what they weigh: lines of this width, in
+# nozzles, this far apart between both edges of a strand's underside, and a denser roof below the strand.
+SUPPORT_LINE_NOZZLES = 0.9
+SPACING_MM = 4.0
+ROOF_LAYERS = 2
+ROOF_GAP_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -24,6 +41,8 @@ class Rules:
     """What the printer file says of overhangs ([printer] in docs/conventions.md).
 
     `margin_mm`: the room that supports take at the sides of a piece, where they stick out of it.
+    `support_line_mm`: width of their lines. `powder`: it carries the piece, so that no pose needs
+    supports and only the room it takes counts.
     """
 
     max_overhang_deg: float = 45.0
@@ -32,6 +51,8 @@ class Rules:
     max_support_cm3: float | None = None
     max_bridge_mm: float = 10.0
     margin_mm: float = 0.0
+    support_line_mm: float = 0.36
+    powder: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,6 +77,7 @@ class Estimate:
     of the first layer, without supports. `tip_deg`: how far the piece may lean before it falls off
     the hull of what stands on the bed, supports included (0: it falls at once). `starts`: places that
     begin in mid-air. `bridge_mm`: the longest stretch that stays within one layer over air.
+    `filament_cm3`: what the slicer makes of the columns (`_weigh_supports`).
     """
 
     support_cm3: float
@@ -64,6 +86,7 @@ class Estimate:
     tip_deg: float
     starts: int
     bridge_mm: float
+    filament_cm3: float = 0.0
 
 
 def strands_along(
@@ -113,8 +136,10 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
     wide = r * np.sqrt(np.clip(1.0 - cosine**2, 0.0, 1.0))  # half of the underside's width
     under, floor, area = _columns(strands, at[:, :2], along, level, z, wide)
     off_bed = under > rules.layer_mm
-    tall = np.where(off_bed, under - floor, 0.0).clip(min=0.0)
+    tall = np.where(off_bed & (area > 0), under - floor, 0.0).clip(min=0.0)
     volume = float((tall * area).sum()) / 1000
+    curtain = float((tall * np.tile(strands.length * level, len(STRIPS)) / len(STRIPS)).sum())
+    filament = _weigh_supports(1000 * volume, curtain, float(area[tall > 0].sum()), rules) / 1000
     bottom = z - r * level
     low = bottom <= rules.layer_mm
     # width of a tube's section one layer above where it touches the bed
@@ -125,7 +150,18 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
     starts, bridge = 0, 0.0
     if not rules.supports:
         starts, bridge = _over_air(strands, at, bottom, rules.layer_mm)
-    return Estimate(volume, height, contact, tip, starts, bridge)
+    return Estimate(volume, height, contact, tip, starts, bridge, filament)
+
+
+def _weigh_supports(volume: float, curtain: float, roof: float, rules: Rules) -> float:
+    """mm³ of filament in supports of a `volume`, below undersides of an area `roof`, mm² and mm³.
+
+    A strand's support is a wall as narrow as its underside: a line along either edge, and lines across
+    it. `curtain`, mm², is its length times its height.
+    """
+    line = rules.support_line_mm
+    lines = line * (2 * curtain + volume / (SPACING_MM + line))
+    return lines + ROOF_LAYERS * rules.layer_mm * roof * line / (line + ROOF_GAP_MM)
 
 
 def _columns(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
-from knotfab.geometry.overhang import Rules
+from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import clean_body
@@ -127,7 +127,8 @@ def rules_of(scene: Scene) -> Rules:
     """What the printer file says of overhangs, and the room that its supports take beside a piece."""
     printer = scene.printer
     limit = printer.max_support_cm3
-    beside = printer.supports and scene.material.process == "filament"
+    powder = printer.process == "powder"
+    beside = printer.supports and not powder and scene.material.process == "filament"
     return Rules(
         printer.max_overhang_deg,
         printer.layer_height_mm,
@@ -135,4 +136,6 @@ def rules_of(scene: Scene) -> Rules:
         None if limit == "auto" else limit,
         printer.max_bridge_mm,
         min(BESIDE_MM, BESIDE_SHARE * min(printer.build_volume_mm)) if beside else 0.0,
+        SUPPORT_LINE_NOZZLES * printer.nozzle_mm,
+        powder,
     )

@@ -1,21 +1,32 @@
-"""How flat a piece must be for its supports to keep the printer's limit, where no pose does."""
+"""What a flatter piece would take to print, and how flat it must be to keep the printer's limit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from knotfab.geometry.overhang import Rules
+from knotfab.geometry.overhang import Rules, Strands
 from knotfab.knots import Knot, Knots
-from knotfab.part.orient import estimate_supports_cm3, propose_turns, rank_turns, strands_of
+from knotfab.part.orient import (
+    Ranked,
+    estimate_print_minutes,
+    estimate_supports_cm3,
+    propose_turns,
+    rank_turns,
+    strands_of,
+)
 
-__all__ = ["Flattening", "flatter_depth"]
+__all__ = ["FLATTER", "Flattening", "Printing", "estimate_flatter", "flatter_depth"]
 
 
 STEPS = 5  # of halving, to a thirty-second of the depth
 AIM = 0.95  # of the limit: the search that follows lays the strands anew
 ROUND_MM = 0.1
+FLATTER = (0.6, 0.0)  # of the depth: what else is estimated for the report
+RODS = 2000  # that stand for the strands
 
 
 @dataclass(frozen=True)
@@ -42,18 +53,13 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
     Returns:
         None: there is no limit, it is kept as it is, or not even a flat piece would keep it.
     """
-    if rules.max_support_cm3 is None or not rules.supports:
+    if rules.max_support_cm3 is None or not rules.supports or rules.powder:
         return None
     limit = AIM * rules.max_support_cm3
 
     def least(share: float) -> float:
-        flat = np.array([1.0, 1.0, share])
-        scaled = Knots(tuple(Knot(k.points * flat) for k in knots.knots), knots.radius_mm)
-        strands = strands_of(scaled, most=2000)
-        return min(
-            estimate_supports_cm3(p.estimate)
-            for p in rank_turns(strands, propose_turns(strands), rules)
-        )
+        _, poses = _rank_flattened(knots, share, rules)
+        return min(estimate_supports_cm3(p.estimate) for p in poses)
 
     low, high = 0.0, 1.0
     if least(high) <= limit or least(low) > limit:
@@ -63,3 +69,58 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
         low, high = (middle, high) if least(middle) <= limit else (low, middle)
     depth = float(np.floor(low * depth_mm / ROUND_MM) * ROUND_MM)
     return depth if depth > 0 else None
+
+
+@dataclass(frozen=True)
+class Printing:
+    """What a piece takes to print, its depth as a share of the one that was made."""
+
+    depth_share: float
+    hours: float
+    grams: float
+    support_grams: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of the report's `print.flatter`."""
+        return {
+            "depth_share": self.depth_share,
+            "hours": round(self.hours, 2),
+            "grams": round(self.grams, 1),
+            "support_grams": round(self.support_grams, 1),
+        }
+
+
+def estimate_flatter(
+    knots: Knots, sliced: Printing, rules: Rules, shares: Sequence[float] = FLATTER
+) -> list[Printing]:
+    """What the same curves would take with less depth, each in its own best pose.
+
+    An estimate from centre lines: the strands cost by their length what the slicer says of the piece as
+    it is, less supports and layers; these are the pose's, supports scaled as the slicer's are to the
+    estimate of the piece as it is. A new search with less depth lays the strands anew.
+
+    Args:
+        knots: in scene coordinates. sliced: the piece as it is, by the slicer.
+    """
+    whole, poses = _rank_flattened(knots, 1.0, rules)
+    as_is = poses[0].estimate
+    scale = sliced.support_grams / as_is.filament_cm3 if as_is.filament_cm3 > 0 else 0.0
+    strands_hours = sliced.hours - estimate_print_minutes(as_is) / 60
+    strands_grams = sliced.grams - sliced.support_grams
+    found = []
+    for share in shares:
+        flat, poses = _rank_flattened(knots, share, rules)
+        length = float(flat.length.sum() / whole.length.sum())
+        best = poses[0].estimate
+        supports = scale * best.filament_cm3
+        hours = length * max(strands_hours, 0.0) + estimate_print_minutes(best) / 60
+        found.append(Printing(share, hours, length * strands_grams + supports, supports))
+    return found
+
+
+def _rank_flattened(knots: Knots, share: float, rules: Rules) -> tuple[Strands, list[Ranked]]:
+    """The strands with their depths scaled, and their poses, the best first."""
+    flat = np.array([1.0, 1.0, share])
+    scaled = (Knot(k.points * flat, closed=k.closed) for k in knots.knots)
+    strands = strands_of(Knots(tuple(scaled), knots.radius_mm), most=RODS)
+    return strands, rank_turns(strands, propose_turns(strands), rules)

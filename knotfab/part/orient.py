@@ -17,6 +17,7 @@ __all__ = [
     "AXES",
     "Ranked",
     "estimate_minutes",
+    "estimate_print_minutes",
     "estimate_supports_cm3",
     "keeps_limits",
     "propose_turns",
@@ -39,10 +40,11 @@ SPHERE = 64  # directions all round
 HULL_FACES = 16  # on which the piece could lie
 SAME_DEG = 2.0  # directions nearer to each other are one
 
-# What a pose costs, as minutes of printing on a usual filament printer: a cubic centimetre of solid
-# columns is a grating of 15 % at 8 mm³/s, and each layer costs its lift, wipe and travel; a piece that
-# could fall, or that hardly touches the bed, costs the prints that fail.
-MINUTES_PER_CM3 = 0.3
+# What a pose costs, as minutes of printing on a usual filament printer: a cubic centimetre of supports is
+# many short lines, and each layer costs its lift, wipe and travel; a piece that could fall, or that hardly
+# touches the bed, costs the prints that fail. Minutes as PrusaSlicer tells them of the same knot with
+# more and with less supports (docs/report.md).
+MINUTES_PER_CM3 = 9.0
 SHORT = 1.12  # times the estimate is the most that the surface's own columns came to
 MINUTES_PER_LAYER = 4.0 / 60.0
 USUAL_LAYER_MM = 0.2  # fine layers cost more time in every pose alike
@@ -64,8 +66,7 @@ class Ranked:
 def estimate_minutes(found: Estimate) -> float:
     """The cost of a pose in minutes (see the constants of this module)."""
     return (
-        MINUTES_PER_CM3 * found.support_cm3
-        + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
+        estimate_print_minutes(found)
         + MINUTES_TIPSY * max(0.0, 1.0 - found.tip_deg / TIPSY_DEG)
         + MINUTES_CONTACT / (1.0 + found.contact_mm2 / CONTACT_MM2)
     )
@@ -75,6 +76,13 @@ def strands_of(knots: Knots, most: int = 6000) -> Strands:
     """The centre lines as short rods."""
     curves, closed = [k.points for k in knots.knots], [k.closed for k in knots.knots]
     return strands_along(curves, knots.radius_mm, closed, most)
+
+
+def estimate_print_minutes(found: Estimate) -> float:
+    """Minutes for supports and layers; the strands themselves take the same in every pose."""
+    return (
+        MINUTES_PER_CM3 * found.filament_cm3 + MINUTES_PER_LAYER * found.height_mm / USUAL_LAYER_MM
+    )
 
 
 def propose_turns(strands: Strands) -> list[Array]:

@@ -93,8 +93,9 @@ def choose_pose(
 
     With `rules` some ninety turns are weighed by an estimate of their supports, their height and
     how they stand (`knotfab.part.orient`), from the centre lines alone; the cheapest that fits is
-    taken. Without, the axis of least height points up. Each is tried square to the bed and, where it
-    does not fit, turned about the vertical.
+    taken. In powder the same turns are weighed by the volume of the piece's box. Without rules the axis
+    of least height points up. Each is tried square to the bed and, where it does not fit, turned about
+    the vertical.
 
     Args:
         knots: in scene coordinates.
@@ -112,12 +113,17 @@ def choose_pose(
     """
     points = _corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
-    if rules is not None and upright is None:
-        strands = strands_of(knots)
-        order = rank_turns(strands, propose_turns(strands), rules)
-        return _weigh(knots, tubes, points, room, order, rules, frame_mm)
     tried: list[tuple[Array, Array]] = []  # turns, and the sizes they give
     sides = ORIENTATIONS if upright is None else (upright,)
+    if rules is not None and upright is None:
+        strands = strands_of(knots)
+        turns = propose_turns(strands)
+        if not rules.powder:
+            order = rank_turns(strands, turns, rules)
+            return _weigh(knots, tubes, points, room, order, rules, frame_mm)
+        for turn, size in _compact_turns(points, turns):
+            if bool((size <= room + FITS_MM).all()):
+                return lay_on_bed(knots, tubes, turn)
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if bool((size <= room + FITS_MM).all()):
             return lay_on_bed(knots, tubes, turn)
@@ -182,6 +188,7 @@ def _figures(pose: Ranked) -> dict[str, Any]:
     found = pose.estimate
     return {
         "support_cm3_estimate": round(found.support_cm3, 2),
+        "support_filament_cm3_estimate": round(found.filament_cm3, 2),
         "height_mm": round(found.height_mm, 2),
         "contact_mm2": round(found.contact_mm2, 1),
         "tips_at_deg": round(found.tip_deg, 1),
@@ -214,6 +221,38 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
     return [(t, np.abs(q) @ box) for turn, box in turns for q, t in _quarters(turn)]
 
 
+def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """Each side up, turned about the vertical to the least footprint; the least box first.
+
+    Each way round: the bed may be longer in one direction.
+    """
+    found = []
+    for side in sides:
+        turned = points @ side.T
+        angle, width, depth = _sweep_about(turned)
+        best = int((width * depth).argmin())
+        size = np.array([width[best], depth[best], np.ptp(turned[:, 2])])
+        found.append((_turn_about(angle[best]) @ side, size))
+    found.sort(key=lambda pair: round(float(pair[1].prod()), 3))
+    return [(t, np.abs(q) @ size) for turn, size in found for q, t in _quarters(turn)]
+
+
+def _sweep_about(points: Array) -> tuple[Array, Array, Array]:
+    """Angles about the vertical, rad, and the widths and depths of the footprint at each."""
+    flat = _corners(points[:, :2])
+    angle = np.deg2rad(np.arange(0.0, 180.0, TURN_STEP_DEG))
+    c, s = np.cos(angle), np.sin(angle)
+    width = np.ptp(flat[:, :1] * c - flat[:, 1:] * s, axis=0)
+    depth = np.ptp(flat[:, :1] * s + flat[:, 1:] * c, axis=0)
+    return angle, width, depth
+
+
+def _turn_about(angle: float) -> Array:
+    about = np.eye(3)
+    about[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return about
+
+
 def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
     return ((np.eye(3), turn), (QUARTER, QUARTER @ turn))
 
@@ -224,15 +263,10 @@ def _oblique_turns(
     """For each side up, the turn about the vertical that leaves most room; least height first."""
     for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
-        flat = _corners(turned[:, :2])
-        angle = np.deg2rad(np.arange(0.0, 180.0, TURN_STEP_DEG))
-        c, s = np.cos(angle), np.sin(angle)
-        width = np.ptp(flat[:, :1] * c - flat[:, 1:] * s, axis=0)
-        depth = np.ptp(flat[:, :1] * s + flat[:, 1:] * c, axis=0)
+        angle, width, depth = _sweep_about(turned)
         best = int(np.minimum(room[0] - width, room[1] - depth).argmax())
-        about = np.eye(3)
-        about[:2, :2] = [[c[best], -s[best]], [s[best], c[best]]]
-        yield about @ upright, np.array([width[best], depth[best], np.ptp(turned[:, 2])])
+        size = np.array([width[best], depth[best], np.ptp(turned[:, 2])])
+        yield _turn_about(angle[best]) @ upright, size
 
 
 def _too_large(

@@ -6,7 +6,7 @@ from typing import Any
 
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
-__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing"]
+__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing", "tell_printing"]
 
 # PrusaSlicer ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
 # outside the bed, and it leaves out what is thinner than a line without a word.
@@ -95,7 +95,30 @@ def print_figures(result: Sliced | NotSliced) -> dict[str, float]:
     """What belongs into the report's `print`: empty where the part was not sliced."""
     if isinstance(result, NotSliced):
         return {}
-    return {"time_s": result.time_s, "filament_m": result.filament_m}
+    return {
+        "time_s": result.time_s,
+        "filament_m": result.filament_m,
+        "filament_g": result.filament_g,
+        "support_g": result.filament_g * result.support_share,
+        "support_share": result.support_share,
+    }
+
+
+def tell_printing(figures: dict[str, Any]) -> str:
+    """One sentence on `print_figures`, and on what less depth would take where `flatter` says it."""
+    text = f"Printing takes {_hours(figures['time_s'] / 3600)} and {figures['filament_g']:.0f} g of filament"
+    if figures["support_g"] > 0:
+        text += f", {figures['support_share']:.0%} of it supports"
+    less = []
+    for other in figures.get("flatter", []):
+        share = other["depth_share"]
+        how = f"with {share:.0%} of its depth" if share else "flat"
+        less.append(f"{how} {_hours(other['hours'])} and {other['grams']:.0f} g")
+    return text + (f". By an estimate: {', '.join(less)}." if less else ".")
+
+
+def _hours(hours: float) -> str:
+    return f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} min"
 
 
 def _record(check: CrossCheck) -> dict[str, Any]:

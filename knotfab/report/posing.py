@@ -4,29 +4,48 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from knotfab.report.of_slicer import tell_printing
+
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
     from knotfab.part.flatter import Flattening
 
 __all__ = ["add_posing"]
 
+_VIEWS_FLATTENED = 1  # of several views less depth of one is less width of another
+
 
 def add_posing(
-    report: dict[str, Any], part: Part, flattening: Flattening | None, suffix: str = ""
+    report: dict[str, Any],
+    part: Part,
+    flattening: Flattening | None,
+    suffix: str = "",
+    *,
+    printing: bool = False,
 ) -> None:
     """Add `print.pose`, `print.plates` where there are any, and the notes that go with them.
 
     Args:
         suffix: of the plates' files, such as "-01" of a sequence's frame.
+        printing: it is printed: also what supports cost and whether they can be taken out.
     """
     account = part.pose.account
-    by = "the mount" if part.mounted.upright is not None else "least height"
+    powder = part.mounted.scene.printer.process == "powder"
+    by = "the volume of its box" if powder else "least height"
+    if part.mounted.upright is not None:
+        by = "the mount"
     pose: dict[str, Any] = {"chosen_by": by}
     pose["height_mm"] = round(float(part.pose.size_mm[2]), 2)
+    pose["box_cm3"] = round(float(part.pose.size_mm.prod()) / 1000, 1)
     if account is not None:
         pose = account.to_dict()
     report["print"]["pose"] = pose
     notes: list[str] = report["notes"]
+    if powder and printing:
+        notes.append(
+            "It is printed in powder, which carries it: no supports, and any pose will do. Its box of "
+            f"{pose['box_cm3']:.0f} cm³ is what it takes of the powder bed."
+        )
     if flattening is not None:
         pose["depth_mm"] = {
             "first": round(flattening.from_mm, 2),
@@ -43,6 +62,8 @@ def add_posing(
                 "No pose keeps the printer's limit for supports: a depth of about "
                 f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
             )
+    if printing:
+        _add_printing(report, part)
     if part.plates is None:
         return
     plates = part.plates.to_dict(suffix)
@@ -58,3 +79,30 @@ def add_posing(
         f"The printer does not hold the whole piece: print {names[0]} to {names[-1]}; "
         f"part{suffix}.3mf shows how they go together.{joints}"
     )
+
+
+def _add_printing(report: dict[str, Any], part: Part) -> None:
+    """Add `print.support_access`, `print.flatter`, and the notes on what the supports are and cost."""
+    from knotfab.part.access import measure_access
+    from knotfab.part.assemble import rules_of
+    from knotfab.part.flatter import Printing, estimate_flatter
+
+    scene, figures, notes = part.mounted.scene, report["print"], report["notes"]
+    if scene.material.process == "wire":
+        return
+    rules = rules_of(scene)
+    if "time_s" in figures and part.pose.account is not None:
+        sliced = Printing(
+            1.0, figures["time_s"] / 3600, figures["filament_g"], figures["support_g"]
+        )
+        if len(scene.views) == _VIEWS_FLATTENED and part.plates is None:
+            knots = part.pose.knots.moved(part.pose.matrix)
+            found = estimate_flatter(knots, sliced, rules)
+            figures["flatter"] = [one.to_dict() for one in found]
+    if "time_s" in figures:
+        notes.append(tell_printing(figures))
+    if part.plates is None and rules.supports and not rules.powder:
+        access = measure_access(part.bodies, rules)
+        figures["support_access"] = access.to_dict()
+        if access.worst is not None:
+            notes.append(access.tell())

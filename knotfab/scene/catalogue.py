@@ -26,6 +26,8 @@ __all__ = [
     "resolve",
 ]
 
+_USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
+
 Named = TypeVar("Named", Printer, Material)
 
 
@@ -97,30 +99,60 @@ def _fill_in(own: Named, kind: Kind) -> Named:
     return type(own)(**{**base.model_dump(), **written})
 
 
-def _limit_supports(printer: Printer) -> Printer:
-    """The printer with its limit for supports as a number: there is no more room than it has."""
-    if printer.max_support_cm3 != "auto":
-        return printer
+def _fill_in_auto(printer: Printer) -> Printer:
+    """The printer with numbers: supports have the room that it has, walls and gaps the nozzle's width."""
     width, depth, height = printer.build_volume_mm
-    return printer.model_copy(update={"max_support_cm3": width * depth * height / 1000})
+    auto = {
+        "max_support_cm3": width * depth * height / 1000,
+        "min_wall_mm": printer.nozzle_mm,
+        "min_gap_mm": printer.nozzle_mm,
+    }
+    return printer.model_copy(
+        update={key: value for key, value in auto.items() if getattr(printer, key) == "auto"}
+    )
+
+
+def _find_material(own: Material, printer: Printer) -> Material:
+    """The scene's material with its figures; where it names none, the usual one of the printer.
+
+    Raises:
+        InputError: the printer does not print with such a material.
+    """
+    if not own.model_fields_set:
+        own = Material(name=_USUAL_MATERIALS[printer.process])
+    found = _fill_in(own, "material")
+    if found.process not in ("wire", printer.process) and "powder" in (
+        found.process,
+        printer.process,
+    ):
+        raise InputError(
+            f"material {found.name!r}",
+            f"printer {printer.name!r} prints with {printer.process}, and this is {found.process}",
+            f"Name another one, such as {_USUAL_MATERIALS[printer.process]}.",
+        )
+    return found
 
 
 def resolve(scene: Scene) -> Scene:
     """The scene with printer and material merged from their data files.
 
-    Keys that the scene gives itself in [printer] and [material] win over the data file. A tube of wire
-    is as thick as the wire, unless the scene says otherwise.
+    Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
+    says otherwise, a tube of wire is as thick as the wire, and powder comes out between strands.
 
     Raises:
-        InputError: a printer or material that has no data file, naming those that have; or a person's
-            own file of that name is wrong.
+        InputError: a printer or material that has no data file, naming those that have; a person's
+            own file of that name is wrong; or the one does not go with the other.
     """
-    update: dict[str, Any] = {
-        "printer": _limit_supports(_fill_in(scene.printer, "printer")),
-        "material": _fill_in(scene.material, "material"),
+    printer = _fill_in_auto(_fill_in(scene.printer, "printer"))
+    material = _find_material(scene.material, printer)
+    piece: dict[str, Any] = {}
+    if material.process == "wire" and scene.piece.tube_radius_mm == "auto":
+        piece["tube_radius_mm"] = 0.5 * material.wire_diameter_mm
+    if material.process == "powder" and "clearance_mm" not in scene.piece.model_fields_set:
+        piece["clearance_mm"] = max(scene.piece.clearance_mm, float(printer.min_gap_mm))
+    update = {
+        "printer": printer,
+        "material": material,
+        "piece": scene.piece.model_copy(update=piece),
     }
-    wire = update["material"]
-    if wire.process == "wire" and scene.piece.tube_radius_mm == "auto":
-        radius = {"tube_radius_mm": 0.5 * wire.wire_diameter_mm}
-        update["piece"] = scene.piece.model_copy(update=radius)
     return scene.model_copy(update=update)

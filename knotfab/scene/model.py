@@ -62,7 +62,7 @@ class Material(_Table):
     """What the tube is made of, and how it takes its form; named materials are data files."""
 
     name: StrictStr = "pla"
-    process: Literal["filament", "resin", "wire"] = "filament"
+    process: Literal["filament", "resin", "powder", "wire"] = "filament"
     density_g_cm3: Positive = 1.24
     min_bend_radius_mm: Positive | Literal["auto"] = "auto"
     max_length_mm: Positive = 50000.0
@@ -80,8 +80,11 @@ class Printer(_Table):
     """What prints it, and how; named printers are data files."""
 
     name: StrictStr = "prusa-mk4"
+    process: Literal["filament", "resin", "powder"] = "filament"  # powder needs no supports
     build_volume_mm: Extent = (250.0, 210.0, 220.0)
     nozzle_mm: Positive = 0.4
+    min_wall_mm: Positive | Literal["auto"] = "auto"  # auto: the nozzle
+    min_gap_mm: Positive | Literal["auto"] = "auto"
     min_tube_radius_mm: Positive = 0.8
     layer_height_mm: Positive = 0.2
     supports: Annotated[bool, Strict()] = True

@@ -23,7 +23,7 @@ MODELS: dict[Kind, type[Printer] | type[Material]] = {"printer": Printer, "mater
 
 # How a part is printed: what holds for most printers and materials, so that one's own need not say.
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
-USUAL |= {"process", "color"}
+USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
 USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
 USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa"}
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
+from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPPORT_LINE_NOZZLES
 from knotfab.scene.model import Scene
 
 __all__ = ["PROFILE", "line_width", "profile", "why_not_sliced", "write_profile"]
@@ -37,8 +38,11 @@ def why_not_sliced(scene: Scene) -> str | None:
     """Why a slicer for filament has nothing to say of this piece; None where it has."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
-    if scene.material.process == "resin" or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
+    resin = "resin" in (scene.material.process, scene.printer.process)
+    if resin or scene.printer.nozzle_mm < LEAST_NOZZLE_MM:
         return "resin: only its own slicer can say"
+    if scene.printer.process == "powder":
+        return "powder: no supports, and those who print it pack it"
     return None
 
 
@@ -84,10 +88,17 @@ def profile(scene: Scene) -> dict[str, str]:
         "brim_type": "no_brim",
         "support_material": int(printer.supports),
         "support_material_threshold": threshold,
-        "support_material_style": "grid",  # twice as fast to compute as the snug one
+        # As narrow as a strand's underside, where a grid widens it to its cells: half the filament.
+        "support_material_style": "snug",
         "support_material_with_sheath": 0,
-        "support_material_interface_layers": 2,
-        "support_material_spacing": 2.5,
+        "support_material_extrusion_width": f"{SUPPORT_LINE_NOZZLES * printer.nozzle_mm:g}",
+        "support_material_spacing": SPACING_MM,
+        "support_material_interface_layers": ROOF_LAYERS,
+        "support_material_interface_spacing": ROOF_GAP_MM,
+        # Supports stand on strands below without a floor of their own: less to pick off.
+        "support_material_bottom_interface_layers": 0,
+        # A first layer over supports as thick as any other: thick bridges leave a layer more of air.
+        "thick_bridges": 0,
         # Without the variable widths of Arachne it slices in half the time, to the same amount of
         # filament: a tube is several lines thick everywhere.
         "perimeter_generator": "classic",

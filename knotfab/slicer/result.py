@@ -43,6 +43,11 @@ class Sliced:
     seconds: float  # that slicing took
 
     @property
+    def support_share(self) -> float:
+        """Of the filament, 0 to 1."""
+        return self.support_m / self.filament_m if self.filament_m > 0 else 0.0
+
+    @property
     def problems(self) -> list[str]:
         """What speaks against the part; empty for a good one."""
         said = [

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
-from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate
+from knotfab.geometry.overhang import (
+    ROOF_GAP_MM,
+    ROOF_LAYERS,
+    SPACING_MM,
+    Estimate,
+    Rules,
+    Strands,
+    estimate,
+)
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
-from knotfab.part.flatter import flatter_depth
+from knotfab.part.flatter import Printing, estimate_flatter, flatter_depth
 from knotfab.part.orient import (
     AXES,
     estimate_minutes,
@@ -83,6 +93,22 @@ def test_a_level_bar_above_a_lower_one() -> None:
     on_bed = 2 * half * 50 * below / 1000  # of the foot, above the first layer
     assert found.support_cm3 == pytest.approx(exact + on_bed, rel=0.03)
     assert found.height_mm == pytest.approx(30 + 2 * RADIUS)
+
+
+def test_the_filament_of_a_wall_under_a_bar() -> None:
+    """A line along either edge, lines across, two layers of roof: counted by hand; never of more than
+    the pose needs."""
+    rules = Rules()
+    bar, foot = np.array([[0.0, 0, 30], [100.0, 0, 30]]), np.array([[200.0, 0, 0], [200.0, 50, 0]])
+    knots = Knots((Knot(foot, closed=False), Knot(bar, closed=False)), RADIUS)
+    found = estimate(strands_of(knots), np.eye(3), rules)
+    line, wide = rules.support_line_mm, 2 * RADIUS * np.sin(np.pi / 4)
+    edges = 2 * line * 100 * 30
+    across = line / (SPACING_MM + line) * wide * 100 * 30
+    roof = ROOF_LAYERS * rules.layer_mm * wide * 100 * line / (line + ROOF_GAP_MM)
+    assert found.filament_cm3 == pytest.approx((edges + across + roof) / 1000, rel=0.05)
+    pole = estimate(rods(np.array([[0.0, 0, 0], [0, 0, 80.0]])), np.eye(3), rules)
+    assert pole.filament_cm3 == 0.0
 
 
 def test_columns_end_on_the_strand_below() -> None:
@@ -250,9 +276,11 @@ def test_limits_are_inclusive() -> None:
 
 
 def test_the_weights_of_a_pose() -> None:
-    """0.3 min a cm³, a layer in 4 s, 30 min for what falls, 5 min for what hardly touches the bed."""
+    """9 min a cm³, a layer in 4 s, 30 min for what falls, 5 min for what hardly touches the bed."""
     sound = Estimate(10.0, 20.0, 1e9, 45.0, 0, 0.0)
-    assert estimate_minutes(sound) == pytest.approx(3.0 + 20 / 0.2 * 4 / 60, abs=1e-6)
+    assert estimate_minutes(sound) == pytest.approx(20 / 0.2 * 4 / 60, abs=1e-6)
+    propped = replace(sound, filament_cm3=2.0)
+    assert estimate_minutes(propped) == pytest.approx(18.0 + 20 / 0.2 * 4 / 60, abs=1e-6)
     assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 0.0, 0, 0.0)) == pytest.approx(
         estimate_minutes(sound) + 30
     )
@@ -262,6 +290,21 @@ def test_the_weights_of_a_pose() -> None:
     assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 10.0, 0, 0.0)) == pytest.approx(
         estimate_minutes(sound)
     )
+
+
+# --- less depth ---
+
+
+def test_less_depth_takes_less_and_as_much_depth_the_same() -> None:
+    knots = knots_of(wave(deep=80.0))
+    sliced = Printing(1.0, 12.0, 100.0, 60.0)
+    same, less, flat = estimate_flatter(knots, sliced, Rules(), (1.0, 0.6, 0.0))
+    assert (same.hours, same.grams, same.support_grams) == pytest.approx((12.0, 100.0, 60.0))
+    assert flat.hours < less.hours < 12.0 and flat.support_grams < less.support_grams < 60.0
+    assert 0 < flat.grams < less.grams < 100.0
+    none = estimate_flatter(knots, Printing(1.0, 5.0, 40.0, 0.0), Rules(), (0.6,))[0]
+    assert none.support_grams == 0.0
+    assert set(less.to_dict()) == {"depth_share", "hours", "grams", "support_grams"}
 
 
 # --- the depth that would do ---

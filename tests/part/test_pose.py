@@ -6,7 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from knotfab.part.supports import Rules
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
@@ -135,3 +137,19 @@ def test_a_wall_too_far_for_the_printer_is_what_must_change() -> None:
         try_room((10.0, 210.0, 200.0))
     with pytest.raises(SceneError, match=r"largest frame that would fit"):
         try_room((210.0, 210.0, 210.0))
+
+
+def test_in_powder_the_smallest_box_is_taken() -> None:
+    """A piece turned askew comes back square, whatever hangs over; a bed that is longer one way is used."""
+    t = 2 * np.pi * np.arange(200) / 200
+    curve = np.column_stack([60 * np.cos(t), 40 * np.sin(t), 12 * np.cos(5 * t)])
+    askew = curve @ Rotation.from_euler("xyz", [25, 40, 10], degrees=True).as_matrix().T
+    tube = [sweep(askew, 2.0, 12)]
+    rules = Rules(supports=False, powder=True)
+    for room in ((250.0, 210.0, 220.0), (90.0, 130.0, 40.0), (40.0, 90.0, 130.0)):
+        pose = choose_pose(Knots((Knot(askew),), 2.0), tube, room, rules=rules)
+        assert pose.account is None
+        assert (pose.size_mm <= np.array(room) + 1e-6).all()
+        assert pose.size_mm.prod() < 1.03 * (124.0 * 84.0 * 28.0)
+    with pytest.raises(SceneError, match="holds 60"):
+        choose_pose(Knots((Knot(askew),), 2.0), tube, (60.0, 60.0, 60.0), rules=rules)

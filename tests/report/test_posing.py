@@ -11,15 +11,18 @@ import pytest
 from knotfab.part.flatter import Flattening
 from knotfab.part.plates import Plate, Plates
 from knotfab.report.posing import add_posing
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.load import parse_scene
 from knotfab.slicer.known_warnings import SlicerWarning
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced, sum_slicings
 
 BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
 
-def part(plates: Plates | None = None, upright: object = None) -> Any:
+def part(plates: Plates | None = None, upright: object = None, scene: str = "") -> Any:
     pose = SimpleNamespace(account=None, size_mm=np.array([10.0, 20.0, 30.0]))
-    return SimpleNamespace(pose=pose, plates=plates, mounted=SimpleNamespace(upright=upright))
+    mounted = SimpleNamespace(upright=upright, scene=resolve(parse_scene(scene)))
+    return SimpleNamespace(pose=pose, plates=plates, mounted=mounted, bodies=[BOX])
 
 
 def report() -> dict[str, Any]:
@@ -29,7 +32,8 @@ def report() -> dict[str, Any]:
 def test_a_pose_that_the_mount_asks_for() -> None:
     found = report()
     add_posing(found, part(upright=np.eye(3)), None)
-    assert found["print"]["pose"] == {"chosen_by": "the mount", "height_mm": 30.0}
+    wanted = {"chosen_by": "the mount", "height_mm": 30.0, "box_cm3": 6.0}
+    assert found["print"]["pose"] == wanted
     assert len(found["notes"]) == 2
 
 
@@ -62,6 +66,25 @@ def test_a_depth_that_was_lowered_or_should_be(
     assert len(notes) == len(said)
     assert all(text in note for text, note in zip(said, notes, strict=True))
     assert found["print"]["pose"]["depth_mm"]["kept"] == to
+
+
+def test_powder_asks_for_neither_supports_nor_access() -> None:
+    found = report()
+    add_posing(found, part(scene="[printer]\nname = 'hp-mjf'"), None, printing=True)
+    assert found["print"]["pose"]["chosen_by"] == "the volume of its box"
+    assert "no supports" in found["notes"][2] and "6 cm³" in found["notes"][2]
+    assert "support_access" not in found["print"]
+
+
+def test_what_was_sliced_is_told_with_its_supports() -> None:
+    found = report()
+    found["print"] = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
+    add_posing(found, part(), None, printing=True)
+    assert "1.5 h and 20 g of filament, 25% of it supports." in found["notes"][2]
+    assert found["print"]["support_access"]["worst"] is None  # a box that has no face
+    quiet = report()
+    add_posing(quiet, part(), None)
+    assert "support_access" not in quiet["print"]
 
 
 def make_sliced(time_s: float, *, passed: bool) -> Sliced:

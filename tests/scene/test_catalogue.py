@@ -15,7 +15,7 @@ from knotfab.target.read import Target
 
 def test_known_names() -> None:
     assert set(printers()) >= {
-        "prusa-mk4", "bambu-x1", "bambu-a1", "ender-3", "voron-2.4-350", "form-3",
+        "prusa-mk4", "bambu-x1", "bambu-a1", "ender-3", "voron-2.4-350", "form-3", "hp-mjf", "sls",
     }  # fmt: skip
     assert set(materials()) >= {"pla", "petg", "tpu", "resin", "steel-wire-2mm"}
     assert "aluminium-wire-2mm" in materials()
@@ -23,7 +23,7 @@ def test_known_names() -> None:
 
 def test_figures_are_plausible() -> None:
     for printer in printers().values():
-        assert min(printer.build_volume_mm) >= 100 and max(printer.build_volume_mm) <= 500
+        assert min(printer.build_volume_mm) >= 100 and max(printer.build_volume_mm) <= 600
         assert 2 * printer.min_tube_radius_mm >= 2 * printer.nozzle_mm
     for material in materials().values():
         low, high = (2.0, 9.0) if material.process == "wire" else (0.9, 1.5)
@@ -60,10 +60,30 @@ def test_keys_of_the_scene_win() -> None:
     assert scene.printer.nozzle_mm == 0.4
 
 
+def test_a_printer_brings_its_usual_material_and_what_powder_needs() -> None:
+    for name in ("hp-mjf", "sls"):
+        scene = resolve(parse_scene(f"[printer]\nname = {name!r}"))
+        assert scene.material.process == scene.printer.process == "powder"
+        # powder must come out between strands; a scene that says otherwise is taken at its word
+        assert scene.piece.clearance_mm >= scene.printer.min_gap_mm >= 0.5
+        own = resolve(parse_scene(f"[piece]\nclearance_mm = 0.3\n[printer]\nname = {name!r}"))
+        assert own.piece.clearance_mm == 0.3
+    assert resolve(parse_scene("[printer]\nname = 'form-3'")).material.name == "resin"
+    usual = resolve(Scene())
+    assert (usual.material.name, usual.piece.clearance_mm) == ("pla", 0.4)
+    assert usual.printer.min_wall_mm == usual.printer.min_gap_mm == usual.printer.nozzle_mm
+
+
+@pytest.mark.parametrize(("printer", "material"), [("hp-mjf", "pla"), ("prusa-mk4", "pa12")])
+def test_powder_and_filament_do_not_mix(printer: str, material: str) -> None:
+    with pytest.raises(InputError, match=f"{material}.*{printer}.*Name another"):
+        resolve(parse_scene(f"[printer]\nname = {printer!r}\n[material]\nname = {material!r}"))
+
+
 def test_unknown_names_are_refused_and_the_known_ones_listed() -> None:
     with pytest.raises(InputError, match=r"'bambu'.*Did you mean 'bambu-x1'.*ender-3"):
         resolve(parse_scene("[printer]\nname = 'bambu'"))
-    with pytest.raises(InputError, match=r"'steel'.*aluminium-wire-2mm, petg.*tpu"):
+    with pytest.raises(InputError, match=r"'steel'.*aluminium-wire-2mm.*petg.*tpu"):
         resolve(parse_scene("[material]\nname = 'steel'"))
 
 

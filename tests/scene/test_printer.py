@@ -40,7 +40,11 @@ def test_both_sides_have_the_same_defaults() -> None:
 def test_figures_are_plausible() -> None:
     for printer in printers().values():
         assert printer.layer_height_mm < printer.nozzle_mm <= 2 * printer.min_tube_radius_mm
-        assert printer.supports and 40 <= printer.max_overhang_deg <= 75
+        if printer.process == "powder":  # walls and gaps are the process's own
+            assert printer.nozzle_mm <= printer.min_wall_mm <= 2 * printer.min_tube_radius_mm
+            assert printer.nozzle_mm <= printer.min_gap_mm
+        else:
+            assert printer.supports and 40 <= printer.max_overhang_deg <= 75
 
 
 def test_a_printer_that_is_only_named_leaves_its_size_open() -> None:

@@ -90,7 +90,9 @@ def test_a_good_part() -> None:
     assert set(check) == {"name", "status", "required", "measured", "limit", "unit", "detail"}
     assert (check["status"], check["required"], check["measured"]) == ("pass", True, 0)
     assert "2.5.0" in check["detail"] and "all printed" in check["detail"]
-    assert print_figures(GOOD) == {"time_s": 3600.0, "filament_m": 12.5}
+    supports = {"support_g": 37.0 * 0.32, "support_share": 0.32}
+    wanted = {"time_s": 3600.0, "filament_m": 12.5, "filament_g": 37.0, **supports}
+    assert print_figures(GOOD) == pytest.approx(wanted)
 
 
 def test_an_explained_warning_passes_and_is_shown() -> None:
@@ -155,5 +157,5 @@ def test_the_notice_of_other_slicers_is_explained() -> None:
     add_slicing(report, None, False)
     assert report == {"print": {}}
     add_slicing(report, GOOD, True)
-    assert report["print"] == {"opening": OPENING, "time_s": 3600.0, "filament_m": 12.5}
+    assert report["print"] == {"opening": OPENING, **print_figures(GOOD)}
     assert report["slicer"]["command"] == GOOD.command

@@ -48,3 +48,31 @@ def test_the_time_of_each_group_is_told() -> None:
     seconds: dict[str, float] = {}
     printability_checks(box((0, 0, 0), (5, 5, 5)), PRINTER, seconds=seconds)
     assert set(seconds) == {"feature", "gap", "overhang", "bridges", "standing"}
+
+
+POWDER = Printer("powder", None, nozzle_mm=0.5, process="powder", min_wall_mm=1.0, min_gap_mm=0.6)
+
+
+def test_in_powder_nothing_overhangs_but_walls_and_gaps_count() -> None:
+    """A table over air, floating above the bed: powder carries it. Its walls and gaps are the process's."""
+    air = moved(table(), shift=(0, 0, 40))
+    found = run(air, POWDER)
+    assert tuple(found) == PRINTING
+    asked = {name for name, check in found.items() if check.status != "skipped"}
+    assert asked == {"feature", "gap"}
+    assert all("powder" in c.detail for n, c in found.items() if n not in asked)
+    assert run(air, BARE)["islands"].status == run(air, BARE)["floating"].status == "fail"
+    thin = box((0, 0, 0), (20, 20, 0.9))
+    assert run(thin, POWDER)["feature"].status == "fail"
+    assert run(thin, PRINTER)["feature"].status == "pass"
+    near = together(box((0, 0, 0), (20, 20, 3)), box((0, 0, 3.5), (20, 20, 6.5)))
+    assert run(near, POWDER)["gap"].status == "fail"
+    assert "powder must come out" in run(near, POWDER)["gap"].detail
+    assert run(near, PRINTER)["gap"].status == "pass"
+
+
+def test_a_stand_of_powder_still_has_to_stand() -> None:
+    tower = box((0, 0, 0), (5, 5, 20))
+    found = run(tower, POWDER, stands=True)
+    assert found["standing"].status == "pass" and found["standing"].required
+    assert found["overhang"].status == "skipped"

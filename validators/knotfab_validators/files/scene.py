@@ -82,12 +82,15 @@ class Printer:
     """What the part must fit, and how it is printed.
 
     `build_volume_mm` and `nozzle_mm` are None where the scene only names a printer, whose data the
-    maker keeps; `max_support_cm3` None: no limit.
+    maker keeps; `min_wall_mm`, `min_gap_mm` None: the nozzle's width; `max_support_cm3` None: no limit.
     """
 
     name: str
     build_volume_mm: Vector | None
     nozzle_mm: float | None = None
+    process: str = "filament"
+    min_wall_mm: float | None = None
+    min_gap_mm: float | None = None
     layer_height_mm: float = 0.2
     supports: bool = True
     max_overhang_deg: float = 45.0
@@ -256,6 +259,9 @@ def _printer(table: Table) -> Printer:
         name=name,
         build_volume_mm=volume,
         nozzle_mm=nozzle,
+        process=table.word("process", "filament", ("filament", "resin", "powder")),
+        min_wall_mm=table.open_number("min_wall_mm", None, above=0),
+        min_gap_mm=table.open_number("min_gap_mm", None, above=0),
         layer_height_mm=table.number("layer_height_mm", 0.2, above=0),
         supports=table.flag("supports", True),
         max_overhang_deg=table.number("max_overhang_deg", 45.0, least=0, most=90),

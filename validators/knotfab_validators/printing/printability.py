@@ -27,6 +27,8 @@ FEATURE_TOLERANCE_MM = 1e-4  # what single precision leaves of a wall, far from 
 GAP_TOLERANCE = 0.08  # of the nozzle; see `printability_checks`
 BED_MM = 1e-3  # how far off the bed a height may be read
 UNNAMED = "no printer was named: measured only"
+POWDER = "printed in powder, which carries the part wherever it lies: nothing overhangs, and nothing stands"
+CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "standing")
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,9 @@ class _Settings:
     """A printer's figures, with the usual ones where there is no printer."""
 
     named: bool
-    nozzle: float | None
+    wall: float | None
+    gap: float | None
+    powder: bool
     layer: float
     supports: bool
     overhang_deg: float
@@ -44,7 +48,7 @@ class _Settings:
     @property
     def unsupported(self) -> bool:
         """Whether the part must print without supports."""
-        return self.named and not self.supports
+        return self.named and not self.supports and not self.powder
 
 
 def printability_checks(
@@ -58,7 +62,7 @@ def printability_checks(
 ) -> list[Check]:
     """All checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
 
-    - `feature`, `gap`: the thinnest wall and gap against the nozzle, required. Gaps may be 8 %
+    - `feature`, `gap`: the thinnest wall and gap against the printer's, required. Gaps may be 8 %
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
       corners (a = 2 pi / m; 0.015 mm at r = 2 mm and m = 24), so that two strands whose centre
       lines keep their distance come up to twice as much closer in the file.
@@ -71,6 +75,8 @@ def printability_checks(
       but such bridges.
     - `standing`: how far the middle of a body's mass lies inside the hull of its first layer, the
       least of all bodies that reach the bed; must not be negative where the part `stands`.
+
+    Of what is printed in powder only `feature` and `gap` are asked, and `standing` where it `stands`.
 
     Args:
         mesh: closed, consistently wound, finite and free of crossings, else nothing here means
@@ -88,31 +94,34 @@ def printability_checks(
     with time_stage(seconds, "feature"):
         probe = Probe(mesh)
         wall = probe.wall()
-    near = NEAR_MM if use.nozzle is None else max(NEAR_MM, 1.5 * use.nozzle)
+    near = NEAR_MM if use.gap is None else max(NEAR_MM, 1.5 * use.gap)
     with time_stage(seconds, "gap"):
         gap = probe.gap(near)
+    checks = [_check_feature(wall, use), _check_gap(gap, use)]
+    if use.powder and not stands:
+        return checks + [skip_check(name, POWDER) for name in CARRIED]
     with time_stage(seconds, "overhang"):
         grid = columns(mesh)
     with time_stage(seconds, "bridges"):
         air = find_unsupported(grid, use.layer)
-    checks = [_check_feature(wall, use), _check_gap(gap, use)]
     with time_stage(seconds, "overhang"):
         checks += _check_overhang(mesh, grid, air, use)
     checks.append(_check_bridge(air, use))
     with time_stage(seconds, "standing"):
         checks += _check_bed(mesh, air, use, stands, desk)
+    if use.powder:
+        return [skip_check(c.name, POWDER) if c.name in CARRIED[:-1] else c for c in checks]
     return checks
 
 
 def _settings(printer: Printer | None) -> _Settings:
     if printer is None:
-        usual = Printer("", None)
-        return _Settings(
-            False, None, usual.layer_height_mm, True, usual.max_overhang_deg, None, None
-        )
+        return replace(_settings(Printer("", None)), named=False, bridge=None)
     return _Settings(
         named=True,
-        nozzle=printer.nozzle_mm,
+        wall=printer.min_wall_mm or printer.nozzle_mm,
+        gap=printer.min_gap_mm or printer.nozzle_mm,
+        powder=printer.process == "powder",
         layer=printer.layer_height_mm,
         supports=printer.supports,
         overhang_deg=printer.max_overhang_deg,
@@ -123,31 +132,38 @@ def _settings(printer: Printer | None) -> _Settings:
 
 def _check_feature(wall: LocalThickness, use: _Settings) -> Check:
     what = "thinnest wall, between sides that are parallel within 30°"
-    return _check_nozzle("feature", wall, what, use, FEATURE_TOLERANCE_MM)
+    return _check_width("feature", wall, what, use.wall, use, FEATURE_TOLERANCE_MM)
 
 
 def _check_gap(gap: LocalThickness, use: _Settings) -> Check:
     what = "thinnest gap between surfaces"
-    return _check_nozzle("gap", gap, what, use, GAP_TOLERANCE * (use.nozzle or 0.0))
+    if use.powder:
+        what += ", from which powder must come out"
+    return _check_width("gap", gap, what, use.gap, use, GAP_TOLERANCE * (use.gap or 0.0))
 
 
-def _check_nozzle(
-    name: str, found: LocalThickness, what: str, use: _Settings, tolerance: float
+def _check_width(
+    name: str,
+    found: LocalThickness,
+    what: str,
+    least: float | None,
+    use: _Settings,
+    tolerance: float,
 ) -> Check:
-    required = use.nozzle is not None
-    if use.nozzle is not None:
-        against = f", against the nozzle of {use.nozzle:g} mm"
+    required = least is not None
+    if least is not None:
+        against = f", against the least of the printer, {least:g} mm"
     else:
         against = f"; {UNNAMED}" if not use.named else "; the printer's nozzle is not given"
     if not np.isfinite(found.value):
         detail = f"{what}: no two places face each other{against}"
-        return Check(name, "pass", required, "none", use.nozzle, "mm", detail)
+        return Check(name, "pass", required, "none", least, "mm", detail)
     detail = f"{what}, at {spot(found.at[0])}{against}"
-    thin = max(1, int((found.widths < (use.nozzle or 0.0) - tolerance).sum()))
+    thin = max(1, int((found.widths < (least or 0.0) - tolerance).sum()))
     return at_least(
         name,
         found.value,
-        use.nozzle,
+        least,
         "mm",
         detail,
         required=required,

@@ -1,0 +1,162 @@
+"""Whether a tool reaches the supports of a piece to take them out: straight ways in from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from knotfab.arrays import Array
+from knotfab.geometry.overhang import Rules
+from knotfab.part.orient import spread_turns
+
+__all__ = ["TOOLS_MM", "Access", "measure_access"]
+
+Mesh = tuple[Array, NDArray[np.int32]]
+
+# Diameters of straight round tools: a finger; the jaws of a cutter; the nose of fine pliers; a hook.
+TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
+SAMPLES = 300  # undersides looked at
+WAYS = 48  # directions of a tool
+NEARLY = 0.85  # of a tool's radius: it may brush a strand, and triangles stand for the surface
+STEP = 0.5  # of its radius, at least, from one look to the next
+SPACING_MM = (
+    1.0  # of the points that stand for the surface, at most; finer meshes are thinned to half
+)
+
+
+@dataclass(frozen=True)
+class Access:
+    """How the supports under a piece are reached.
+
+    `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them (0 to
+    1) that it reaches. `worst`: the place (3,) that only the thinnest tool reaches, or none, deepest
+    inside of all such; `worst_tool`: which one reaches it, None where none does.
+    """
+
+    area_cm2: float
+    reached: dict[str, float]
+    worst: tuple[float, float, float] | None
+    worst_tool: str | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's `print.support_access`."""
+        return {
+            "area_cm2": round(self.area_cm2, 2),
+            "tools_mm": dict(TOOLS_MM),
+            "reached": {name: round(share, 3) for name, share in self.reached.items()},
+            "worst": None if self.worst is None else [round(x, 2) for x in self.worst],
+            "worst_tool": self.worst_tool,
+        }
+
+    def tell(self) -> str:
+        """One sentence for the report and the summary."""
+        by_hand, cut = self.reached["finger"], self.reached["cutter"]
+        text = f"A finger reaches {by_hand:.0%} of its supports, a cutter {cut:.0%}"
+        if self.worst is None or self.worst_tool == "finger":
+            return text + "."
+        place = ", ".join(f"{x:.0f}" for x in self.worst)
+        least = f"only a {self.worst_tool} comes in" if self.worst_tool else "no straight tool does"
+        return f"{text}; at ({place}) {least}."
+
+
+def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
+    """Cast tools from all round at the undersides of a piece that need support.
+
+    A tool is a cylinder with a ball for a tip. The tip touches the underside, the axis goes straight
+    out in one of `WAYS` directions, and the surface must keep away from it by the tool's radius all the
+    way (sphere tracing: each step is as long as the nearest surface allows; Hart 1996). The supports
+    themselves are in nobody's way: they come out from the outside inwards.
+
+    Args:
+        bodies: meshes in print coordinates, the bed at z = 0.
+        rules: the printer's for overhangs.
+    """
+    if not rules.supports or rules.powder:
+        return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
+    corners = _split(np.concatenate([v[f] for v, f in bodies]))
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    corners, across, size = corners[size > 0], across[size > 0], size[size > 0]
+    normal, middle = across / size[:, None], corners.mean(axis=1)
+    steep = -normal[:, 2] > np.sin(np.radians(rules.max_overhang_deg)) + 1e-6
+    under = np.flatnonzero(steep & (middle[:, 2] > 2 * rules.layer_mm))
+    area = size[under] / 200
+    if not len(under):
+        return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
+    # as many looks at each mm² of underside
+    along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
+    chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
+    place, out = middle[chosen], normal[chosen]
+    surface = cKDTree(_thin(corners.reshape(-1, 3)))
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    ways = spread_turns(WAYS)[3:, 2]
+    best = np.zeros(len(place))  # diameter of the thickest tool that comes in
+    # what a thick tool reaches, a thinner one reaches in the same way
+    for diameter in sorted(TOOLS_MM.values(), reverse=True):
+        rest = np.flatnonzero(best == 0)
+        hit = _reaches(place[rest], out[rest], ways, diameter / 2, surface, low, high)
+        best[rest[hit]] = diameter
+    deepest = np.lexsort((-_depth(place, low, high), best))[0]
+    tool = next((name for name, d in TOOLS_MM.items() if d == best[deepest]), None)
+    x, y, z = (float(c) for c in place[deepest])
+    reached = {name: float((best >= diameter).mean()) for name, diameter in TOOLS_MM.items()}
+    return Access(float(area.sum()), reached, (x, y, z), tool)
+
+
+def _reaches(
+    place: Array,
+    out: Array,
+    ways: Array,
+    radius: float,
+    surface: cKDTree,
+    low: Array,
+    high: Array,
+) -> NDArray[np.bool_]:
+    """(n,) whether a tool of this radius, its tip at a place, gets out of the box on some way."""
+    found = np.zeros(len(place), dtype=np.bool_)
+    tip = place + radius * out
+    free, _ = surface.query(tip)
+    spot, way = (k.ravel() for k in np.indices((len(place), len(ways))))
+    at = tip[spot]
+    left = (free >= NEARLY * radius)[spot]
+    while left.any():
+        at, spot, way = at[left], spot[left], way[left]
+        found[spot[((at < low - radius) | (at > high + radius)).any(axis=1)]] = True
+        going = ~found[spot]
+        at, spot, way = at[going], spot[going], way[going]
+        away, _ = surface.query(at)
+        at = at + np.maximum(away - NEARLY * radius, STEP * radius)[:, None] * ways[way]
+        left = away >= NEARLY * radius
+    return found
+
+
+def _split(corners: Array) -> Array:
+    """(k, 3, 3) triangles (m, 3, 3) cut into four, by the middles of their edges, until they are small."""
+    done = [corners[:0]]
+    while len(corners):
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        large = edges.max(axis=1) > SPACING_MM
+        done.append(corners[~large])
+        corners = corners[large]
+        middles = (corners + np.roll(corners, 1, axis=1)) / 2
+        at_corners = [
+            np.stack([corners[:, k], middles[:, (k + 1) % 3], middles[:, k]], 1) for k in range(3)
+        ]
+        corners = np.concatenate([middles, *at_corners])
+    return np.concatenate(done)
+
+
+def _thin(points: Array) -> Array:
+    """One point of each cell of half the spacing."""
+    _, kept = np.unique(np.floor(2 * points / SPACING_MM), axis=0, return_index=True)
+    return np.asarray(points[kept])
+
+
+def _depth(place: Array, low: Array, high: Array) -> Array:
+    """How far inside the box a place lies."""
+    return np.asarray(np.minimum(place - low, high - place).min(axis=1))

@@ -1,0 +1,71 @@
+"""How supports are reached: what is open, what is shut in, and windows that only some tools pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from knotfab.part.supports import Rules
+from solids import box, moved, together
+
+from knotfab.geometry.tube import sweep
+from knotfab.part.access import TOOLS_MM, Access, measure_access
+from knotfab_validators.geometry.mesh import Mesh
+
+
+def measured(*bodies: Mesh) -> Access:
+    return measure_access([(b.vertices, b.faces.astype(np.int32)) for b in bodies], Rules())
+
+
+def room(window: float, side: float = 40.0, wall: float = 2.0) -> Mesh:
+    """A shut room on the bed; one wall leaves a slit of a height `window` open below the ceiling."""
+    s, w = side, wall
+    return together(
+        box((0, 0, 0), (s, s, w)),
+        box((0, 0, s - w), (s, s, s)),
+        box((0, 0, w), (w, s, s - w)),
+        box((s - w, 0, w), (s, s, s - w)),
+        box((w, s - w, w), (s - w, s, s - w)),
+        box((w, 0, w), (s - w, w, s - w - window)),
+    )
+
+
+def test_a_ring_in_the_air_is_open_to_all() -> None:
+    t = 2 * np.pi * np.arange(120) / 120
+    ring = np.column_stack([40 * np.cos(t), 40 * np.sin(t), np.full(120, 30.0)])
+    vertices, faces = sweep(ring, 2.0, 16)
+    found = measure_access([(vertices, faces)], Rules())
+    assert set(found.reached) == set(TOOLS_MM)
+    assert all(share == 1.0 for share in found.reached.values())
+    assert found.worst_tool == "finger" and "100%" in found.tell()
+    # half of the underside's circumference of a quarter turn to either side
+    assert found.area_cm2 == pytest.approx(2 * np.pi * 40 * 2.0 * np.pi / 2 / 100, rel=0.1)
+
+
+def test_what_is_shut_in_is_reached_by_nothing() -> None:
+    found = measured(room(0.0))
+    assert all(share == 0.0 for share in found.reached.values())
+    assert found.worst is not None and found.worst_tool is None
+    assert "no straight tool does" in found.tell()
+    x, y, z = found.worst
+    assert 2 < x < 38 and 2 < y < 38 and z == pytest.approx(38.0)
+
+
+@pytest.mark.parametrize(
+    ("window", "largest"), [(5.0, "pliers"), (10.0, "cutter"), (20.0, "finger")]
+)
+def test_a_window_lets_in_what_passes_through_it(window: float, largest: str) -> None:
+    found = measured(room(window))
+    for name, diameter in TOOLS_MM.items():
+        assert (found.reached[name] > 0) == (diameter <= TOOLS_MM[largest]), name
+    shares = [found.reached[name] for name in sorted(TOOLS_MM, key=lambda n: -TOOLS_MM[n])]
+    assert shares == sorted(shares)
+
+
+def test_what_lies_on_the_bed_has_no_supports() -> None:
+    found = measured(box((0, 0, 0), (20, 20, 3)))
+    assert found.area_cm2 == 0.0 and found.worst is None
+    assert all(share == 1.0 for share in found.reached.values())
+    aloft = moved(box((0, 0, 0), (20, 20, 3)), shift=(0, 0, 30))
+    assert measured(aloft).area_cm2 == pytest.approx(4.0, rel=1e-6)
+    powder = Rules(supports=False, powder=True)
+    assert measure_access([(aloft.vertices, aloft.faces.astype(np.int32))], powder).worst is None
