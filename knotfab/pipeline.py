@@ -50,9 +50,9 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
         with progress.stage("picture"):
-            inverts = [view.invert for view in request.scene.views]
+            views = request.scene.views
             targets = list(
-                request.targets or read_targets(request.pictures, inverts, base=request.base)
+                request.targets or read_targets(request.pictures, views, base=request.base)
             )
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
             left = request.search_budget_s(progress.total)

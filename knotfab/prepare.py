@@ -44,12 +44,11 @@ def prepare_build(
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
         scene = spread_views(scene, len(sources))
-    inverts = [view.invert for view in scene.views]
     with progress.stage("picture"):
         if options.sequence:
-            targets = read_frames(sources, invert=inverts[0], base=base, font=options.font)
+            targets = read_frames(sources, scene.views[0], base=base, font=options.font)
         else:
-            targets = read_targets(sources, inverts, base=base, font=options.font)
+            targets = read_targets(sources, scene.views, base=base, font=options.font)
     return Request(
         scene,
         sources,

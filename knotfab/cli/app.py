@@ -182,7 +182,7 @@ def tradeoff(
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
     chosen, _ = read_scene(options)
     check_names(chosen)
-    read_target(picture, invert=chosen.views[0].invert)  # what is no picture is told at once
+    read_target(picture, chosen.views[0])  # what is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:

@@ -106,6 +106,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         scale = LONGER_FRAME_MM / max(target.width, target.height)
     own = {
         "picture": f"picture-{view.name}{target.suffix}",
+        "crop_px": target.crop_px or view.crop_px,
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }

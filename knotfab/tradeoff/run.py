@@ -62,7 +62,7 @@ def tradeoff(
         ) from error
     if not os.access(out, os.W_OK):
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
-    target = read_target(source, invert=scene.views[0].invert, base=base)
+    target = read_target(source, scene.views[0], base=base)
     settings = search_settings(scene.accuracy.name, scene.search)
     question, radius, _, choice = choose_tube(ask(scene, [target]), settings, progress, device)
     problem, template = question.problem, None if choice is None else choice.template
