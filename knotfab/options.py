@@ -11,7 +11,15 @@ from cyclopts import Group, Parameter
 
 from knotfab.errors import InputError
 
-__all__ = ["BUILD_EXAMPLES", "BuildOptions", "Flag", "Names", "PictureOptions", "options_from"]
+__all__ = [
+    "BUILD_EXAMPLES",
+    "PREVIEW_EXAMPLES",
+    "BuildOptions",
+    "Flag",
+    "Names",
+    "PictureOptions",
+    "options_from",
+]
 
 _PICTURE = Group.create_ordered("Picture")
 _PIECE = Group.create_ordered("Piece")
@@ -33,6 +41,16 @@ knotfab build text:Hello --font "DejaVu Serif" --knots 1
 knotfab build heart.png teapot.png         one part, two pictures
 knotfab build --sequence walk/ --print     a part a frame
 knotfab build --scene out/scene.toml       the same part again
+```
+"""
+
+
+PREVIEW_EXAMPLES = """Examples:
+
+```
+knotfab preview logo.svg
+knotfab preview badge.png --ink red --width 240
+knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
 ```
 """
 

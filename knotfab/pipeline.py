@@ -49,6 +49,8 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     require_device(request.device)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
         with progress.stage("picture"):
             views = request.scene.views
             targets = list(

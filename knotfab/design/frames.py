@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
 
-__all__ = ["frame_view", "framed_alike", "spread_views"]
+__all__ = ["frame_view", "framed_alike", "size_frames", "spread_views"]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
@@ -82,6 +82,29 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
         millimetres = round(height * side, 4)
         views.append(_resize_frame(view, target, millimetres, -extent.up * millimetres))
     return scene.model_copy(update={"views": tuple(views)})
+
+
+def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
+    """Frames of several pictures of which all were given one size: that is the first's.
+
+    The others are sized so that the silhouettes stay equally high.
+    """
+    first = scene.views[0]
+    width, height = first.frame_width_mm, first.frame_height_mm
+    if len(scene.views) < 2 or (width is None and height is None):
+        return scene
+    if any((v.frame_width_mm, v.frame_height_mm) != (width, height) for v in scene.views):
+        return scene
+    none = {"frame_width_mm": None, "frame_height_mm": None}
+    bare = scene.model_copy(update={"views": tuple(v.model_copy(update=none) for v in scene.views)})
+    alike = framed_alike(bare, targets).views
+    own = frame_view(first, targets[0])
+    scale = own.frame_width_mm / frame_view(alike[0], targets[0]).frame_width_mm
+    keys = ("frame_width_mm", "frame_height_mm", "frame_up_mm")
+    views = tuple(
+        v.model_copy(update={key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike
+    )
+    return scene.model_copy(update={"views": views})
 
 
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:

@@ -143,6 +143,7 @@ def report_of(
             "accuracy": scene.accuracy.name,
             "seed": made.settings.seed,
             "command": request.command,
+            "preview": list(request.preview),
             "tube_radius_mm": made.knots.radius_mm,
             "tube_radius": _radius_note(made),
             "search": made.settings.model_dump(),

@@ -59,6 +59,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     if request.printing and request.scene.mount.kind != "none":
         prefetch_modeller()
     with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
         with progress.stage("pictures"):
             targets = request.targets or read_frames(
                 request.pictures, request.scene.views[0], base=request.base
