@@ -122,10 +122,12 @@ class BuildOptions(PictureOptions):
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
     """Check it against the printer too, and pose it for printing."""
-    mount: Annotated[Literal["wall", "stand", "none"] | None, Parameter(group=_PRINT)] = None
+    mount: Annotated[Literal["auto", "wall", "stand", "none"] | None, Parameter(group=_PRINT)] = (
+        None
+    )
     """What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a plate whose face
-    is the wall, or in drilled holes), stand (a base below all pictures), none (default of one piece;
-    several loose ones get a wall mount with --print). A mount is printed: it implies --print."""
+    is the wall, or in drilled holes), stand (a base below all pictures), none, or auto (default: wall for
+    several loose pieces that are printed, else none). Wall and stand imply --print."""
 
     accuracy: Annotated[Literal["draft", "standard", "fine"] | None, Parameter(group=_SEARCH)] = (
         None

@@ -58,7 +58,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             )
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
             left = request.search_budget_s(progress.total)
-            if request.printing and request.scene.mount.kind != "none":
+            if request.printing and request.scene.mount.kind in ("wall", "stand"):
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if request.printing:

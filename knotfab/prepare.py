@@ -106,7 +106,7 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:
     """Whether the piece is to be printed: a mount is, whoever asked for it."""
-    return options.print_ or scene.mount.kind != "none"
+    return options.print_ or scene.piece.printed or scene.mount.kind in ("wall", "stand")
 
 
 def check_names(scene: Scene) -> None:

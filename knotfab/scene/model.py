@@ -50,6 +50,7 @@ class Piece(_Table):
     knots: Annotated[int, Strict(), Field(ge=1)] | Literal["auto"] = "auto"
     depth: Positive | Literal["auto", "flat"] = "auto"
     clearance_mm: NotNegative = 0.4
+    printed: Annotated[bool, Strict()] = False  # posed and checked for the printer, with its mount
     knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.scene.knot_names
 
 
@@ -142,7 +143,9 @@ class Accuracy(_Table):
 class Mount(_Table):
     """What holds the piece; `pegs` is written by a build, how many hold each knot."""
 
-    kind: Literal["none", "wall", "stand"] = "none"
+    kind: Literal["auto", "none", "wall", "stand"] = (
+        "auto"  # auto: wall for loose pieces of one view
+    )
     foot: Literal["auto", "plate", "dowel"] = "auto"
     plate_thickness_mm: Positive = 3.0
     plate_margin_mm: Positive = 8.0

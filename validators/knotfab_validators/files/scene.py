@@ -272,7 +272,7 @@ def _mount(data: Any, where: str) -> Mount:
     if not isinstance(pegs, list) or not all(type(n) is int and n > 0 for n in pegs):
         raise BadFile(f"{where} pegs must be whole numbers above 0, got {pegs!r}")
     return Mount(
-        kind=table.word("kind", "none", ("none", "wall", "stand")),
+        kind=table.word("kind", "none", ("none", "wall", "stand", "auto")).replace("auto", "none"),
         foot=table.word("foot", "auto", ("auto", "plate", "dowel")),
         pegs=tuple(pegs),
     )
