@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.errors import InputError
 from knotfab.progress import Progress
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Reading, Scene
 from knotfab.target.read import Target, read_target
 
 if TYPE_CHECKING:
@@ -77,13 +78,22 @@ def build(
     return run_build(request, progress)
 
 
-def read_picture(source: Source, *, invert: bool = False, font: str | None = None) -> Target:
+def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> Target:
     """Read a picture and take its silhouette: a file, an SVG, or `text:` and characters.
 
+    Args:
+        reading: keys of a view that say how it is read: `invert=True`, `ink="dark"`, `threshold=0.3`,
+            `crop_px="auto"`, `keep_largest=1`, `speck_px=20`, `smooth_px=2`.
+
     Raises:
-        InputError: it cannot be read, or holds no silhouette.
+        InputError: it cannot be read, or holds no silhouette; or a key is wrong.
     """
-    return read_target(source, invert=invert, font=font)
+    try:
+        how = Reading(**reading)
+    except ValueError as error:
+        keys = ", ".join(Reading.model_fields)
+        raise InputError(f"read_picture({reading})", "a key is wrong", f"Known: {keys}") from error
+    return read_target(source, how, font=font)
 
 
 def design_knots(
@@ -215,7 +225,6 @@ def validate_part(
     Raises:
         InputError: a file cannot be read.
     """
-    from knotfab.errors import InputError
     from knotfab_validators.validate import validate
 
     given = None if part is None else Path(part)

@@ -11,7 +11,15 @@ from cyclopts import Group, Parameter
 
 from knotfab.errors import InputError
 
-__all__ = ["BUILD_EXAMPLES", "BuildOptions", "Flag", "Names", "options_from"]
+__all__ = [
+    "BUILD_EXAMPLES",
+    "PREVIEW_EXAMPLES",
+    "BuildOptions",
+    "Flag",
+    "Names",
+    "PictureOptions",
+    "options_from",
+]
 
 _PICTURE = Group.create_ordered("Picture")
 _PIECE = Group.create_ordered("Piece")
@@ -37,22 +45,70 @@ knotfab build --scene out/scene.toml       the same part again
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class BuildOptions:
-    """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
+PREVIEW_EXAMPLES = """Examples:
 
-    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
-    the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+```
+knotfab preview logo.svg
+knotfab preview badge.png --ink red --width 240
+knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
+```
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """What decides how a picture is read, and what a tube can make of it; None leaves it to the scene."""
+
     invert: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """Draw what is light on dark."""
+    """Draw all but what was found."""
+    ink: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light, alpha,
+    flood (what the border's colours do not reach, for photographs), or a colour such as red or "#d02010"."""
+    threshold: Annotated[float | None, Parameter(group=_PICTURE)] = None
+    """Share of the largest difference, or of full opacity, where ink begins; 0.5 by default."""
+    crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """auto (to the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px of the picture."""
+    keep_largest: Annotated[int | None, Parameter(group=_PICTURE)] = None
+    """Draw so many of its pieces."""
+    specks: Annotated[int | None, Parameter(group=_PICTURE)] = None
+    """Leave out pieces, and fill holes, of fewer pixels."""
+    smooth: Annotated[float | None, Parameter(group=_PICTURE)] = None
+    """Draw it blurred by so many px and cut at half; its shadow is compared with the picture itself."""
+    thicken: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Widen thinner strokes to so many mm on the wall, or auto: to what can be printed."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Of text:…, a family's name, such as "DejaVu Serif", or a font file."""
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
     """A scene.toml; the other options are shorthands for its keys and win over it."""
+    width: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm of the picture on the wall; its height follows. By default the longer side is 180 mm."""
+    height: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm of the picture on the wall; its width follows."""
+    lamp_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm from the lamp to the middle of the piece; 500 by default."""
+    wall_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm from the middle of the piece to the wall; 100 by default."""
+    lamp_diameter: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm; a wide lamp blurs the shadow. 5 by default."""
     tube_radius: Annotated[str | None, Parameter(group=_PIECE)] = None
     """mm, or auto (default): the thickest tube that draws the picture well."""
+
+    printer: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
+    the names."""
+    material: Annotated[str | None, Parameter(group=_PRINT)] = None
+    """A material's name, such as petg, or a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildOptions(PictureOptions):
+    """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
+
+    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
+    the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+
     depth: Annotated[str | None, Parameter(group=_PIECE)] = None
     """Extent along the view in mm, auto (default: unreadable from elsewhere), or flat."""
     knots: Annotated[str | None, Parameter(group=_PIECE)] = None
@@ -66,15 +122,12 @@ class BuildOptions:
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
     """Check it against the printer too, and pose it for printing."""
-    mount: Annotated[Literal["wall", "stand", "none"] | None, Parameter(group=_PRINT)] = None
+    mount: Annotated[Literal["auto", "wall", "stand", "none"] | None, Parameter(group=_PRINT)] = (
+        None
+    )
     """What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a plate whose face
-    is the wall, or in drilled holes), stand (a base below all pictures), none (default). A mount is
-    printed: it implies --print."""
-    printer: Annotated[str | None, Parameter(group=_PRINT)] = None
-    """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
-    the names."""
-    material: Annotated[str | None, Parameter(group=_PRINT)] = None
-    """A material's name, such as petg, or a file."""
+    is the wall, or in drilled holes), stand (a base below all pictures), none, or auto (default: wall for
+    several loose pieces that are printed, else none). Wall and stand imply --print."""
 
     accuracy: Annotated[Literal["draft", "standard", "fine"] | None, Parameter(group=_SEARCH)] = (
         None

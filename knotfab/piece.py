@@ -24,6 +24,7 @@ from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
     add_binding,
     add_fabrication,
+    add_silhouettes,
     check_3mf,
     check_certificate,
     check_limits,
@@ -142,6 +143,7 @@ def report_piece(
     if part is None:
         verdict["checks"] += own
         report = report_of(request, made, piece.knots, [], verdict, progress)
+        add_silhouettes(report, piece.targets)
         add_binding(report, made)
         return report
     sag = part.mounted.check_sag()
@@ -162,6 +164,7 @@ def report_piece(
             )
     with progress.stage("report"):
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
+        add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
         add_binding(report, made)

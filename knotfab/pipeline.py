@@ -49,14 +49,16 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     require_device(request.device)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
         with progress.stage("picture"):
-            inverts = [view.invert for view in request.scene.views]
+            views = request.scene.views
             targets = list(
-                request.targets or read_targets(request.pictures, inverts, base=request.base)
+                request.targets or read_targets(request.pictures, views, base=request.base)
             )
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
             left = request.search_budget_s(progress.total)
-            if request.printing and request.scene.mount.kind != "none":
+            if request.printing and request.scene.mount.kind in ("wall", "stand"):
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if request.printing:

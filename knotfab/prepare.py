@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from knotfab.design.frames import spread_views
+from knotfab.design.frames import size_frames, spread_views
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
+from knotfab.preview.sentence import describe
+from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.progress import Progress
 from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
+from knotfab.scene.require import require_several, require_tube
 from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.require import require_sequence
-from knotfab.target.read import TEXT_PREFIX, read_targets
+from knotfab.target.read import TEXT_PREFIX, Target, read_targets
 
-__all__ = ["check_names", "prepare_build"]
+__all__ = ["check_names", "prepare_build", "survey_pictures"]
 
 
 def prepare_build(
@@ -35,6 +39,49 @@ def prepare_build(
     """
     skipped = read_skips(options.skip)
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    call = _read_call(pictures, options, progress)
+    with progress.stage("preview"):
+        found = survey(call.scene, call.targets, options.sequence)
+    require_drawable(found, call.scene)
+    return Request(
+        call.scene,
+        call.sources,
+        options.out,
+        base=call.base,
+        printing=_prints(options, call.scene),
+        device=options.device,
+        skip=skipped,
+        time_budget_s=budget,
+        command=command,
+        colours=options.colours,
+        sequence=options.sequence,
+        targets=call.targets,
+        preview=tuple(describe(found)),
+    )
+
+
+def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
+    """What can be said of a call's pictures before anything is searched.
+
+    Raises:
+        InputError: as for `prepare_build`.
+    """
+    call = _read_call(pictures, options, Progress("quiet"))
+    return survey(call.scene, call.targets, options.sequence)
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call as it was read: `base` is the folder that relative pictures start from."""
+
+    scene: Scene
+    sources: tuple[str, ...]
+    base: Path | None
+    targets: tuple[Target, ...]
+
+
+def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progress) -> _Call:
+    """The scene with the options over it, and the pictures."""
     scene, folder = read_scene(options)
     check_names(scene)
     sources = _sources(pictures, scene, options.scene)
@@ -44,31 +91,22 @@ def prepare_build(
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
         scene = spread_views(scene, len(sources))
-    inverts = [view.invert for view in scene.views]
+    if len(scene.views) > 1:
+        require_several(scene)
+    require_tube(resolve(scene))
     with progress.stage("picture"):
         if options.sequence:
-            targets = read_frames(sources, invert=inverts[0], base=base, font=options.font)
+            targets = read_frames(sources, scene.views[0], base=base, font=options.font)
         else:
-            targets = read_targets(sources, inverts, base=base, font=options.font)
-    return Request(
-        scene,
-        sources,
-        options.out,
-        base=base,
-        printing=_prints(options, scene),
-        device=options.device,
-        skip=skipped,
-        time_budget_s=budget,
-        command=command,
-        colours=options.colours,
-        sequence=options.sequence,
-        targets=tuple(targets),
-    )
+            targets = read_targets(sources, scene.views, base=base, font=options.font)
+    if not options.sequence and (options.width or options.height):
+        scene = size_frames(scene, targets)
+    return _Call(scene, sources, base, targets)
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:
     """Whether the piece is to be printed: a mount is, whoever asked for it."""
-    return options.print_ or scene.mount.kind != "none"
+    return options.print_ or scene.piece.printed or scene.mount.kind in ("wall", "stand")
 
 
 def check_names(scene: Scene) -> None:

@@ -104,11 +104,101 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
         update["material"] = material_of(options.material)
     if options.mount is not None:
         update["mount"] = scene.mount.model_copy(update={"kind": options.mount})
-    if options.invert:
-        update["views"] = tuple(v.model_copy(update={"invert": True}) for v in scene.views)
+    if keys := _view_keys(options):
+        update["views"] = tuple(v.model_copy(update=keys) for v in scene.views)
     scene = scene.model_copy(update=update)
     check_scene(scene, "the command line" if path is None else str(path))
     return scene, None if path is None else path.resolve().parent
+
+
+def _view_keys(options: BuildOptions) -> dict[str, Any]:
+    """The keys of [[views]] that the options give: how pictures are read, and where they stand."""
+    given: dict[str, Any] = {
+        "invert": options.invert or None,
+        "ink": None if options.ink is None else _ink(options.ink),
+        "threshold": options.threshold,
+        "crop_px": None if options.crop is None else _crop(options.crop),
+        "keep_largest": options.keep_largest,
+        "speck_px": options.specks,
+        "smooth_px": options.smooth,
+        "light_distance_mm": options.lamp_distance,
+        "wall_distance_mm": options.wall_distance,
+        "light_diameter_mm": options.lamp_diameter,
+    }
+    if options.thicken is not None:
+        given["thicken_mm"] = _millimetres("--thicken", options.thicken, ("auto",))
+    keys = {key: value for key, value in given.items() if value is not None}
+    if options.width is not None or options.height is not None:
+        # one side alone: the other follows from the picture, whatever the scene had
+        keys |= {"frame_width_mm": options.width, "frame_height_mm": options.height}
+    for key, value in keys.items():
+        _check_view_key(key, value)
+    return keys
+
+
+_OPTIONS = {
+    "speck_px": "--specks",
+    "frame_width_mm": "--width",
+    "frame_height_mm": "--height",
+    "light_distance_mm": "--lamp-distance",
+    "wall_distance_mm": "--wall-distance",
+    "light_diameter_mm": "--lamp-diameter",
+}
+_BOUNDS = {
+    "threshold": (0.0, 1.0, "Give a share between 0 and 1, such as --threshold 0.3."),
+    "smooth_px": (-1e-9, 100.0 + 1e-9, "Give px of the picture, up to 100."),
+    "light_diameter_mm": (-1e-9, math.inf, "Give millimetres from 0."),
+    "keep_largest": (0, math.inf, "Give a whole number from 1."),
+    "speck_px": (-1, math.inf, "Give a number of pixels."),
+}
+
+
+def _check_view_key(key: str, value: Any) -> None:
+    """Refuse a number out of its bounds, by the name of its option.
+
+    Raises:
+        InputError: naming the option and its bounds.
+    """
+    if value is None or isinstance(value, bool | str | tuple):
+        return
+    low, high, remedy = _BOUNDS.get(key, (0.0, math.inf, "Give millimetres above 0."))
+    if not low < value < high:
+        name = _OPTIONS.get(key, "--" + key.removesuffix("_px").replace("_", "-"))
+        raise InputError(f"{name} {value:g}", "it is out of bounds", remedy)
+
+
+def _ink(text: str) -> str:
+    """A word of the scene key `ink`, or a colour as #rrggbb."""
+    plain = text.strip().lower()
+    if plain in ("auto", "dark", "light", "alpha", "flood"):
+        return plain
+    from PIL import ImageColor
+
+    try:
+        return "#{:02x}{:02x}{:02x}".format(*ImageColor.getrgb(plain)[:3])
+    except ValueError as error:
+        raise InputError(
+            f"--ink {text}",
+            "it is no colour",
+            "Use auto, dark, light, alpha, flood, or a colour such as red or #d02010.",
+        ) from error
+
+
+def _crop(text: str) -> Any:
+    """auto, none, or left, top, width and height in px."""
+    plain = text.strip().lower()
+    if plain in ("auto", "none"):
+        return plain
+    numbers = [part.strip() for part in plain.strip("()[]").split(",")]
+    if len(numbers) == 4 and all(n.isdecimal() for n in numbers):
+        left, top, width, height = map(int, numbers)
+        if width > 0 and height > 0:
+            return left, top, width, height
+    raise InputError(
+        f"--crop {text}",
+        "it is no part of a picture",
+        "Use auto, or LEFT,TOP,WIDTH,HEIGHT in whole px, such as --crop 20,40,600,400.",
+    )
 
 
 def _piece_keys(options: BuildOptions) -> dict[str, Any]:

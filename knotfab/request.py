@@ -36,6 +36,7 @@ class Request:
     colours: bool = False  # whether part-colours.3mf is written
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
+    preview: tuple[str, ...] = ()  # what was said of them before the build
 
     def search_budget_s(self, spent_s: float) -> float | None:
         """Seconds that are left for the search after `spent_s`; None without a time budget."""

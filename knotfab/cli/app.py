@@ -14,7 +14,14 @@ from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
 from knotfab.errors import InputError, KnotfabError
-from knotfab.options import BUILD_EXAMPLES, BuildOptions, Flag, Names
+from knotfab.options import (
+    BUILD_EXAMPLES,
+    PREVIEW_EXAMPLES,
+    BuildOptions,
+    Flag,
+    Names,
+    PictureOptions,
+)
 
 if TYPE_CHECKING:
     from knotfab.progress import Mode
@@ -31,6 +38,7 @@ app = App(
 )
 
 _DEFAULTS = BuildOptions()
+_READ = PictureOptions()
 
 
 @app.command(help_epilogue=BUILD_EXAMPLES)
@@ -66,6 +74,40 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
 
         print_summary(outcome)
     return outcome.exit_code
+
+
+@app.command(help_epilogue=PREVIEW_EXAMPLES)
+def preview(
+    *pictures: str,
+    options: Annotated[PictureOptions, Parameter(name="*")] = _READ,
+    out: Path = Path("knotfab-preview.png"),
+    sequence: Flag = False,
+    json: Flag = False,
+) -> int:
+    """Show what a picture will become, in a second: its silhouette, and what tubes lose of it.
+
+    Parameters
+    ----------
+    pictures
+        As for build.
+    out
+        The PNG to write: the silhouette, and for each radius what such a tube loses, in red.
+    sequence
+        The pictures are frames of one moving knot.
+    json
+        Print the figures as JSON.
+    """
+    from knotfab.cli.summary import print_survey
+    from knotfab.files.whole import write_whole
+    from knotfab.prepare import survey_pictures
+    from knotfab.preview.draw import draw_survey
+
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
+    found = survey_pictures(pictures, BuildOptions(**vars(options), sequence=sequence))
+    write_whole(out, draw_survey(found))
+    print_survey(found, out, json)
+    return 0
 
 
 @app.command
@@ -182,7 +224,7 @@ def tradeoff(
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
     chosen, _ = read_scene(options)
     check_names(chosen)
-    read_target(picture, invert=chosen.views[0].invert)  # what is no picture is told at once
+    read_target(picture, chosen.views[0])  # what is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:

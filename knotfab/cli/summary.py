@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from knotfab.doctor import Finding
+    from knotfab.preview.survey import Survey
     from knotfab.request import Outcome
     from knotfab.scene.model import Material, Printer
     from knotfab.tradeoff.run import Tradeoff
@@ -18,6 +19,7 @@ __all__ = [
     "print_checks",
     "print_findings",
     "print_summary",
+    "print_survey",
     "print_tradeoff",
 ]
 
@@ -101,6 +103,18 @@ def print_summary(outcome: Outcome) -> None:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
+
+
+def print_survey(found: Survey, picture: Path, json: bool) -> None:
+    """What a picture will become, in a few lines or as JSON, and where it is drawn."""
+    import json as codec
+
+    from knotfab.preview.sentence import describe, list_figures
+
+    if json:
+        print(codec.dumps({**list_figures(found), "picture": str(picture)}))
+        return
+    print("\n".join([*describe(found), f"  {picture} shows it."]))
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

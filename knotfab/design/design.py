@@ -28,6 +28,7 @@ from knotfab.scene.model import (
     ResolvedScene,
     Scene,
 )
+from knotfab.scene.require import require_tube
 from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
@@ -203,7 +204,7 @@ def choose_tube(
     Raises:
         SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
     """
-    piece, printer = question.scene.piece, question.scene.printer
+    piece = question.scene.piece
     knots = _knots_asked(question.scene)
     choice: RadiusChoice | None = None
     if isinstance(piece.tube_radius_mm, str):
@@ -212,12 +213,7 @@ def choose_tube(
         radius = choice.radius_mm
     else:
         radius = piece.tube_radius_mm
-        if radius < printer.min_tube_radius_mm:
-            raise SceneError(
-                "scene key piece.tube_radius_mm",
-                f"{radius:g} mm is thinner than {printer.name} prints",
-                f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
-            )
+        require_tube(question.scene)
     question = question.with_depth(radius)
     with progress.stage("template"):
         if choice is not None and choice.start is not None:

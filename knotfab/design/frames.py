@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
 
-__all__ = ["frame_view", "framed_alike", "spread_views"]
+__all__ = ["frame_view", "framed_alike", "size_frames", "spread_views"]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
@@ -84,6 +84,29 @@ def framed_alike(scene: Scene, targets: Sequence[Target]) -> Scene:
     return scene.model_copy(update={"views": tuple(views)})
 
 
+def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
+    """Frames of several pictures of which all were given one size: that is the first's.
+
+    The others are sized so that the silhouettes stay equally high.
+    """
+    first = scene.views[0]
+    width, height = first.frame_width_mm, first.frame_height_mm
+    if len(scene.views) < 2 or (width is None and height is None):
+        return scene
+    if any((v.frame_width_mm, v.frame_height_mm) != (width, height) for v in scene.views):
+        return scene
+    none = {"frame_width_mm": None, "frame_height_mm": None}
+    bare = scene.model_copy(update={"views": tuple(v.model_copy(update=none) for v in scene.views)})
+    alike = framed_alike(bare, targets).views
+    own = frame_view(first, targets[0])
+    scale = own.frame_width_mm / frame_view(alike[0], targets[0]).frame_width_mm
+    keys = ("frame_width_mm", "frame_height_mm", "frame_up_mm")
+    views = tuple(
+        v.model_copy(update={key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike
+    )
+    return scene.model_copy(update={"views": views})
+
+
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
     pixel = longer_mm / max(target.width, target.height)
     return view.model_copy(
@@ -106,6 +129,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         scale = LONGER_FRAME_MM / max(target.width, target.height)
     own = {
         "picture": f"picture-{view.name}{target.suffix}",
+        "crop_px": target.crop_px or view.crop_px,
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }

@@ -21,12 +21,13 @@ from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
-from knotfab.scene.require import require_mount
+from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
+from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["Question", "ask", "opening_iou", "silhouette_polygon"]
+__all__ = ["Question", "ask", "silhouette_polygon"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     """
     several = len(targets) > 1
     if several:
-        _require_several(scene)
+        require_several(scene)
         scene = framed_alike(scene, targets)
     scene, views = resolve(scene), _frame_views(scene, targets)
     seen = [TargetView(v, t.mask, _trace(v, t)) for v, t in zip(views, targets, strict=True)]
@@ -116,28 +117,6 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
     )
     return Question(scene, problem, bounds).with_depth(thinnest)
-
-
-def _require_several(scene: Scene) -> None:
-    """Refuse what several views cannot have, for a physical reason.
-
-    Raises:
-        InputError: naming the key and what to do.
-    """
-    if scene.piece.depth != "auto":
-        raise InputError(
-            "scene key piece.depth",
-            "with several views the pictures decide the depth: what is deep for one light is wide in the "
-            "picture of another",
-            'Leave it out, or write "auto"; [region] size_mm bounds the piece',
-        )
-    if scene.search.get("free_view", False):
-        raise InputError(
-            "a free view (--free view)",
-            "the pictures of several views fix each other's places: what one may turn, another sees",
-            "Leave it out, or give one picture",
-        )
-    require_mount(scene)
 
 
 def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
@@ -209,9 +188,3 @@ def _reach(views: Sequence[View]) -> float:
         min(0.97 * v.wall_distance_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
         for v in views
     )
-
-
-def opening_iou(polygon: MultiPolygon, radius: float) -> float:
-    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
-    opened = polygon.buffer(-radius).buffer(radius)
-    return float(opened.intersection(polygon).area / polygon.union(opened).area)

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LinearRing, MultiPolygon, Polygon
 
+from knotfab.design.candidates import range_of, too_fine, usual_radii
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.problem import Report, Start
@@ -19,6 +20,7 @@ from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill, simple_curves
 from knotfab.start.start import make_start
+from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
 
@@ -36,29 +38,6 @@ _SHORT = {
     "edge_radii": 0.6,
     "winners_every": 4,
     "depth_candidates": 4,
-}
-
-
-@dataclass(frozen=True)
-class _Range:
-    """The radii that are tried, as shares of the frame's side, and what a thicker tube may cost in IoU."""
-
-    usual: float  # thinner only where the picture forbids this
-    thickest: float
-    candidates: int | None  # None: as the settings say
-    drawn: float  # score below which thinner tubes are tried as well
-    thinner: int  # of these
-    hopeless: float  # score behind the best that nothing makes up for
-    trials: int
-    give: float  # IoU of the trial
-
-
-# A start for several views is drawn already (start.views): its own pictures tell what a short search would.
-# With three views or more the pictures ask so much of every strand that only a thin tube serves.
-_RANGES = {
-    1: _Range(0.0102, 0.035, None, 0.94, 5, 0.06, 5, 0.004),
-    2: _Range(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
-    3: _Range(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
 }
 
 
@@ -143,18 +122,13 @@ def choose_radius(
     """
     views = question.views
     trials = _Trials(question, settings, knots, device)
-    span = _RANGES[min(len(views), 3)]
-    side = views[0].frame_width_mm if trials.one_view else max(v.longer_mm for v in views)
+    span = range_of(len(views))
     thinnest = question.scene.printer.min_tube_radius_mm
-    usual = max(thinnest, span.usual * side)
-    thick = max(span.thickest * side, (1.5 if trials.one_view else 1.2) * usual)
-    count = span.candidates or settings.radius_candidates
-    radii = np.geomspace(usual, thick, count).round(4).tolist()
+    radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
+    usual = radii[0]
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
-        if max(scores.values()) < span.drawn and thinnest < usual:
-            # the picture forbids the usual thickness: thinner ones, as far as the printer goes
-            thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
+        if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness
             scores |= dict(zip(thin, pool.map(trials.score, thin), strict=True))
     scores = {r: s for r, s in scores.items() if np.isfinite(s)}
     if not scores:
@@ -182,12 +156,15 @@ def choose_radius(
     if top == 0 and trials.failures:
         raise trials.failures[0]
     if top < _NOTHING and trials.one_view:
-        raise SceneError(
-            "the picture",
+        view = question.problem.views[0]
+        height, width = view.mask.shape
+        raise too_fine(
+            trace_polygon(view.mask),
+            view.view,
+            (width, height),
+            question.scene.printer,
             f"it is too fine for any printable tube: at a radius of {min(scores):.2f} mm the shadow "
             f"reaches an IoU of {top:.2f}",
-            "Use a bolder picture, a larger frame (scene key frame_width_mm), or a printer with a "
-            "finer nozzle.",
         )
     chosen = max(r for r, iou in found.items() if iou >= top - span.give)
     return RadiusChoice(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,12 +64,18 @@ def part_of(
         for (vertices, faces), knot in zip(tubes, made.knots.knots, strict=True):
             tube_manifold(vertices, faces, np.pi * radius**2 * knot.length_mm)
     scene = made.scene
+    own: dict[str, Any] = {"piece": scene.piece.model_copy(update={"printed": printing})}
     if not printing:
-        scene = scene.model_copy(update={"mount": scene.mount.model_copy(update={"kind": "none"})})
+        own["mount"] = scene.mount.model_copy(update={"kind": "none"})
+    scene = scene.model_copy(update=own)
     cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
     masks = [target.mask for target in targets]
     with progress.stage("mount"):
         mounted = mount_piece(scene, made.knots, tubes, cameras, masks)
+    if scene.mount.kind == "auto" and mounted.wall is not None:
+        progress.say(
+            f"{len(tubes)} loose knots: a wall mount holds them (--mount none leaves it out)"
+        )
     with progress.stage("part"):
         mounted, pose, plates = _choose_poses(made, mounted, printing, cameras, masks)
         bodies = list(pose.tubes)

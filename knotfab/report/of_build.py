@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
 from knotfab.request import Request
 from knotfab.slicer.result import NotSliced, Sliced
+from knotfab.target.read import Target
 from knotfab_validators.check import Check, at_most
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_binding",
     "add_fabrication",
+    "add_silhouettes",
     "add_slicing",
     "check_3mf",
     "check_certificate",
@@ -140,6 +143,7 @@ def report_of(
             "accuracy": scene.accuracy.name,
             "seed": made.settings.seed,
             "command": request.command,
+            "preview": list(request.preview),
             "tube_radius_mm": made.knots.radius_mm,
             "tube_radius": _radius_note(made),
             "search": made.settings.model_dump(),
@@ -180,6 +184,12 @@ def add_fabrication(
             f"{plan.length_mm / 1000:.2f} m of wire, {plan.mass_g:.0f} g, in "
             f"{sum(k.bends for k in plan.knots)} bends: see bends*.csv and the templates."
         )
+
+
+def add_silhouettes(report: Record, targets: Sequence[Target]) -> None:
+    """Add to each view the rule by which its picture was read."""
+    for view, target in zip(report["views"], targets, strict=False):  # a part may have no views
+        view["silhouette"] = target.rule
 
 
 def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool) -> None:

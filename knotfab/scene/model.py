@@ -14,6 +14,7 @@ __all__ = [
     "Plate",
     "Pose",
     "Printer",
+    "Reading",
     "Region",
     "ResolvedAccuracy",
     "ResolvedMaterial",
@@ -32,6 +33,9 @@ NotNegative = Annotated[float, Strict(), Field(ge=0)]
 Vector = tuple[Number, Number, Number]
 Extent = tuple[Positive, Positive, Positive]
 Row = tuple[Number, Number, Number, Number]
+Whole = Annotated[int, Strict(), Field(ge=0)]
+Side = Annotated[int, Strict(), Field(ge=1)]
+Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 
 
@@ -46,6 +50,7 @@ class Piece(_Table):
     knots: Annotated[int, Strict(), Field(ge=1)] | Literal["auto"] = "auto"
     depth: Positive | Literal["auto", "flat"] = "auto"
     clearance_mm: NotNegative = 0.4
+    printed: Annotated[bool, Strict()] = False  # posed and checked for the printer, with its mount
     knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.scene.knot_names
 
 
@@ -93,13 +98,24 @@ class Printer(_Table):
     max_support_cm3: NotNegative | Literal["auto"] = "auto"
 
 
-class View(_Table):
+class Reading(_Table):
+    """How a picture becomes a silhouette (docs/silhouette.md); px are the picture's own."""
+
+    ink: Literal["auto", "dark", "light", "alpha", "flood"] | Color = "auto"
+    threshold: Annotated[float, Strict(), Field(gt=0, lt=1)] = 0.5
+    invert: Annotated[bool, Strict()] = False
+    crop_px: Box | Literal["none", "auto"] = "none"  # left, top, width, height
+    keep_largest: Whole = 0  # pieces; 0: all
+    speck_px: Whole = 0  # smaller pieces and holes are left out
+    smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = 0.0  # of what is drawn
+
+
+class View(Reading):
     """A light or an eye, the wall it looks at, and the picture that is to be there."""
 
     name: Annotated[str, Strict(), Field(pattern=r"^[A-Za-z0-9_-]+$")] = "front"
     kind: Literal["shadow", "eye"] = "shadow"
     picture: StrictStr = ""
-    invert: Annotated[bool, Strict()] = False
     frame_width_mm: Positive | None = None
     frame_height_mm: Positive | None = None
     light_distance_mm: Positive = 500.0
@@ -109,6 +125,9 @@ class View(_Table):
     azimuth_deg: Number = 0.0
     elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
     frame_up_mm: Number = 0.0  # of the frame's middle above the axis, on the receiver
+    thicken_mm: Positive | Literal["none", "auto"] = (
+        "none"  # strokes that are thinner, on the receiver
+    )
 
     @property
     def magnification(self) -> float:
@@ -127,7 +146,9 @@ class Accuracy(_Table):
 class Mount(_Table):
     """What holds the piece; `pegs` is written by a build, how many hold each knot."""
 
-    kind: Literal["none", "wall", "stand"] = "none"
+    kind: Literal["auto", "none", "wall", "stand"] = (
+        "auto"  # auto: wall for loose pieces of one view
+    )
     foot: Literal["auto", "plate", "dowel"] = "auto"
     plate_thickness_mm: Positive = 3.0
     plate_margin_mm: Positive = 8.0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from knotfab.errors import InputError
+from knotfab.errors import InputError, SceneError
 from knotfab.scene.model import Scene
 
-__all__ = ["require_mount"]
+__all__ = ["require_mount", "require_several", "require_tube"]
 
 
 def require_mount(scene: Scene) -> None:
@@ -20,4 +20,44 @@ def require_mount(scene: Scene) -> None:
             f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
             "picture of the other",
             "Use --mount stand, whose base lies below all pictures",
+        )
+
+
+def require_several(scene: Scene) -> None:
+    """Refuse what several views cannot have, for a physical reason.
+
+    Raises:
+        InputError: naming the key and what to do.
+    """
+    if scene.piece.depth != "auto":
+        raise InputError(
+            "scene key piece.depth",
+            "with several views the pictures decide the depth: what is deep for one light is wide in the "
+            "picture of another",
+            'Leave it out, or write "auto"; [region] size_mm bounds the piece',
+        )
+    if scene.search.get("free_view", False):
+        raise InputError(
+            "a free view (--free view)",
+            "the pictures of several views fix each other's places: what one may turn, another sees",
+            "Leave it out, or give one picture",
+        )
+    require_mount(scene)
+
+
+def require_tube(scene: Scene) -> None:
+    """Refuse a tube that the printer cannot make.
+
+    Args:
+        scene: with its printer's figures.
+
+    Raises:
+        SceneError: it is too thin.
+    """
+    radius, printer = scene.piece.tube_radius_mm, scene.printer
+    if not isinstance(radius, str) and radius < printer.min_tube_radius_mm:
+        raise SceneError(
+            "scene key piece.tube_radius_mm",
+            f"{radius:g} mm is thinner than {printer.name} prints",
+            f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
         )

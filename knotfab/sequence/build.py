@@ -56,13 +56,14 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     require_device(request.device)
     require_sequence(request.scene)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
-    if request.printing and request.scene.mount.kind != "none":
+    if request.printing and request.scene.mount.kind in ("wall", "stand"):
         prefetch_modeller()
     with OutputFolder(request.out) as folder:
+        for line in request.preview:
+            progress.say(line)
         with progress.stage("pictures"):
-            invert = request.scene.views[0].invert
             targets = request.targets or read_frames(
-                request.pictures, invert=invert, base=request.base
+                request.pictures, request.scene.views[0], base=request.base
             )
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
@@ -110,7 +111,7 @@ def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motio
     for piece in pieces:
         points.append(read_knot_in_scene(folder.file(f"knots{piece.suffix}.json"), piece.scene))
         (view,) = piece.made.scene.views
-        target = read_target(folder.file(view.picture), invert=view.invert)
+        target = read_target(folder.file(view.picture), view)
         outlines.append(silhouette_polygon(view, target))
     radius = pieces[0].made.knots.radius_mm
     following = [*range(1, len(pieces)), 0]

@@ -10,7 +10,7 @@ from shapely import MultiPolygon
 
 from knotfab.design.design import Design, design_knots, price_design, settle_design
 from knotfab.design.free_view import place_start
-from knotfab.design.question import Question, ask, opening_iou, silhouette_polygon
+from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.progress import Progress
@@ -20,6 +20,7 @@ from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import finish
 from knotfab.sequence.starts import Following, Likeness
+from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 
 __all__ = ["Frame", "chain", "radius_for_all"]

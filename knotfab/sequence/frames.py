@@ -9,10 +9,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, ImageSequence
 
 from knotfab.errors import InputError
-from knotfab.target.read import Target, read_target
+from knotfab.scene.model import Reading
+from knotfab.target.raster import own_box
+from knotfab.target.read import PLAIN, Target, read_target
 
 __all__ = ["MOST_FRAMES", "frame_name", "read_frames"]
 
@@ -28,8 +31,8 @@ def frame_name(number: int) -> str:
 
 def read_frames(
     sources: Sequence[str],
+    reading: Reading = PLAIN,
     *,
-    invert: bool = False,
     base: Path | None = None,
     font: str | None = None,
 ) -> tuple[Target, ...]:
@@ -39,7 +42,7 @@ def read_frames(
         sources: a folder (its pictures in the order of the numbers in their names), a pattern such
             as "walk/frame-*.png" (the same), an animation (GIF, PNG or WebP), or several pictures in
             the order given.
-        invert: swap shape and background in all of them.
+        reading: how each becomes a silhouette.
         base: folder that relative paths start from.
         font: of pictures that are `text:…`.
 
@@ -47,6 +50,12 @@ def read_frames(
         InputError: fewer than two frames, more than 240, frames of different sizes, or a picture
             that cannot be read.
     """
+    if reading.crop_px == "auto":  # one box for all, about whatever moves in it
+        whole = reading.model_copy(update={"crop_px": "none"})
+        moving = np.logical_or.reduce(
+            [t.mask for t in read_frames(sources, whole, base=base, font=font)]
+        )
+        reading = reading.model_copy(update={"crop_px": own_box(moving)})
     sources = [str(s) for s in sources]
     what = sources[0] if len(sources) == 1 else "the sequence"
     if len(sources) == 1:
@@ -55,12 +64,12 @@ def read_frames(
         if path.is_dir() or "*" in path.name:
             files = sorted(_files(path, what), key=_by_number)
             _count(what, len(files))
-            found = [read_target(p, invert=invert) for p in files]
+            found = [read_target(p, reading) for p in files]
         else:
-            found = _of_animation(path, what, invert)
+            found = _of_animation(path, what, reading)
     else:
         _count(what, len(sources))
-        found = [read_target(s, invert=invert, base=base, font=font) for s in sources]
+        found = [read_target(s, reading, base=base, font=font) for s in sources]
     first = found[0]
     for number, target in enumerate(found, start=1):
         if (target.width, target.height) != (first.width, first.height):
@@ -103,9 +112,9 @@ def _count(what: str, count: int) -> None:
         )
 
 
-def _of_animation(path: Path, what: str, invert: bool) -> list[Target]:
+def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
     """The frames of an animated picture, each as a PNG of its own."""
-    read_target(path, invert=invert)  # says what is wrong with a file that is no picture
+    read_target(path, reading)  # says what is wrong with a file that is no picture
     found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd metadata
@@ -124,7 +133,7 @@ def _of_animation(path: Path, what: str, invert: bool) -> list[Target]:
             ) from error
         for number, file in enumerate(files, start=1):
             try:
-                found.append(read_target(file, invert=invert))
+                found.append(read_target(file, reading))
             except InputError as error:
                 raise InputError(f"{what}, frame {number}", error.why, error.remedy) from error
     return found

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.design.question import opening_iou
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, follow
+from knotfab.target.opening import opening_iou
 
 __all__ = ["Following", "Likeness", "Trial"]
 

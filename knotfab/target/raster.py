@@ -6,18 +6,29 @@ import io
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from knotfab.arrays import Mask
 from knotfab.errors import InputError
+from knotfab.scene.model import Box, Reading
+from knotfab.target.ink import find_ink
+from knotfab.target.masks import drop_specks, keep_largest
 
-__all__ = ["LARGEST_SIDE", "SMALLEST_SIDE", "SUFFIXES", "decode", "looks_like_raster", "silhouette"]
-
-Levels = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.int32]
+__all__ = [
+    "LARGEST_SIDE",
+    "MARGIN",
+    "SMALLEST_SIDE",
+    "SUFFIXES",
+    "check_shape",
+    "decode",
+    "looks_like_raster",
+    "own_box",
+    "silhouette",
+]
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
+MARGIN = 0.06  # clear space about a drawing in parts of the frame's longer side
 
 # What Pillow calls each format that is read, and the suffixes its files carry, the usual one first.
 SUFFIXES: dict[str, tuple[str, ...]] = {
@@ -31,7 +42,6 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF")
 _READABLE = "PNG, JPEG, WebP, BMP, GIF or SVG"
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"BM")
-_ROWS = 512  # rows handled at once where colours are compared, to bound the memory
 
 
 def looks_like_raster(data: bytes) -> bool:
@@ -100,89 +110,69 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
     return upright, kind
 
 
-def _split_channels(image: Image.Image) -> tuple[Levels, Mask | None]:
-    """Colours (H, W) or (H, W, 3), and where it is opaque (None without any transparency)."""
-    key = image.info.get("transparency")
-    if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
-        grey = np.asarray(image)
-        opaque = grey != key if isinstance(key, int) else None
-        return grey, None if opaque is None or opaque.all() else opaque
-    if image.mode in ("L", "1") and key is None:
-        return np.asarray(image.convert("L")), None
-    if key is not None or image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            rgba = np.asarray(image.convert("RGBA"))
-        if rgba[..., 3].min() == 255:
-            return rgba[..., :3], None
-        return rgba[..., :3], rgba[..., 3] >= 128
-    return np.asarray(image if image.mode == "RGB" else image.convert("RGB")), None
+def silhouette(image: Image.Image, what: str, reading: Reading) -> tuple[Mask, str, Box | None]:
+    """The silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
-
-def _take_border(colours: Levels) -> Levels:
-    """(n, channels) the outermost pixels, each once."""
-    rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
-    channels = 1 if colours.ndim == 2 else colours.shape[2]
-    return np.concatenate([r.reshape(-1, channels) for r in rows])
-
-
-def _differs_from_border(colours: Levels, what: str) -> Mask:
-    """Pixels that differ from the border's median colour by more than half the largest difference.
-
-    The difference of two colours is Euclidean, compared squared. Pixel values and half-integer
-    medians are squared exactly, so levels on either side of the half fall where they belong.
-    """
-    middle = np.median(_take_border(colours), axis=0)
-    height = colours.shape[0]
-    squared = np.empty(colours.shape[:2], dtype=np.float32 if colours.ndim == 3 else np.float64)
-    for top in range(0, height, _ROWS):
-        # 8-bit values: doubled differences squared and summed stay below 2^24, exact in float32.
-        part = colours[top : top + _ROWS].astype(squared.dtype)
-        part = part.reshape(*part.shape[:2], -1) - middle.astype(squared.dtype)
-        squared[top : top + _ROWS] = np.einsum("ijk,ijk->ij", part, part)
-    largest = float(squared.max())
-    if largest == 0.0:
-        raise InputError(
-            what,
-            "it is all one colour, so there is no shape in it",
-            "Use a picture whose shape differs from its background, or one with transparency.",
-        )
-    return np.asarray(squared > largest / 4.0)
-
-
-def silhouette(image: Image.Image, what: str, *, invert: bool = False) -> Mask:
-    """The silhouette of a decoded picture, by the contract's rule.
-
-    Where the picture has transparency (any pixel less than opaque): its opaque pixels, alpha at
-    least half. Otherwise: the pixels that differ from the border's colour (median of the outermost
-    pixels, channel by channel) by more than half of the largest difference.
+    Cropped first; then the ink, inverted where that is asked for, its largest pieces, without specks.
 
     Args:
         image: upright, as `decode` gives it.
         what: how an error names the picture.
-        invert: swap shape and background.
 
     Returns:
-        (H, W) bool, row 0 at the top, True where the shape is.
+        (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in words;
+        and the crop in px (left, top, width, height), None where there is none.
 
     Raises:
         InputError: no shape, nothing but specks, or a shape that fills the whole frame.
     """
-    colours, opaque = _split_channels(image)
-    if opaque is not None and not opaque.any():
+    box = None if reading.crop_px == "none" else reading.crop_px
+    if box == "auto":
+        whole, *_ = silhouette(image, what, reading.model_copy(update={"crop_px": "none"}))
+        box = own_box(whole)
+    if box is not None:
+        image = _crop(image, box, what)
+    mask, rule = find_ink(image, reading, what)
+    if reading.invert:
+        mask, rule = ~mask, f"all but {rule}"
+    if reading.speck_px:
+        mask = drop_specks(mask, reading.speck_px)
+        rule += f"; without specks of less than {reading.speck_px} px"
+    if reading.keep_largest:
+        mask = keep_largest(mask, reading.keep_largest)
+        rule += f"; of that the {reading.keep_largest} largest pieces"
+    if box is not None:
+        rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
+    check_shape(mask, what)
+    return mask, rule, box
+
+
+def own_box(mask: Mask) -> Box:
+    """The box of a silhouette with a margin about it, as far as the picture reaches."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    height, width = mask.shape
+    longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
+    margin = max(2, round(longer * MARGIN / (1 - 2 * MARGIN)), (SMALLEST_SIDE - longer + 1) // 2)
+    left, top = max(0, int(columns[0]) - margin), max(0, int(rows[0]) - margin)
+    right = min(width, int(columns[-1]) + 1 + margin)
+    bottom = min(height, int(rows[-1]) + 1 + margin)
+    return left, top, right - left, bottom - top
+
+
+def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:
+    left, top, width, height = box
+    if left + width > image.width or top + height > image.height:
         raise InputError(
             what,
-            "it is transparent everywhere, so there is no shape in it",
-            "Use a picture with opaque pixels where the shape is.",
+            f"a crop of {width} x {height} px from ({left}, {top}) reaches beyond its "
+            f"{image.width} x {image.height} px",
+            "Give left, top, width and height in px of the picture, or --crop auto.",
         )
-    mask = _differs_from_border(colours, what) if opaque is None else opaque
-    if invert:
-        mask = ~mask
-    _check_shape(mask, what)
-    return mask
+    _check_size(f"{what}, cropped,", width, height, SMALLEST_SIDE)
+    return image.crop((left, top, left + width, top + height))
 
 
-def _check_shape(mask: Mask, what: str) -> None:
+def check_shape(mask: Mask, what: str) -> None:
     """Reject what no tube can draw: a full frame, an empty one, nothing but specks."""
     area = int(np.count_nonzero(mask))
     if area == mask.size:

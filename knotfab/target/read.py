@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
+from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
+from knotfab.target.masks import smooth
 
-__all__ = ["TEXT_PREFIX", "Target", "read_target", "read_targets"]
+__all__ = ["PLAIN", "TEXT_PREFIX", "Target", "read_target", "read_targets"]
 
 TEXT_PREFIX = "text:"
+PLAIN = Reading()
 _LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
 
 
@@ -24,10 +27,12 @@ _LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
 class Target:
     """A picture and its silhouette.
 
-    `mask` is (height, width) bool, row 0 at the top, True where the shape is (after `invert`).
+    `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says
+    which rule made it. `original` is the silhouette that a shadow is compared with, where that is not
+    what is drawn. `crop_px` is the part of the picture that was read (left, top, width, height).
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
-    the canonical PNG for SVG and text. Reading that file again, with the same `invert`, gives the
-    same mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
+    the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
+    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
     digits, "_" and "-".
     """
 
@@ -37,6 +42,14 @@ class Target:
     width: int
     height: int
     suffix: str = ".png"
+    rule: str = ""
+    crop_px: Box | None = None
+    original: NDArray[np.bool_] | None = None
+
+    @property
+    def asked(self) -> NDArray[np.bool_]:
+        """The silhouette that a shadow is compared with."""
+        return self.mask if self.original is None else self.original
 
     @property
     def file_name(self) -> str:
@@ -86,8 +99,8 @@ def _read_bytes(path: Path, what: str) -> bytes:
 
 def read_target(
     source: str | Path,
+    reading: Reading = PLAIN,
     *,
-    invert: bool = False,
     base: Path | None = None,
     font: str | None = None,
 ) -> Target:
@@ -96,7 +109,7 @@ def read_target(
     Args:
         source: path of a PNG, JPEG, WebP, BMP, GIF (first frame) or SVG file, told apart by
             content; or `text:` and characters to draw.
-        invert: swap shape and background.
+        reading: how it becomes a silhouette; a view of a scene is one.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
         font: of `text:`, a family's name or a font file.
@@ -107,7 +120,7 @@ def read_target(
     what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _take_target(text.render_text(content, font), what, _name_text(content), "", invert)
+        return _take_target(text.render_text(content, font), what, _name_text(content), "", reading)
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
@@ -115,13 +128,13 @@ def read_target(
     suffix = path.suffix.lower()
     name = _to_plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
-        return _take_target(svg.render_svg(data, what), what, name, "", invert)
-    return _take_target(data, what, name, suffix, invert)
+        return _take_target(svg.render_svg(data, what), what, name, "", reading)
+    return _take_target(data, what, name, suffix, reading)
 
 
 def read_targets(
     sources: Sequence[str],
-    inverts: Sequence[bool],
+    views: Sequence[Reading],
     *,
     base: Path | None = None,
     font: str | None = None,
@@ -129,27 +142,33 @@ def read_targets(
     """Read the pictures of all views, in their order.
 
     Args:
-        sources: as `read_target` takes them. inverts: whether each view's is inverted.
+        sources: as `read_target` takes them. views: how each is read.
         base, font: as `read_target` takes them.
 
     Raises:
         InputError: one cannot be read, or there are not as many as views.
     """
-    if len(sources) != len(inverts):
+    if len(sources) != len(views):
         raise InputError(
             "the call",
-            f"{len(sources)} pictures are given for {len(inverts)} views",
+            f"{len(sources)} pictures are given for {len(views)} views",
             "Give one picture for each [[views]] of the scene, in their order",
         )
     return tuple(
-        read_target(source, invert=invert, base=base, font=font)
-        for source, invert in zip(sources, inverts, strict=True)
+        read_target(source, view, base=base, font=font)
+        for source, view in zip(sources, views, strict=True)
     )
 
 
-def _take_target(data: bytes, what: str, name: str, suffix: str, invert: bool) -> Target:
+def _take_target(data: bytes, what: str, name: str, suffix: str, reading: Reading) -> Target:
     image, kind = raster.decode(data, what)
-    mask = raster.silhouette(image, what, invert=invert)
+    mask, rule, box = raster.silhouette(image, what, reading)
+    original = None
+    if reading.smooth_px:
+        original, mask = mask, smooth(mask, reading.smooth_px)
+        raster.check_shape(mask, f"{what}, smoothed,")
+        rule += f"; drawn smoothed by {reading.smooth_px:g} px"
     height, width = mask.shape
     usual = raster.SUFFIXES[kind]
-    return Target(name, mask, data, width, height, suffix if suffix in usual else usual[0])
+    kept = suffix if suffix in usual else usual[0]
+    return Target(name, mask, data, width, height, kept, rule, box, original)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from knotfab.errors import InputError
 from knotfab.target.fonts import find_font, load_font, supply_fonts
+from knotfab.target.raster import MARGIN
 from knotfab.target.svg import LONGER_SIDE, render
 
-__all__ = ["MARGIN", "Outline", "outline_text", "render_text"]
+__all__ = ["Outline", "outline_text", "render_text"]
 
-MARGIN = 0.06  # clear space around the ink, in parts of the frame's longer side
 _LONGEST = 200  # characters; more than this is no picture
 
 

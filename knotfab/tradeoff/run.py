@@ -13,6 +13,7 @@ from knotfab import __version__
 from knotfab.design.design import choose_tube
 from knotfab.design.question import ask
 from knotfab.errors import InputError
+from knotfab.files.whole import write_whole
 from knotfab.problem import Start
 from knotfab.progress import Progress
 from knotfab.scene.model import Scene
@@ -62,7 +63,7 @@ def tradeoff(
         ) from error
     if not os.access(out, os.W_OK):
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
-    target = read_target(source, invert=scene.views[0].invert, base=base)
+    target = read_target(source, scene.views[0], base=base)
     settings = search_settings(scene.accuracy.name, scene.search)
     question, radius, _, choice = choose_tube(ask(scene, [target]), settings, progress, device)
     problem, template = question.problem, None if choice is None else choice.template
@@ -82,14 +83,7 @@ def tradeoff(
         "version": __version__,
         "points": to_dict(measured),
     }
-    _place(out / "tradeoff.json", json.dumps(content, indent=1).encode())
+    write_whole(out / "tradeoff.json", json.dumps(content, indent=1).encode())
     title = f"{target.name}: what accuracy costs, tube radius {radius:.2f} mm"
-    _place(out / "tradeoff.png", draw(measured, title))
+    write_whole(out / "tradeoff.png", draw(measured, title))
     return Tradeoff(measured, radius, out)
-
-
-def _place(path: Path, content: bytes) -> None:
-    """Write beside, then move into place: never half a file."""
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_bytes(content)
-    beside.replace(path)

@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from shapely import MultiPolygon
-
 from knotfab.arrays import Mask
 from knotfab.scene.model import Material, View
+from knotfab.target.opening import opening_iou, thickest_radius
 from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["WireFrame", "measure_frame"]
 
 
 ENOUGH_IOU = 0.95  # of the picture and what strands of the wire's thickness can fill of it
-STEPS = 20  # of the search for a width: a millionth of its range
 LARGEST = 64.0  # times the frame, beyond which no width is sought
 
 
@@ -64,27 +61,6 @@ def measure_frame(mask: Mask, view: View, material: Material) -> WireFrame:
     polygon = trace_polygon(mask)
     spread = view.magnification
     shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
-    width = view.frame_width_mm
-    most = _opening_iou(polygon, shadow)
-    if _opening_iou(polygon, shadow / LARGEST) < ENOUGH_IOU:
-        return WireFrame(view.name, width, most, None)
-    return WireFrame(
-        view.name, width, most, width * _least_scale(polygon, shadow, 1 / LARGEST, LARGEST)
-    )
-
-
-def _least_scale(polygon: MultiPolygon, radius: float, low: float, high: float) -> float:
-    """The least scale of the frame between two, the larger of which is enough."""
-    for _ in range(STEPS):
-        middle = float(np.sqrt(low * high))
-        if _opening_iou(polygon, radius / middle) >= ENOUGH_IOU:
-            high = middle
-        else:
-            low = middle
-    return high
-
-
-def _opening_iou(polygon: MultiPolygon, radius: float) -> float:
-    """IoU of a polygon and its opening, which lies in it."""
-    opened = polygon.buffer(-radius).buffer(radius)
-    return float(opened.intersection(polygon).area / polygon.area)
+    drawn = thickest_radius(polygon, ENOUGH_IOU, shadow / LARGEST, shadow * LARGEST)
+    enough = None if drawn is None else view.frame_width_mm * shadow / drawn
+    return WireFrame(view.name, view.frame_width_mm, opening_iou(polygon, shadow), enough)

@@ -106,13 +106,13 @@ def cast_shadows(
     """
     from scipy.ndimage import distance_transform_edt
 
-    from knotfab_validators.files.picture import read_silhouette
+    from knotfab.target.read import read_target
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry
 
     found = []
     for view, picture in zip(views, pictures, strict=True):
-        mask = read_silhouette(picture, invert=view.invert)
+        mask = read_target(picture, view).asked
         height, width = mask.shape
         frame = working_frame(width, height)
         geometry = view_geometry(view, width, height).resample(frame)

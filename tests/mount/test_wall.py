@@ -286,6 +286,16 @@ def test_without_a_mount_nothing_is_added() -> None:
     assert mounted.report() == {"kind": "none"}
 
 
+def test_several_loose_knots_get_a_wall_mount_by_themselves() -> None:
+    tubes = [sweep(k.points, RADIUS, 12) for k in TWO.knots]
+    open_scene = scene().model_copy(update={"mount": Mount()})
+    held = mount_piece(open_scene, TWO, tubes, [camera()])
+    assert held.wall is not None and held.scene.mount.kind == "wall"
+    assert len(held.scene.mount.pegs) == 2
+    bare = scene().model_copy(update={"mount": Mount(kind="none")})
+    assert mount_piece(bare, TWO, tubes, [camera()]).wall is None
+
+
 def test_a_united_body_survives_single_precision() -> None:
     from igl import predicates
 

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from knotfab.errors import InputError
+from knotfab.scene.model import Reading
 from knotfab.sequence.frames import MOST_FRAMES, read_frames
 from knotfab.sequence.gif import write_gif, write_shadows_gif
 
@@ -48,7 +49,7 @@ def test_an_animation_gives_all_its_frames(tmp_path: Path) -> None:
 def test_frames_invert(tmp_path: Path) -> None:
     path = tmp_path / "walk.gif"
     write_gif(path, [_bar(4), _bar(20)], 80)
-    plain, turned = read_frames([str(path)]), read_frames([str(path)], invert=True)
+    plain, turned = read_frames([str(path)]), read_frames([str(path)], Reading(invert=True))
     assert all((a.mask ^ b.mask).all() for a, b in zip(plain, turned, strict=True))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.errors import InputError
+from knotfab.scene.model import Reading
 from knotfab.target.read import Target, read_target
 from knotfab_validators.files.picture import read_silhouette
 
@@ -86,7 +87,7 @@ def test_every_kind_gives_the_shape(tmp_path: Path, kind: str) -> None:
     assert (target.width, target.height) == (W, H)
     assert target.png_bytes == path.read_bytes()
     assert target.file_name == f"a-shape.{suffix}"
-    assert (read_target(path, invert=True).mask == ~SHAPE).all()
+    assert (read_target(path, Reading(invert=True)).mask == ~SHAPE).all()
     # the validators' own reader, written from the same words
     assert (read_silhouette(path) == SHAPE).all()
 
@@ -282,7 +283,7 @@ def test_inverting_decides_what_is_full(tmp_path: Path) -> None:
     clear = np.zeros((20, 20, 4), dtype=np.uint8)
     clear[1:, :, 3] = 255
     path = save(tmp_path / "strip.png", Image.fromarray(clear))
-    assert read_target(path, invert=True).mask.sum() == 20
+    assert read_target(path, Reading(invert=True)).mask.sum() == 20
 
 
 # --- SVG -------------------------------------------------------------------------------------
@@ -297,7 +298,7 @@ def svg(tmp_path: Path, body: str, attributes: str = "") -> Target:
 def again(tmp_path: Path, target: Target, invert: bool = False) -> Target:
     path = tmp_path / target.file_name
     path.write_bytes(target.png_bytes)
-    return read_target(path, invert=invert)
+    return read_target(path, Reading(invert=invert))
 
 
 def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
@@ -430,7 +431,7 @@ def test_text_hugs_the_ink(tmp_path: Path, text: str) -> None:
     assert gaps == pytest.approx([margin] * 4, abs=1.5)
     assert target.suffix == ".png"
     assert (again(tmp_path, target).mask == target.mask).all()
-    inverted = read_target(f"text:{text}", invert=True)
+    inverted = read_target(f"text:{text}", Reading(invert=True))
     assert (inverted.mask == ~target.mask).all()
     assert (again(tmp_path, inverted, invert=True).mask == inverted.mask).all()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotfab_validators.files.picture import PictureError, read_silhouette
+from knotfab_validators.files.picture import PictureError, Reading, read_silhouette
 
 SHAPE = np.zeros((40, 60), dtype=bool)
 SHAPE[8:30, 10:50] = True
@@ -45,7 +45,9 @@ def pictures(folder: Path) -> dict[str, Path]:
 def test_every_kind_of_file_gives_the_same_silhouette(tmp_path: Path) -> None:
     for name, path in pictures(tmp_path).items():
         np.testing.assert_array_equal(read_silhouette(path), SHAPE, err_msg=name)
-        np.testing.assert_array_equal(read_silhouette(path, invert=True), ~SHAPE, err_msg=name)
+        np.testing.assert_array_equal(
+            read_silhouette(path, Reading(invert=True)), ~SHAPE, err_msg=name
+        )
 
 
 def test_alpha_counts_from_one_half(tmp_path: Path) -> None:

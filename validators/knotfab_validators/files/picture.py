@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,29 +11,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
+from scipy import ndimage
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.colours import (
+    common_colours,
+    enclosed_by_largest,
+    middle_of_bin,
+    not_reached,
+)
 
-__all__ = ["PictureError", "read_silhouette"]
+__all__ = ["PictureError", "Reading", "read_silhouette"]
+
+FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
+EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
 
 ROWS_AT_ONCE = 2**20  # pixels in a block of rows
+CRISP = 128  # alpha from which a pixel is there at all, where alpha does not decide
+BRIGHTNESS = np.array([299, 587, 114])  # of red, green and blue, ITU-R BT.601
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a picture becomes a silhouette: the keys of a scene's view, as docs/silhouette.md explains them."""
+
+    ink: str = "auto"  # "auto", "dark", "light", "alpha", "flood" or "#rrggbb"
+    threshold: float = 0.5
+    invert: bool = False
+    crop_px: tuple[int, int, int, int] | None = None  # left, top, width, height
+    keep_largest: int = 0
+    speck_px: int = 0
 
 
 class PictureError(ValueError):
     """The picture cannot be read; the message says which one and why."""
 
 
-def read_silhouette(path: str | PathLike[str], *, invert: bool = False) -> Mask:
-    """The silhouette (H, W) of a picture file, in the picture's own pixels.
+def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -> Mask:
+    """The silhouette (H, W) of a picture file, in the pixels of the picture, or of its crop.
 
-    Opaque pixels (alpha at least half) where the picture has transparency; otherwise the pixels
-    whose colour differs from the border's (the median of the outermost pixels) by more than half
-    of the largest such difference. `invert` swaps inside and outside. Differences are Euclidean
-    in the file's own RGB or grey values.
+    Where the picture has transparency, opaque pixels (alpha at least the threshold, of 255) less the
+    parts that the largest colour encloses of others; otherwise the pixels whose colour differs from the
+    border's (the median of the outermost pixels) by more than the threshold's share of the largest such
+    difference. Differences are Euclidean in the file's own RGB or grey values. `reading` may ask for
+    other ink, all but it, a part of the picture, its largest pieces, and no specks.
 
     Raises:
-        PictureError: the file is missing, is no picture, or is damaged.
+        PictureError: the file is missing, is no picture, is damaged, or is smaller than its crop.
     """
+    reading = reading or Reading()
     picture = Path(path)
     if picture.exists() and not picture.is_file():  # a pipe or a device may never end
         raise PictureError(f"{picture}: is not a plain file")
@@ -42,37 +69,129 @@ def read_silhouette(path: str | PathLike[str], *, invert: bool = False) -> Mask:
             with Image.open(picture) as opened:
                 opened.load()
                 ImageOps.exif_transpose(opened, in_place=True)
-                mask = _select_ink(opened)
+                mask = _select_ink(_cut(opened, reading, picture), reading)
+    except PictureError:
+        raise
     except FileNotFoundError as error:
         raise PictureError(f"{picture}: there is no such file") from error
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise PictureError(f"{picture}: not a picture this reader knows ({error})") from error
     except (OSError, SyntaxError, ValueError) as error:
         raise PictureError(f"{picture}: damaged or unreadable ({error})") from error
-    return ~mask if invert else mask
+    if reading.invert:
+        mask = ~mask
+    if reading.speck_px:
+        mask = _without_small(mask, reading.speck_px, EIGHT)
+        mask = ~_without_small(~mask, reading.speck_px, FOUR, frame_counts=True)
+    if reading.keep_largest:
+        mask = _largest(mask, reading.keep_largest)
+    return mask
 
 
-def _select_ink(image: Image.Image) -> Mask:
+def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:
+    if reading.crop_px is None:
+        return image
+    left, top, width, height = reading.crop_px
+    if left + width > image.width or top + height > image.height:
+        raise PictureError(f"{picture}: crop_px reaches beyond the picture")
+    return image.crop((left, top, left + width, top + height))
+
+
+def _select_ink(image: Image.Image, reading: Reading) -> Mask:
+    alpha: NDArray[np.uint8] | None = None
     if "A" in image.getbands() or "transparency" in image.info:
         alpha = np.asarray(image.convert("RGBA"))[..., 3]
-        if (alpha < 255).any():
-            return alpha >= 128
-        image = image.convert("RGBA").convert("RGB")
+        if (alpha == 255).all():
+            alpha = None
+        if image.mode not in ("I", "F") and not image.mode.startswith("I;"):
+            image = image.convert("RGBA").convert("RGB")
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
         values = np.asarray(image)[..., None]  # 16-bit grey keeps its depth
     elif image.mode in ("1", "L"):
         values = np.asarray(image.convert("L"))[..., None]
     else:
         values = np.asarray(image.convert("RGB"))
-    border = np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
-    colour = np.median(border.astype(np.float64), axis=0)
-    # squares, a few rows at a time: they are exact, and a picture may have 8000 x 8000 pixels
+    if alpha is not None and reading.ink in ("auto", "alpha"):
+        opaque = alpha >= 255 * reading.threshold
+        if reading.ink == "alpha" or values.dtype != np.uint8 or not opaque.any():
+            return np.asarray(opaque)
+        rgb = np.broadcast_to(values, (*opaque.shape, 3))
+        return np.asarray(opaque & ~enclosed_by_largest(rgb, opaque))
+    there = np.ones(values.shape[:2], dtype=bool) if alpha is None else alpha >= CRISP
+    share = reading.threshold**2
+    if reading.ink in ("auto", "alpha"):
+        border = _outermost(values)
+        return _far(values, [np.median(border.astype(np.float64), axis=0)], share)
+    if reading.ink == "flood":
+        if values.dtype != np.uint8:
+            values = (values >> 8).astype(np.uint8)
+        rgb = np.broadcast_to(values, (*values.shape[:2], 3))
+        colours = [middle_of_bin(bin) for bin in common_colours(_outermost(rgb))[0]]
+        return there & not_reached(_far(rgb, colours, share))
+    if reading.ink in ("dark", "light"):
+        return _by_brightness(values, there, reading)
+    code = int(reading.ink.removeprefix("#"), 16)
+    colour = np.array([code >> 16, code >> 8 & 255, code & 255], dtype=np.float64)
+    if values.shape[2] == 1:
+        colour = colour[:1] * (1 if values.dtype == np.uint8 else 257)
+    away = np.concatenate([_squares(values[rows], colour) for rows in _blocks(values)])
+    largest = away[there].max()
+    return np.asarray(there & ((away < share * largest) | (largest == 0)))
+
+
+def _outermost(values: NDArray[Any]) -> NDArray[Any]:
+    """(n, channels) the pixels at the frame, each once."""
+    return np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
+
+
+def _far(values: NDArray[Any], colours: list[Array], share: float) -> Mask:
+    """Pixels whose squared difference from the nearest colour is more than a share of the largest."""
+    rows = [
+        np.min([_squares(values[block], colour) for colour in colours], axis=0)
+        for block in _blocks(values)
+    ]
+    away = np.concatenate(rows)
+    return np.asarray(away > share * float(away.max()))
+
+
+def _by_brightness(values: NDArray[Any], there: Mask, reading: Reading) -> Mask:
+    """Pixels on the darker or lighter side; where the picture is clear there is none."""
+    if values.shape[2] == 1:
+        bright, most = values[..., 0].astype(np.int64), 255 if values.dtype == np.uint8 else 65535
+    else:
+        bright = values.astype(np.int64) @ BRIGHTNESS
+        most = 255 * int(BRIGHTNESS.sum())
+    dark = reading.ink == "dark"
+    bright[~there] = most if dark else 0
+    low, high = int(bright.min()), int(bright.max())
+    if dark:
+        return np.asarray(bright < low + reading.threshold * (high - low))
+    return np.asarray(bright > high - reading.threshold * (high - low))
+
+
+def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = False) -> Mask:
+    """The mask without parts of fewer pixels; those at the frame stay where they reach beyond it."""
+    parts, count = ndimage.label(np.pad(mask, 1, constant_values=frame_counts), joined)
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    stays = sizes >= least
+    stays[0] = False
+    if frame_counts:
+        stays[parts[0, 0]] = True
+    return np.asarray(stays[parts])[1:-1, 1:-1]
+
+
+def _largest(mask: Mask, count: int) -> Mask:
+    """Its largest parts; of equals those that come first, row by row."""
+    parts, found = ndimage.label(mask, EIGHT)
+    sizes = np.bincount(parts.ravel(), minlength=found + 1)[1:]
+    by_size = sorted(range(1, found + 1), key=lambda part: (-sizes[part - 1], part))
+    return np.isin(parts, by_size[:count])
+
+
+def _blocks(values: NDArray[Any]) -> list[slice]:
+    """Some rows at a time: squares are exact, and a picture may have 8000 x 8000 pixels."""
     step = max(1, ROWS_AT_ONCE // values.shape[1])
-    blocks = [slice(i, i + step) for i in range(0, len(values), step)]
-    largest = max(float(_squares(values[rows], colour).max()) for rows in blocks)
-    if largest == 0:
-        return np.zeros(values.shape[:2], dtype=bool)
-    return np.concatenate([4 * _squares(values[rows], colour) > largest for rows in blocks])
+    return [slice(i, i + step) for i in range(0, len(values), step)]
 
 
 def _squares(values: NDArray[Any], colour: Array) -> NDArray[np.floating[Any]]:

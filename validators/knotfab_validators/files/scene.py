@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.files.bad_file import BadFile, read_bytes, short
+from knotfab_validators.files.picture import Reading
 from knotfab_validators.files.region import read_region_mesh
 from knotfab_validators.files.table import Table, Vector
 from knotfab_validators.geometry.mesh import Mesh
@@ -35,6 +36,7 @@ Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
 DEFAULT_PRINTER = "prusa-mk4"
 MOST_BYTES = 1_000_000
 MOST_DOTS = 200
+INKS = ("auto", "dark", "light", "alpha", "flood")
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 
@@ -105,7 +107,7 @@ class View:
     name: str
     kind: str
     picture: str
-    invert: bool
+    reading: Reading
     frame_width_mm: float | None
     frame_height_mm: float | None
     light_distance_mm: float
@@ -276,9 +278,34 @@ def _mount(data: Any, where: str) -> Mount:
     if not isinstance(pegs, list) or not all(type(n) is int and n > 0 for n in pegs):
         raise BadFile(f"{where} pegs must be whole numbers above 0, got {pegs!r}")
     return Mount(
-        kind=table.word("kind", "none", ("none", "wall", "stand")),
+        kind=table.word("kind", "none", ("none", "wall", "stand", "auto")).replace("auto", "none"),
         foot=table.word("foot", "auto", ("auto", "plate", "dowel")),
         pegs=tuple(pegs),
+    )
+
+
+def _reading(table: Table, where: str) -> Reading:
+    """How a view's picture is read."""
+    crop = table.data.get("crop_px", "none")
+    if crop == "auto":
+        raise BadFile(f'{where} crop_px is "auto"; a scene that a build wrote has numbers')
+    if crop != "none" and not (
+        isinstance(crop, list)
+        and len(crop) == 4
+        and all(type(n) is int and n >= 0 for n in crop)
+        and min(crop[2:]) > 0
+    ):
+        raise BadFile(f"{where} crop_px must be left, top, width and height, got {short(crop)}")
+    ink = table.word("ink", "auto")
+    if ink not in INKS and not re.fullmatch(r"#[0-9a-fA-F]{6}", ink):
+        raise BadFile(f"{where} ink must be one of {', '.join(INKS)} or #rrggbb, got {short(ink)}")
+    return Reading(
+        ink=ink,
+        threshold=table.number("threshold", 0.5, above=0, most=1.0),
+        invert=table.flag("invert", False),
+        crop_px=None if crop == "none" else tuple(crop),
+        keep_largest=int(table.number("keep_largest", 0, least=0)),
+        speck_px=int(table.number("speck_px", 0, least=0)),
     )
 
 
@@ -288,7 +315,7 @@ def _view(data: Any, where: str) -> View:
         name=table.word("name", "front"),
         kind=table.word("kind", "shadow", ("shadow", "eye")),
         picture=table.word("picture", ""),
-        invert=bool(data.get("invert", False)),
+        reading=_reading(table, where),
         frame_width_mm=table.open_number("frame_width_mm", None, above=0),
         frame_height_mm=table.open_number("frame_height_mm", None, above=0),
         light_distance_mm=table.number("light_distance_mm", 500.0, above=0),

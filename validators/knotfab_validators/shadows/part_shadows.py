@@ -68,7 +68,7 @@ def verify_shadows(
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
-                target = read_silhouette(folder / view.picture, invert=view.invert)
+                target = read_silhouette(folder / view.picture, view.reading)
                 geometry = view_geometry(view, target.shape[1], target.shape[0])
                 found = verify_view(
                     vertices,

@@ -1,0 +1,103 @@
+"""The tube radii that are tried, and what is said where none is thin enough; light, for previews too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import MultiPolygon
+
+from knotfab.errors import SceneError
+from knotfab.scene.model import Printer, ResolvedView
+from knotfab.target.opening import thickest_radius
+
+__all__ = ["RadiusRange", "range_of", "too_fine", "usual_radii"]
+
+_NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
+_UNEVEN = 0.4  # px by which a line's width varies as it is drawn
+DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
+
+
+@dataclass(frozen=True)
+class RadiusRange:
+    """The radii that are tried, as shares of the frame's side, and what a thicker tube may cost in IoU."""
+
+    usual: float  # thinner only where the picture forbids this
+    thickest: float
+    candidates: int | None  # None: as the settings say
+    drawn: float  # score below which thinner tubes are tried as well
+    thinner: int  # of these
+    hopeless: float  # score behind the best that nothing makes up for
+    trials: int
+    give: float  # IoU of the trial
+
+
+# A start for several views is drawn already (start.views): its own pictures tell what a short search would.
+# With three views or more the pictures ask so much of every strand that only a thin tube serves.
+_RANGES = {
+    1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.06, 5, 0.004),
+    2: RadiusRange(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
+    3: RadiusRange(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
+}
+
+
+def range_of(views: int) -> RadiusRange:
+    """The range for so many views."""
+    return _RANGES[min(views, 3)]
+
+
+def usual_radii(
+    views: Sequence[ResolvedView], thinnest: float, count: int
+) -> tuple[list[float], list[float]]:
+    """The radii, mm, that are tried at once, thinnest first, and thinner ones for fine pictures.
+
+    Args:
+        thinnest: that the printer makes, mm. count: how many for one view.
+    """
+    span = range_of(len(views))
+    one = len(views) == 1
+    side = views[0].frame_width_mm if one else max(v.longer_mm for v in views)
+    usual = max(thinnest, span.usual * side)
+    thick = max(span.thickest * side, (1.5 if one else 1.2) * usual)
+    radii = np.geomspace(usual, thick, span.candidates or count).round(4).tolist()
+    thin: list[float] = []
+    if thinnest < usual:  # as far as the printer goes
+        thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
+    return radii, thin
+
+
+def too_fine(
+    polygon: MultiPolygon, view: ResolvedView, pixels: tuple[int, int], printer: Printer, why: str
+) -> SceneError:
+    """The error for a picture whose lines no printable tube draws, with remedies that each suffice.
+
+    Args:
+        polygon: the silhouette in any unit in which the frame is `view`'s at the scale of `pixels`: px.
+        pixels: width and height of the picture. why: what was found.
+    """
+    width, longer = pixels[0], max(pixels)
+    px = view.magnification * width / view.frame_width_mm  # of the picture to a mm of the piece
+    least = printer.min_tube_radius_mm * px
+    drawn = thickest_radius(polygon, DRAWN, least / 64, least)
+    remedies = [
+        f"lines must be at least {math.ceil(2 * least + _UNEVEN)} px of {longer} at this size"
+    ]
+    if drawn is not None:
+        frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
+        remedies.append(f"or the picture {frame} mm wide (--width {frame})")
+        nozzle = printer.nozzle_mm * drawn / least
+        finer = next((n for n in _NOZZLES if n <= nozzle), None)
+        if finer is not None:
+            radius = printer.min_tube_radius_mm * finer / printer.nozzle_mm
+            remedies.append(
+                f"or a {finer:g} mm nozzle (scene keys printer.nozzle_mm = {finer:g}, "
+                f"printer.min_tube_radius_mm = {math.floor(1e3 * radius) / 1e3:g})"
+            )
+        lines = f"; most of its lines are about {2 * drawn:.1f} px thick"
+    else:
+        lines = "; it is hardly more than dust"
+    return SceneError(
+        "the picture", why + lines, ", ".join(remedies).capitalize() + ", or --thicken auto."
+    )

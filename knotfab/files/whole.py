@@ -1,0 +1,27 @@
+"""One file written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from knotfab.errors import InputError
+
+__all__ = ["write_whole"]
+
+
+def write_whole(path: Path, content: bytes, option: str = "--out") -> None:
+    """Write beside, then move into place: never half a file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_bytes(content)
+        beside.replace(path)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(
+            f"{option} {path}", f"it cannot be written ({reason})", "Choose another place."
+        ) from error

@@ -1,0 +1,98 @@
+"""One picture of a survey: the silhouette, and beside it what tubes lose, in red."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from shapely import MultiPolygon, Polygon
+
+from knotfab.arrays import Array
+from knotfab.preview.sentence import count
+from knotfab.preview.survey import Survey, ViewSurvey
+from knotfab.target.opening import Loss
+
+__all__ = ["draw_survey"]
+
+_PANEL = 360  # px
+_TEXT = 34  # px of the caption above each
+_GAP = 12
+_FINER = 3  # drawn so many times as large and brought down
+_PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
+_FAINT, _RED = (196, 190, 182), (212, 30, 30)
+_SEEN = 9.0  # px: a smaller loss gets a ring about it
+
+
+def draw_survey(found: Survey) -> bytes:
+    """A PNG: a row for each picture, with its silhouette and one panel for each radius."""
+    rows = [
+        [_panel(seen, None), *(_panel(seen, radius) for radius in seen.losses)]
+        for seen in found.views
+    ]
+    width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
+    heights = [max(p.height for p in row) + _GAP for row in rows]
+    sheet = Image.new("RGB", (width, _GAP + sum(heights)), _PAPER)
+    top = _GAP
+    for row, height in zip(rows, heights, strict=True):
+        for n, panel in enumerate(row):
+            sheet.paste(panel, (_GAP + n * (_PANEL + _GAP), top))
+        top += height
+    buffer = io.BytesIO()
+    sheet.save(buffer, "PNG", compress_level=6)
+    return buffer.getvalue()
+
+
+def _panel(seen: ViewSurvey, radius: float | None) -> Image.Image:
+    """The silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
+    width, height = seen.target.width, seen.target.height
+    scale = _PANEL * _FINER / max(width, height)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    picture = Image.new("RGB", size, _PAPER)
+    draw = ImageDraw.Draw(picture)
+    lost = [] if radius is None else seen.losses[radius]
+    _fill(draw, seen.polygon, scale, _INK if radius is None else _FAINT)
+    for loss in lost:
+        _fill(draw, MultiPolygon([loss.shape]), scale, _RED)
+    for loss in lost:
+        _ring(draw, loss, scale)
+    draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=_FRAME, width=_FINER)
+    picture = picture.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.BOX)
+    panel = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
+    panel.paste(picture, (0, _TEXT))
+    ImageDraw.Draw(panel).text(
+        (0, 8), _caption(seen, radius, lost), fill=_INK, font=ImageFont.load_default(14)
+    )
+    return panel
+
+
+def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
+    if radius is None:
+        wide, high = seen.view.frame_mm
+        name = seen.target.name[:20]
+        parts = f"{count(seen.pieces, 'piece')}, {count(seen.holes, 'hole')}"
+        return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
+    if not lost:
+        return f"radius {radius:.2f} mm: nothing is lost"
+    thick = lost[0].thickness * seen.wall_mm_per_px
+    return f"radius {radius:.2f} mm loses {len(lost)}, the largest {thick:.1f} mm thick"
+
+
+def _fill(draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object) -> None:
+    """Fill polygons; a hole is painted over, and what lies in it after it, for larger pieces come first."""
+    for piece in sorted(shape.geoms, key=lambda p: -Polygon(p.exterior).area):
+        draw.polygon(_at(piece.exterior.coords, scale), fill=colour)  # type: ignore[arg-type]
+        for hole in piece.interiors:
+            draw.polygon(_at(hole.coords, scale), fill=_PAPER)
+
+
+def _at(points: object, scale: float) -> list[tuple[float, float]]:
+    moved: Array = (np.asarray(points, dtype=np.float64) + 0.5) * scale - 0.5
+    return [(float(x), float(y)) for x, y in moved]
+
+
+def _ring(draw: ImageDraw.ImageDraw, loss: Loss, scale: float) -> None:
+    reach = 0.5 * loss.extent * scale
+    if reach < _SEEN * _FINER:
+        (x, y), r = _at([loss.at], scale)[0], _SEEN * _FINER
+        draw.ellipse((x - r, y - r, x + r, y + r), outline=_RED, width=2 * _FINER)

@@ -1,0 +1,117 @@
+"""What a survey found, in a few lines: the same before a build and in a preview."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from knotfab.preview.survey import Survey, ViewSurvey
+from knotfab.target.opening import Loss
+
+__all__ = ["count", "describe", "list_figures"]
+
+
+def describe(found: Survey) -> list[str]:
+    """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print."""
+    lines = []
+    if found.frames:
+        lines.append(f"{found.frames} frames; the hardest to draw is {found.views[0].target.name}.")
+    for seen in found.views:
+        lines += [_describe_silhouette(seen), _describe_losses(seen, found)]
+    lines.append(_describe_piece(found))
+    return lines
+
+
+def _describe_silhouette(seen: ViewSurvey) -> str:
+    """The rule that was taken, pieces, holes, and the size on the wall."""
+    width, height = seen.view.frame_mm
+    return (
+        f"{seen.target.name}: {seen.target.rule}. {count(seen.pieces, 'piece')}, "
+        f"{count(seen.holes, 'hole')}, {width:.0f} x {height:.0f} mm on the wall."
+    )
+
+
+def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
+    """What the tube that is likely loses, and how thick one may be."""
+    radius = min(seen.losses, key=lambda r: abs(r - found.radius_mm))
+    lost = seen.losses[radius]
+    text = f"  A tube of {radius:.2f} mm radius loses "
+    text += f"{count(len(lost), 'part')} of it" if lost else "no part of it"
+    if lost:
+        text += f"; the largest is {_describe_loss(lost[0], seen)}"
+    if seen.feasible_mm is None:
+        return text + ". None that can be printed draws it well."
+    return text + f". Tubes of up to {seen.feasible_mm:.2f} mm draw it well."
+
+
+def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
+    """Its size, its place, and the tube that it would need."""
+    scale = seen.wall_mm_per_px
+    x, y = loss.at
+    need = 0.5 * loss.thickness / seen.px_per_mm
+    return (
+        f"{loss.extent * scale:.1f} mm ({loss.extent:.0f} px) long and {loss.thickness * scale:.1f} mm "
+        f"({loss.thickness:.0f} px) thick at ({x:.0f}, {y:.0f}) px, which needs a radius of {need:.2f} mm"
+    )
+
+
+def _describe_piece(found: Survey) -> str:
+    wide, high = found.views[0].piece_mm
+    text = f"  The piece is about {wide:.0f} x {high:.0f} mm across"
+    guess = found.guess
+    each = " a frame" if found.frames else ""
+    text += f"; a guess, with a tube of {found.radius_mm:.1f} mm: {_round(guess.mass_g)} g"
+    if guess.hours is not None:
+        text += f" and {_round(guess.hours)} h with its supports"
+    return text + each + "."
+
+
+def count(number: int, noun: str) -> str:
+    """So many of them, as a person says it."""
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _round(value: float) -> str:
+    """To the two digits that a guess has."""
+    return f"{value:.2g}" if value < 100 else f"{round(value, -1):.0f}"
+
+
+def list_figures(found: Survey) -> dict[str, Any]:
+    """The survey as plain data: lengths in mm, places in px of the picture."""
+    views = []
+    for seen in found.views:
+        losses = [
+            {
+                "tube_radius_mm": radius,
+                "lost": [
+                    {
+                        "at_px": [round(c, 1) for c in loss.at],
+                        "length_px": round(loss.extent, 1),
+                        "thickness_px": round(loss.thickness, 1),
+                        "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),
+                        "thickness_mm": round(loss.thickness * seen.wall_mm_per_px, 2),
+                        "needed_radius_mm": round(0.5 * loss.thickness / seen.px_per_mm, 3),
+                    }
+                    for loss in lost
+                ],
+            }
+            for radius, lost in seen.losses.items()
+        ]
+        views.append(
+            {
+                "picture": seen.target.name,
+                "silhouette": seen.target.rule,
+                "pieces": seen.pieces,
+                "holes": seen.holes,
+                "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
+                "piece_mm": [round(side, 2) for side in seen.piece_mm],
+                "feasible_radius_mm": seen.feasible_mm,
+                "radii": losses,
+            }
+        )
+    return {
+        "schema": 1,
+        "views": views,
+        "tube_radius_mm": round(found.radius_mm, 3),
+        "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
+        "lines": describe(found),
+    }

@@ -1,0 +1,177 @@
+"""What can be said of a picture before anything is searched: pieces, holes, what tubes lose, size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from shapely import MultiPolygon
+
+from knotfab.design.candidates import DRAWN, too_fine, usual_radii
+from knotfab.design.frames import frame_view, framed_alike
+from knotfab.preview.guess import Guess, guess_print
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import ResolvedView, Scene
+from knotfab.target.masks import holes_of, pieces_of
+from knotfab.target.opening import Loss, find_losses, opening_iou, thickest_radius
+from knotfab.target.read import Target
+from knotfab.target.silhouette import trace_polygon
+
+__all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
+
+_WELL = 0.97  # IoU of the opening with which a picture is drawn well
+_HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
+_USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
+_CANDIDATES = 4  # radii that are shown
+_ALL = 0.95  # of the silhouette
+_SPARE = 0.3  # px that an outline may move by
+_MOST_FRAMES = 24  # of a sequence that are looked at
+
+
+@dataclass(frozen=True)
+class ViewSurvey:
+    """One picture: its silhouette in px, and what it takes to draw it. Radii in mm of the piece.
+
+    `feasible_mm`: the thickest tube that draws it well, None where none does that can be printed.
+    `losses`: for each candidate radius what it loses, in px of the picture.
+    """
+
+    view: ResolvedView
+    target: Target
+    polygon: MultiPolygon
+    pieces: int
+    holes: int
+    feasible_mm: float | None
+    losses: dict[float, list[Loss]]
+
+    @property
+    def px_per_mm(self) -> float:
+        """px of the picture to a mm of a piece in the middle of the scene."""
+        return self.view.magnification * self.target.width / self.view.frame_width_mm
+
+    @property
+    def wall_mm_per_px(self) -> float:
+        """mm on the wall to a px of the picture."""
+        return self.view.frame_width_mm / self.target.width
+
+    @property
+    def piece_mm(self) -> tuple[float, float]:
+        """Width and height of the drawing at the middle of the piece."""
+        left, top, right, bottom = self.polygon.bounds
+        return (right - left) / self.px_per_mm, (bottom - top) / self.px_per_mm
+
+
+@dataclass(frozen=True)
+class Survey:
+    """All pictures of a piece, the radius that it will have about, and a guess of the print."""
+
+    views: tuple[ViewSurvey, ...]
+    radius_mm: float
+    thinnest_mm: float
+    guess: Guess
+    frames: int = 0  # of a sequence, of which `views` holds the one that is hardest to draw
+
+
+def survey(scene: Scene, targets: Sequence[Target], sequence: bool = False) -> Survey:
+    """Look at pictures as a tube would have to draw them.
+
+    Args:
+        targets: those of the scene's views in their order; of a sequence, its frames.
+    """
+    scene = resolve(scene)
+    thinnest, asked = scene.printer.min_tube_radius_mm, scene.piece.tube_radius_mm
+    frames = len(targets) if sequence else 0
+    views = survey_views(scene, [_hardest(targets)] if sequence else targets)
+    if isinstance(asked, str):
+        feasible = [v.feasible_mm for v in views]
+        known = [f for f in feasible if f is not None]
+        usual = _USUAL_SHARE * max(v.view.longer_mm for v in views)
+        radius = thinnest if len(known) < len(feasible) else max(thinnest, min(usual, *known))
+    else:
+        radius = asked
+    return Survey(
+        views,
+        radius,
+        thinnest,
+        guess_print(scene, views[0].polygon.area / views[0].px_per_mm ** 2, views[0].view, radius),
+        frames,
+    )
+
+
+def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
+    """Each picture by itself, as `survey` says; the scene's printer is resolved."""
+    if len(targets) > 1:
+        scene = framed_alike(scene, targets)
+    views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+    thinnest, asked = scene.printer.min_tube_radius_mm, scene.piece.tube_radius_mm
+    if isinstance(asked, str):
+        usual, thin = usual_radii(views, thinnest, _CANDIDATES)
+        tried = sorted({round(r, 2) for r in (*thin[:1], *usual)})[: _CANDIDATES + 1]
+    else:
+        tried = [asked]
+    found = []
+    for view, target in zip(views, targets, strict=True):
+        px = view.magnification * target.width / view.frame_width_mm
+        polygon = _trace(target)
+        feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
+        found.append(
+            ViewSurvey(
+                view,
+                target,
+                polygon,
+                len(pieces_of(target.mask)[1]),
+                len(holes_of(target.mask)[1]),
+                None if feasible is None else feasible / px,
+                _losses(polygon, tried, px),
+            )
+        )
+    return tuple(found)
+
+
+def _losses(polygon: MultiPolygon, radii: Sequence[float], px: float) -> dict[float, list[Loss]]:
+    """What tubes of these radii lose, up to the first that loses nearly all."""
+    found: dict[float, list[Loss]] = {}
+    for radius in sorted(radii):
+        found[radius] = find_losses(polygon, radius * px)
+        if sum(loss.shape.area for loss in found[radius]) > _ALL * polygon.area:
+            break
+    return found
+
+
+def _trace(target: Target) -> MultiPolygon:
+    """The silhouette in px, without vertices that a preview can spare."""
+    shape = trace_polygon(target.mask).simplify(_SPARE)
+    return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
+
+
+def _hardest(targets: Sequence[Target]) -> Target:
+    """The frame whose opening by a usual tube is worst."""
+    few = targets[:: -(-len(targets) // _MOST_FRAMES)]
+    return min(few, key=lambda t: opening_iou(_trace(t), _USUAL_SHARE * max(t.mask.shape)))
+
+
+def require_drawable(found: Survey, scene: Scene) -> None:
+    """Refuse at once what a search would refuse after minutes.
+
+    A stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the thinnest tube
+    leaves out is taken to be drawn so.
+
+    Raises:
+        SceneError: a picture's lines are far too thin for any tube that can be printed; with what would do.
+    """
+    if len(found.views) > 1 or found.frames or scene.piece.tube_radius_mm != "auto":
+        return
+    printer, (seen,), thinnest = resolve(scene).printer, found.views, found.thinnest_mm
+    radius = thinnest * seen.px_per_mm
+    if opening_iou(seen.polygon, radius) >= _HOPELESS:
+        return
+    drawn = thickest_radius(seen.polygon, DRAWN, radius / 64, radius)
+    spilled = 0.0 if drawn is None else drawn / radius
+    if spilled < _HOPELESS:
+        raise too_fine(
+            seen.polygon,
+            seen.view,
+            (seen.target.width, seen.target.height),
+            printer,
+            f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
+        )

@@ -1,0 +1,210 @@
+"""Which pixels of a picture are its silhouette: the rules of docs/silhouette.md."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageColor
+
+from knotfab.arrays import Array, Mask
+from knotfab.errors import InputError
+from knotfab.scene.model import Reading
+from knotfab.target.colours import cluster_colours, enclosed_parts
+
+__all__ = ["find_ink"]
+
+Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
+
+_ROWS = 512  # rows handled at once where colours are compared, to bound the memory
+_LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
+_WORTH_SAYING = 0.02  # share of the ink of a colour that is told
+
+
+def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
+    """The pixels of a decoded picture that are ink, and the rule in words.
+
+    Args:
+        image: upright, and cropped already. what: how an error names the picture.
+
+    Raises:
+        InputError: the picture is transparent everywhere, or all one colour.
+    """
+    colours, alpha = _split_channels(image)
+    least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
+    clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least
+    if clear is not None and clear.all():
+        raise InputError(
+            what,
+            "it is transparent everywhere, so there is no shape in it",
+            "Use a picture with opaque pixels where the shape is.",
+        )
+    share = f"{reading.threshold:g} of the largest difference"
+    if reading.ink in ("auto", "alpha") and clear is not None:
+        return _take_opaque(colours, ~clear, reading)
+    if reading.ink == "alpha":
+        raise InputError(
+            what, "--ink alpha needs transparency, and it has none", "Leave --ink out."
+        )
+    if reading.ink == "auto":
+        middle = np.median(_take_border(colours), axis=0)
+        mask = _differ(colours, middle, reading.threshold, what)
+        rule = (
+            f"what differs from the border's colour, {_name(middle, colours)}, by more than {share}"
+        )
+        return mask, rule + _tell_colours(colours, mask)
+    opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
+    if reading.ink == "flood":
+        return opaque & ~_flood(colours, reading.threshold, what), (
+            f"what the colours of the border do not reach, each taking in {share}"
+        )
+    if reading.ink in ("dark", "light"):
+        return _split_brightness(colours, opaque, reading, what)
+    wanted = np.array(ImageColor.getrgb(reading.ink), dtype=np.float64)
+    if colours.ndim == 2:
+        wanted = wanted[:1] * (np.iinfo(np.uint16).max / 255 if colours.dtype != np.uint8 else 1)
+    away = _squares(colours, wanted)
+    near = away < reading.threshold**2 * away[opaque].max()
+    if clear is not None and away[opaque].max() == 0:
+        near = opaque
+    return near & opaque, f"what differs from {reading.ink} by less than {share}"
+
+
+def _split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
+    """Colours (H, W) or (H, W, 3), and alpha (H, W), None without any."""
+    key = image.info.get("transparency")
+    if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
+        grey = np.asarray(image)
+        alpha = np.where(grey == key, 0, 255) if isinstance(key, int) else None
+        return grey, None if alpha is None else alpha.astype(np.uint8)
+    if image.mode in ("L", "1") and key is None:
+        return np.asarray(image.convert("L")), None
+    if key is not None or image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            rgba = np.asarray(image.convert("RGBA"))
+        return rgba[..., :3], rgba[..., 3]
+    return np.asarray(image if image.mode == "RGB" else image.convert("RGB")), None
+
+
+def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
+    """What is opaque, less enclosed parts of another colour than the largest."""
+    rule = f"what is opaque (alpha at least {reading.threshold:g})"
+    if reading.ink == "alpha" or colours.ndim == 2:
+        return opaque, rule
+    holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
+    if clusters is None or not holes.any():
+        return opaque, rule
+    main = _hex(clusters.colours[0])
+    return opaque & ~holes, f"{rule}, less what {main}, the largest colour, encloses of others"
+
+
+def _tell_colours(colours: Levels, mask: Mask) -> str:
+    """What colours the ink is of, where it is of several: a person may want one of them alone."""
+    if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
+        return ""
+    found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
+    told = [k for k, share in enumerate(found.shares) if share >= _WORTH_SAYING]
+    if len(told) < 2:
+        return ""
+    words = [f"{_hex(found.colours[k])} ({found.shares[k]:.0%})" for k in told[:4]]
+    return f"; of several colours, {', '.join(words)}: --ink COLOUR takes one of them alone"
+
+
+def _take_border(colours: Levels) -> Levels:
+    """(n, channels) the outermost pixels, each once."""
+    rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
+    channels = 1 if colours.ndim == 2 else colours.shape[2]
+    return np.concatenate([r.reshape(-1, channels) for r in rows])
+
+
+def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """(H, W) what `measure` makes of colours (h, W, channels), some rows at a time.
+
+    In single precision where the colours have 8 bits: doubled differences, squared and summed, stay
+    below 2^24, so that they are exact, and levels on either side of the half fall where they belong.
+    """
+    kind = np.float32 if colours.dtype == np.uint8 else np.float64
+    parts = []
+    for top in range(0, len(colours), _ROWS):
+        part = colours[top : top + _ROWS].astype(kind)
+        parts.append(measure(part.reshape(*part.shape[:2], -1)))
+    return np.concatenate(parts)
+
+
+def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
+    """(H, W) squared Euclidean differences from one colour."""
+
+    def measure(part: NDArray[Any]) -> NDArray[Any]:
+        away = part - middle.astype(part.dtype)
+        return np.asarray(np.einsum("ijk,ijk->ij", away, away))
+
+    return _by_rows(colours, measure)
+
+
+def _differ(colours: Levels, middle: Array, threshold: float, what: str) -> Mask:
+    """Pixels that differ from a colour by more than a share of the largest difference."""
+    squared = _squares(colours, middle)
+    largest = float(squared.max())
+    if largest == 0.0:
+        raise _one_colour(what)
+    return np.asarray(squared > threshold**2 * largest)
+
+
+def _flood(colours: Levels, threshold: float, what: str) -> Mask:
+    """The background: pixels near one of the border's colours, joined to the border."""
+    from scipy import ndimage
+
+    if colours.dtype != np.uint8:
+        colours = (colours >> 8).astype(np.uint8)
+    rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
+    kinds = cluster_colours(_take_border(rgb).astype(np.uint8, copy=False)).colours
+    away = np.stack([_squares(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
+    if away.max() == 0:
+        raise _one_colour(what)
+    near, _ = ndimage.label(np.pad(away <= threshold**2 * away.max(), 1, constant_values=True))
+    return np.asarray(near == near[0, 0])[1:-1, 1:-1]
+
+
+def _split_brightness(
+    colours: Levels, opaque: Mask, reading: Reading, what: str
+) -> tuple[Mask, str]:
+    """Pixels darker, or lighter, than a share of the way between the extremes; clear ones never are."""
+    if colours.ndim == 2:
+        bright = colours.astype(np.int64)
+    else:
+        bright = _by_rows(colours, lambda part: part.astype(np.int64) @ _LUMA).astype(np.int64)
+    most = 255 * sum(_LUMA) if colours.ndim == 3 else 255 if colours.dtype == np.uint8 else 65535
+    dark = reading.ink == "dark"
+    # what is clear is as bright as paper where ink is dark, as dark as night where it is light
+    bright = np.where(opaque, bright, most if dark else 0)
+    low, high = int(bright.min()), int(bright.max())
+    if low == high:
+        raise _one_colour(what)
+    at = reading.threshold
+    edge = low + at * (high - low) if dark else high - at * (high - low)
+    mask = bright < edge if dark else bright > edge
+    way = "from the darkest to the lightest" if dark else "from the lightest to the darkest"
+    return np.asarray(mask), f"what is {reading.ink}, up to {at:g} of the way {way} pixel"
+
+
+def _one_colour(what: str) -> InputError:
+    return InputError(
+        what,
+        "it is all one colour, so there is no shape in it",
+        "Use a picture whose shape differs from its background, or one with transparency.",
+    )
+
+
+def _hex(colour: Array | NDArray[np.uint8]) -> str:
+    return "#" + "".join(f"{int(c):02x}" for c in colour)
+
+
+def _name(middle: Array, colours: Levels) -> str:
+    """A border's colour as a person writes it."""
+    if colours.dtype != np.uint8:
+        return f"grey {middle[0]:g}"
+    return _hex(np.repeat(middle, 3) if len(middle) == 1 else middle)

@@ -1,0 +1,53 @@
+"""Silhouette masks as sets of pixels: pieces (8-connected) and holes (4-connected) kept or left out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.arrays import Mask
+
+__all__ = ["drop_specks", "holes_of", "keep_largest", "pieces_of", "smooth"]
+
+
+def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(H, W) each piece's number, from 1, and (n,) its pixels; two that touch at a corner are one."""
+    from scipy import ndimage
+
+    labels, _ = ndimage.label(mask, np.ones((3, 3)))
+    return labels, np.bincount(labels.ravel())[1:]
+
+
+def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """(H, W) each hole's number, from 1, and (n,) its pixels: background that the frame does not reach."""
+    from scipy import ndimage
+
+    around, count = ndimage.label(np.pad(~mask, 1, constant_values=True))
+    number = np.arange(count + 1)
+    number[1:] -= 1  # what is outside comes first, from the corner
+    labels = number[around[1:-1, 1:-1]].astype(np.int32)
+    return labels, np.bincount(labels.ravel(), minlength=count)[1:]
+
+
+def keep_largest(mask: Mask, count: int) -> Mask:
+    """The `count` largest pieces; of equals those that come first, row by row."""
+    labels, areas = pieces_of(mask)
+    kept = np.zeros(len(areas) + 1, dtype=bool)
+    kept[1 + np.argsort(-areas, kind="stable")[:count]] = True
+    return np.asarray(kept[labels])
+
+
+def drop_specks(mask: Mask, least_px: int) -> Mask:
+    """Without pieces of fewer pixels, and holes of fewer filled."""
+    labels, areas = pieces_of(mask)
+    kept = np.concatenate([[False], areas >= least_px])[labels]
+    labels, areas = holes_of(kept)
+    return np.asarray(kept | np.concatenate([[False], areas < least_px])[labels])
+
+
+def smooth(mask: Mask, sigma_px: float) -> Mask:
+    """The mask blurred by a Gaussian, at half; what lies at the frame goes on beyond it."""
+    from scipy import ndimage
+
+    blurred = ndimage.gaussian_filter(mask.astype(np.float32), sigma_px, mode="nearest")
+    return np.asarray(blurred > 0.5)

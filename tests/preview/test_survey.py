@@ -1,0 +1,154 @@
+"""A survey says of known drawings what is lost of them, where, and what would do; its remedies work."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from knotfab.cli.app import app
+from knotfab.design.frames import frame_view
+from knotfab.errors import SceneError
+from knotfab.preview.draw import draw_survey
+from knotfab.preview.sentence import describe, list_figures
+from knotfab.preview.survey import Survey, require_drawable, survey
+from knotfab.scene.model import Piece, Printer, Scene, View
+from knotfab.target.opening import opening_iou
+from knotfab.target.read import read_target
+from knotfab.target.silhouette import trace_polygon
+
+SIDE = 800
+
+
+def lines(path: Path, *, width: int, body: bool = False) -> Path:
+    """A house of lines, with a solid body beside it or not, 800 px wide."""
+    image = Image.new("L", (SIDE, SIDE), 255)
+    draw = ImageDraw.Draw(image)
+    if body:
+        draw.rectangle((60, 60, 360, 740), fill=0)
+    draw.line([(440, 700), (440, 400), (580, 250), (720, 400), (720, 700), (440, 700)],
+              fill=0, width=width, joint="curve")  # fmt: skip
+    image.save(path)
+    return path
+
+
+def look(path: Path, scene: Scene | None = None) -> Survey:
+    """The survey of one picture."""
+    scene = scene or Scene()
+    return survey(scene, [read_target(path, scene.views[0])])
+
+
+def test_what_is_thin_is_lost_at_its_place(tmp_path: Path) -> None:
+    (seen,) = look(lines(tmp_path / "a.png", width=6, body=True)).views
+    assert (seen.pieces, seen.holes) == (2, 1)
+    thinnest = min(seen.losses)
+    (loss,) = seen.losses[thinnest]
+    assert thinnest == 0.8
+    assert loss.thickness == pytest.approx(6, abs=1.5)
+    assert loss.shape.bounds == pytest.approx((440, 250, 720, 700), abs=8)
+    (line,) = [t for t in describe(look(tmp_path / "a.png")) if "loses" in t]
+    assert f"({loss.thickness:.0f} px) thick at ({loss.at[0]:.0f}, {loss.at[1]:.0f}) px" in line
+
+
+def test_what_is_thick_enough_is_kept(tmp_path: Path) -> None:
+    (seen,) = look(lines(tmp_path / "a.png", width=30, body=True)).views
+    px = SIDE / 180 * 1.2
+    assert seen.px_per_mm == pytest.approx(px)
+    assert seen.feasible_mm == pytest.approx(15 / px, rel=0.1)
+    assert not seen.losses[0.8]
+    assert seen.piece_mm == pytest.approx((675 / px, 680 / px), rel=0.01)
+
+
+def test_a_radius_that_is_given_is_the_one_that_is_judged(tmp_path: Path) -> None:
+    path = lines(tmp_path / "a.png", width=30)
+    found = look(path, Scene(piece=Piece(tube_radius_mm=4.0)))
+    assert list(found.views[0].losses) == [4.0] and found.radius_mm == 4.0
+    assert found.views[0].losses[4.0]
+
+
+def remedies(path: Path, scene: Scene) -> tuple[int, int, float]:
+    """px, mm and nozzle that the refusal of a picture of thin lines names."""
+    with pytest.raises(SceneError) as caught:
+        require_drawable(look(path, scene), scene)
+    named = re.search(
+        r"at least (\d+) px of 800 .* the picture (\d+) mm wide .* or a ([\d.]+) mm nozzle",
+        caught.value.remedy,
+    )
+    assert named is not None, caught.value.remedy
+    return int(named[1]), int(named[2]), float(named[3])
+
+
+@pytest.mark.parametrize("width", [3, 4])
+def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
+    scene = Scene()
+    path = lines(tmp_path / "thin.png", width=width)
+    if width == 4:
+        scene = Scene(printer=Printer(name="prusa-mk4", nozzle_mm=0.6, min_tube_radius_mm=1.2))
+    px, mm, nozzle = remedies(path, scene)
+    printer = scene.printer
+    finer = Printer(
+        nozzle_mm=nozzle, min_tube_radius_mm=printer.min_tube_radius_mm * nozzle / printer.nozzle_mm
+    )
+    tried = [
+        (lines(tmp_path / "bold.png", width=px), scene),
+        (path, scene.model_copy(update={"views": (View(frame_width_mm=float(mm)),)})),
+        (path, scene.model_copy(update={"printer": finer})),
+    ]  # fmt: skip
+    for drawing, changed in tried:
+        require_drawable(look(drawing, changed), changed)
+        target = read_target(drawing)
+        view = frame_view(changed.views[0], target)
+        radius = (
+            changed.printer.min_tube_radius_mm * view.magnification * SIDE / view.frame_width_mm
+        )
+        assert opening_iou(trace_polygon(target.mask), radius) > 0.85
+    # and no smaller one of the first two would
+    for drawing, changed in (
+        (lines(tmp_path / "less.png", width=round(0.3 * px)), scene),
+        (path, scene.model_copy(update={"views": (View(frame_width_mm=0.3 * mm),)})),
+    ):
+        with pytest.raises(SceneError):
+            require_drawable(look(drawing, changed), changed)
+
+
+def test_frames_are_surveyed_by_the_hardest(tmp_path: Path) -> None:
+    frames = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20, 40)]
+    found = survey(Scene(), frames, sequence=True)
+    assert found.frames == 3 and found.views[0].target is frames[1]
+
+
+def test_several_views_are_surveyed_each(tmp_path: Path) -> None:
+    targets = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20)]
+    scene = Scene(views=(View(name="a"), View(name="b", azimuth_deg=90.0)))
+    found = survey(scene, targets)
+    assert [v.target for v in found.views] == targets
+    assert found.radius_mm <= min(v.feasible_mm or 0 for v in found.views) + 1e-9
+
+
+def test_red_marks_what_is_lost(tmp_path: Path) -> None:
+    found = look(lines(tmp_path / "a.png", width=6, body=True))
+    pixels = np.asarray(Image.open(io.BytesIO(draw_survey(found))).convert("RGB")).astype(int)
+    red = (pixels[..., 0] > 150) & (pixels[..., 1] < 120)
+    panel = pixels.shape[1] // (1 + len(found.views[0].losses))
+    assert not red[:, :panel].any()
+    first = red[:, panel : 2 * panel]
+    assert first[:, panel // 2 :].sum() > 200 and not first[:, : panel // 2].any()
+
+
+def test_the_command_writes_a_picture_and_says_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = lines(tmp_path / "a.png", width=6, body=True), tmp_path / "new" / "seen.png"
+    words = ["preview", str(path), "--out", str(out), "--width", "240", "--json"]
+    assert app(words, exit_on_error=False, result_action="return_value") == 0
+    said = json.loads(capsys.readouterr().out)
+    scene = Scene(views=(View(frame_width_mm=240.0),))
+    assert {**list_figures(look(path, scene)), "picture": str(out)} == said
+    with Image.open(out) as drawn:
+        assert drawn.width > 500
+    assert list(out.parent.iterdir()) == [out]

@@ -1,0 +1,51 @@
+"""What a tube cannot draw of a silhouette: openings of shapes whose openings are known."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import MultiPolygon, Point, box, unary_union
+
+from knotfab.target.opening import find_losses, opening_iou, thickest_radius
+
+
+def shape(*parts: object) -> MultiPolygon:
+    """Polygons as one silhouette."""
+    joined = unary_union(parts)
+    return joined if isinstance(joined, MultiPolygon) else MultiPolygon([joined])
+
+
+BAR = 6.0  # thickness of the arm that sticks out of a disc
+PAN = shape(Point(0, 0).buffer(40), box(0, -BAR / 2, 120, BAR / 2))
+
+
+@given(st.floats(3.5, 15.0))
+@settings(deadline=None, max_examples=20)
+def test_a_thin_arm_is_lost_with_its_place_and_size(radius: float) -> None:
+    (loss,) = find_losses(PAN, radius)
+    assert loss.thickness == pytest.approx(BAR, rel=0.05)
+    assert loss.extent == pytest.approx(80, abs=radius)
+    assert loss.shape.buffer(1e-6).contains(Point(loss.at)) and loss.at[0] > 40 - radius
+
+
+def test_nothing_is_lost_where_the_tube_fits_nor_at_corners() -> None:
+    assert find_losses(PAN, 2.5) == []
+    assert find_losses(shape(box(0, 0, 60, 40)), 15.0) == []
+
+
+def test_a_small_piece_is_lost_whole() -> None:
+    two = shape(box(0, 0, 60, 40), box(80, 0, 86, 6))
+    (loss,) = find_losses(two, 4.0)
+    assert loss.shape.equals(box(80, 0, 86, 6)) and loss.thickness == pytest.approx(6, rel=0.05)
+    assert find_losses(shape(box(80, 0, 86, 6)), 4.0)[0].extent == pytest.approx(6)
+
+
+@given(st.floats(0.5, 50.0))
+@settings(deadline=None, max_examples=20)
+def test_the_thickest_tube_of_a_disc_is_the_disc(radius: float) -> None:
+    disc = shape(Point(3, 4).buffer(radius, quad_segs=64))
+    assert thickest_radius(disc, 0.9, 0.01, 400.0) == pytest.approx(radius, rel=0.02)
+    assert thickest_radius(disc, 0.9, 2 * radius, 400.0) is None
+    assert thickest_radius(disc, 0.9, 0.01, 0.5 * radius) == 0.5 * radius
+    assert opening_iou(disc, 0.5 * radius) == pytest.approx(1, abs=0.01)

@@ -1,0 +1,107 @@
+"""Parts of a picture that another colour encloses: holes in the silhouette of a coloured drawing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab_validators.arrays import Mask
+
+__all__ = ["common_colours", "enclosed_by_largest", "middle_of_bin", "not_reached"]
+
+LEVELS = 8  # of a channel in one bin: 32 bins
+ALIKE = 12  # bins between a colour and the first of its cluster, at most
+RAREST = 200  # a cluster has at least one pixel in so many
+SIDE = 256 // LEVELS
+SHARP = 48.0  # levels between two colours within 2 px of where they meet
+
+
+def common_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The colours that a picture's clusters are named after, in bins of 8 levels, and their pixels.
+
+    Colours are taken by how common they are (the darker first of equals), each with all that are
+    within 12 bins and not taken yet; those with at least half a per cent count.
+
+    Args:
+        pixels: (n, 3).
+
+    Returns:
+        (k, 3) whole numbers, and (k,) how many pixels are nearest to each (the first of equals).
+    """
+    code = np.zeros(len(pixels), dtype=np.int64)
+    for channel in pixels.T:
+        code = code * SIDE + channel // LEVELS
+    tally = np.bincount(code, minlength=SIDE**3).reshape(SIDE, SIDE, SIDE)
+    bins, counts = np.argwhere(tally), tally[tally > 0]
+    order = np.argsort(-counts, kind="stable")
+    first: list[NDArray[Any]] = []
+    taken = np.zeros(len(bins), dtype=bool)
+    for k in order:
+        if taken[k]:
+            continue
+        alike = ~taken & (np.square(bins - bins[k]).sum(axis=1) <= ALIKE**2)
+        taken |= alike
+        if counts[alike].sum() * RAREST >= len(pixels):
+            first.append(bins[k])
+    named = np.array(first or [bins[order[0]]])
+    return named, np.bincount(_nearest(bins, named), counts, len(named))
+
+
+def middle_of_bin(place: NDArray[Any]) -> NDArray[np.float64]:
+    """(3,) the colour in the middle of a bin; the first and last bins stand for 0 and 255."""
+    middle = np.asarray(place, dtype=np.float64) * LEVELS + LEVELS / 2
+    middle[place == 0], middle[place == SIDE - 1] = 0.0, 255.0
+    return middle
+
+
+def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
+    """Where the largest cluster of colours encloses parts of others, thick and sharply parted from it.
+
+    Args:
+        pixels: (H, W, 3). opaque: (H, W), where the picture is.
+    """
+    from scipy import ndimage
+
+    named, sizes = common_colours(pixels[opaque])
+    found = np.zeros_like(opaque)
+    if len(named) == 1:
+        return found
+    largest = opaque.copy()
+    nearest = _nearest((pixels[opaque] // LEVELS).astype(np.int64), named)
+    largest[opaque] = nearest == int(np.argmax(sizes))
+    others = not_reached(largest) & opaque & ~largest
+    parts, _ = ndimage.label(others, np.ones((3, 3)))
+    core = ndimage.binary_erosion(others, np.ones((3, 3)))
+    reach = np.ones((5, 5))
+    for part, box in enumerate(ndimage.find_objects(parts), start=1):
+        around = tuple(slice(max(0, s.start - 2), s.stop + 2) for s in box)
+        here = parts[around] == part
+        if not core[around][here].any():
+            continue
+        inner = here & ndimage.binary_dilation(largest[around], reach)
+        outer = largest[around] & ndimage.binary_dilation(here, reach)
+        colours = pixels[around].astype(np.float64)
+        if np.linalg.norm(colours[inner].mean(axis=0) - colours[outer].mean(axis=0)) >= SHARP:
+            found[around] |= here
+    return found
+
+
+def not_reached(barrier: Mask) -> Mask:
+    """All that the frame does not reach, from pixel to pixel along sides, without crossing the barrier."""
+    from scipy import ndimage
+
+    labels, _ = ndimage.label(np.pad(~barrier, 1, constant_values=True))
+    return np.asarray(labels != labels[0, 0])[1:-1, 1:-1]
+
+
+def _nearest(bins: NDArray[Any], named: NDArray[Any]) -> NDArray[Any]:
+    """(n,) the place in `named` (k, 3) that each of `bins` (n, 3) is nearest to."""
+    best = np.full(len(bins), np.iinfo(np.int64).max)
+    chosen = np.zeros(len(bins), dtype=np.int64)
+    for k, colour in enumerate(named):
+        away = np.square(bins - colour).sum(axis=1)
+        closer = away < best
+        best[closer], chosen[closer] = away[closer], k
+    return chosen
