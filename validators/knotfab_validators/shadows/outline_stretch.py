@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class WrongStretch:
     length_px: float
     off_px: float
     where: tuple[float, float]
-    quantile_95_px: float = 0.0
+    quantile_95_px: float = field(default=0.0, compare=False)
 
 
 def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -> WrongStretch:
@@ -58,8 +58,8 @@ def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -
     one, other = (np.pad(mask[window], 1) for mask in (shadow, target))
     quantile = 0.0
     for walked, asked in ((one, other), (other, one)):
-        field = _distance_to_outline(asked)
-        lines = [(line, _sample(field, line)) for line in _outlines(walked)]
+        distance = _distance_to_outline(asked)
+        lines = [(line, _sample(distance, line)) for line in _outlines(walked)]
         if lines:
             every = np.concatenate([off for _, off in lines])
             quantile = max(quantile, float(np.quantile(every, 0.95)))

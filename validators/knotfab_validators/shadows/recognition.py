@@ -136,8 +136,8 @@ def recognise(
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
     rows = find_rows(features, max(frame.width, frame.height))
     # what is lost is counted already, and slits that nobody sees are no outlines
-    there = (close_slits(mask, SLIT * reach) for mask in (seen, without_lost(wanted, found)))
-    off_px = step * find_wrong_stretch(*there).quantile_95_px
+    there = close_slits(without_lost(wanted, found), SLIT * reach)
+    off_px = step * find_wrong_stretch(close_slits(seen, SLIT * reach), there).quantile_95_px
     scale = _Scale(frame, geometry, 2 * radius_px)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
     text = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
