@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table mutations frontier hard-cases system slicer clean
+.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -85,6 +85,10 @@ renderer-table: $(DONE)
 # thickness against exact values, broken and good parts, 10,000 hostile files (about 10 min)
 validator-table: system $(DONE)
 	$(BIN)/python -m examples.studies.validator_table
+
+# thirty pictures as people bring them: a person's word against the verdict's; resumed (about 10 min)
+verdict-table: system $(DONE)
+	$(BIN)/python -m examples.studies.verdict_table --out verdict-table
 
 # whether the tests notice when a comparison or a limit of the validators is changed (about half an hour)
 mutations: system $(DONE)

@@ -88,7 +88,7 @@ class Canvas:
 
     def ring(self, x: float, y: float, radius: float, width: float) -> None:
         """A circle line whose middle has `radius`."""
-        around = [_polar(x, y, radius, 2 * pi * k / 200) for k in range(201)]
+        around = [polar(x, y, radius, 2 * pi * k / 200) for k in range(201)]
         self.stroke(around, width)
 
     def shape(self, outline: Sequence[Point], ink: int = 0) -> None:
@@ -96,30 +96,34 @@ class Canvas:
 
     def blob(self, corners: Sequence[Point], ink: int = 0) -> None:
         """The smooth closed curve through `corners`, filled."""
-        self.shape(_smooth(corners, closed=True), ink)
+        self.shape(spline(corners, closed=True), ink)
 
-    def stroke(self, line: Sequence[Point], width: float, end_width: float | None = None) -> None:
+    def stroke(
+        self, line: Sequence[Point], width: float, end_width: float | None = None, ink: int = 0
+    ) -> None:
         """A line with round ends and joins; its width may change linearly along it."""
         points = np.array(line)
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(step)]) / step.sum()
         widths = width + ((width if end_width is None else end_width) - width) * along
         for i in range(len(points) - 1):
-            self._piece(points[i], points[i + 1], float(widths[i]), float(widths[i + 1]))
+            self._piece(points[i], points[i + 1], float(widths[i]), float(widths[i + 1]), ink)
 
-    def curve(self, corners: Sequence[Point], width: float, end_width: float | None = None) -> None:
+    def curve(
+        self, corners: Sequence[Point], width: float, end_width: float | None = None, ink: int = 0
+    ) -> None:
         """A stroke along the smooth open curve through `corners`."""
-        self.stroke(_smooth(corners, closed=False), width, end_width)
+        self.stroke(spline(corners, closed=False), width, end_width, ink)
 
-    def _piece(self, a: np.ndarray, b: np.ndarray, start: float, end: float) -> None:
+    def _piece(self, a: np.ndarray, b: np.ndarray, start: float, end: float, ink: int) -> None:
         across = np.array([a[1] - b[1], b[0] - a[0]]) / max(float(np.hypot(*(b - a))), 1e-12) / 2
         corners = [a + start * across, b + end * across, b - end * across, a - start * across]
-        self.shape([(float(x), float(y)) for x, y in corners])
-        self.disc(float(a[0]), float(a[1]), start / 2)
-        self.disc(float(b[0]), float(b[1]), end / 2)
+        self.shape([(float(x), float(y)) for x, y in corners], ink)
+        self.disc(float(a[0]), float(a[1]), start / 2, ink=ink)
+        self.disc(float(b[0]), float(b[1]), end / 2, ink=ink)
 
 
-def _smooth(corners: Sequence[Point], closed: bool, steps: int = 24) -> list[Point]:
+def spline(corners: Sequence[Point], closed: bool, steps: int = 24) -> list[Point]:
     """Centripetal Catmull-Rom spline through the corners (Yuksel et al. 2011)."""
     p = np.array(corners, dtype=np.float64)
     if closed:
@@ -140,7 +144,7 @@ def _smooth(corners: Sequence[Point], closed: bool, steps: int = 24) -> list[Poi
     return curve if closed else [*curve, (float(p[-2][0]), float(p[-2][1]))]
 
 
-def _polar(x: float, y: float, radius: float, angle: float) -> Point:
+def polar(x: float, y: float, radius: float, angle: float) -> Point:
     return x + radius * cos(angle), y + radius * sin(angle)
 
 
@@ -178,12 +182,12 @@ def _bird() -> Image.Image:
         (0.955, 0.605), (0.89, 0.615), (0.91, 0.665), (0.76, 0.60), (0.60, 0.60),
     ])  # fmt: skip
     c.shape([
-        (0.34, 0.50), *_smooth([(0.34, 0.48), (0.40, 0.30), (0.52, 0.14), (0.70, 0.045)], False),
+        (0.34, 0.50), *spline([(0.34, 0.48), (0.40, 0.30), (0.52, 0.14), (0.70, 0.045)], False),
         (0.665, 0.13), (0.725, 0.14), (0.675, 0.215), (0.725, 0.24), (0.665, 0.305),
         (0.70, 0.345), (0.635, 0.39), (0.66, 0.44), (0.60, 0.47), (0.62, 0.53),
     ])  # fmt: skip
     c.shape([
-        (0.28, 0.50), *_smooth([(0.28, 0.46), (0.27, 0.33), (0.21, 0.19), (0.12, 0.07)], False),
+        (0.28, 0.50), *spline([(0.28, 0.46), (0.27, 0.33), (0.21, 0.19), (0.12, 0.07)], False),
         (0.225, 0.09), (0.245, 0.145), (0.305, 0.155), (0.315, 0.21), (0.36, 0.225),
         (0.355, 0.30), (0.37, 0.40), (0.42, 0.52),
     ])  # fmt: skip
@@ -196,7 +200,7 @@ def _wheel() -> Image.Image:
     c.ring(0.5, 0.5, 0.41, 0.075)
     for k in range(6):
         angle = pi / 2 + k * pi / 3
-        c.stroke([_polar(0.5, 0.5, 0.1, angle), _polar(0.5, 0.5, 0.41, angle)], 0.05)
+        c.stroke([polar(0.5, 0.5, 0.1, angle), polar(0.5, 0.5, 0.41, angle)], 0.05)
     c.ring(0.5, 0.5, 0.095, 0.065)
     return c.finish()
 
@@ -227,13 +231,13 @@ def _tree() -> Image.Image:
     """A bare tree: branches fork into ever thinner twigs."""
     c = Canvas(0.96, 1.0)
     c.shape([
-        *_smooth([(0.36, 0.95), (0.425, 0.90), (0.44, 0.78), (0.445, 0.60)], False),
-        *_smooth([(0.50, 0.60), (0.50, 0.78), (0.515, 0.90), (0.585, 0.95)], False),
+        *spline([(0.36, 0.95), (0.425, 0.90), (0.44, 0.78), (0.445, 0.60)], False),
+        *spline([(0.50, 0.60), (0.50, 0.78), (0.515, 0.90), (0.585, 0.95)], False),
     ])  # fmt: skip
 
     def branch(x: float, y: float, angle: float, length: float, width: float, depth: int) -> None:
-        tip = _polar(x, y, length, angle)
-        bent = _polar(x, y, 0.55 * length, angle + 0.12 * (-1) ** depth)
+        tip = polar(x, y, length, angle)
+        bent = polar(x, y, 0.55 * length, angle + 0.12 * (-1) ** depth)
         c.curve([(x, y), bent, tip], width, max(0.7 * width, 0.014))
         for turn, part in ((-0.42, 0.80), (0.38, 0.74)) if depth else ():
             branch(*tip, angle + turn, part * length, max(0.66 * width, 0.016), depth - 1)
@@ -249,7 +253,7 @@ def _pieces() -> Image.Image:
     c.disc(0.25, 0.25, 0.17)
     c.disc(0.325, 0.205, 0.145, ink=255)
     star = [
-        _polar(0.70, 0.23, 0.165 if k % 2 == 0 else 0.072, -pi / 2 + k * pi / 5) for k in range(10)
+        polar(0.70, 0.23, 0.165 if k % 2 == 0 else 0.072, -pi / 2 + k * pi / 5) for k in range(10)
     ]
     c.shape(star)
     c.shape([
@@ -263,7 +267,7 @@ def _spiral() -> Image.Image:
     """One stroke that winds outwards three times, with the same gap all the way."""
     c = Canvas()
     angles = np.linspace(0.4 * pi, 6.6 * pi, 500)
-    c.stroke([_polar(0.5, 0.5, 0.43 * float(a) / (6.6 * pi), float(a)) for a in angles], 0.055)
+    c.stroke([polar(0.5, 0.5, 0.43 * float(a) / (6.6 * pi), float(a)) for a in angles], 0.055)
     return c.finish()
 
 
@@ -292,8 +296,8 @@ def _teapot() -> Image.Image:
     c.blob([(0.40, 0.215), (0.44, 0.155), (0.50, 0.14), (0.56, 0.155), (0.60, 0.215)])
     c.disc(0.50, 0.105, 0.04)
     c.shape([
-        *_smooth([(0.66, 0.52), (0.78, 0.47), (0.835, 0.34), (0.93, 0.225)], False),
-        *_smooth([(0.865, 0.195), (0.775, 0.265), (0.74, 0.34), (0.68, 0.36)], False),
+        *spline([(0.66, 0.52), (0.78, 0.47), (0.835, 0.34), (0.93, 0.225)], False),
+        *spline([(0.865, 0.195), (0.775, 0.265), (0.74, 0.34), (0.68, 0.36)], False),
     ])  # fmt: skip
     c.curve(
         [(0.34, 0.27), (0.21, 0.21), (0.10, 0.27), (0.12, 0.41), (0.21, 0.50), (0.33, 0.53)], 0.06

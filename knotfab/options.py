@@ -147,6 +147,8 @@ class BuildOptions(PictureOptions):
     """The folder to write."""
     colours: Annotated[Flag, Parameter(group=_OUTPUT)] = False
     """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
+    accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=_OUTPUT)] = None
+    """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=_OUTPUT)] = ()
     """Checks to go on without, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=_OUTPUT)] = False

@@ -92,11 +92,14 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
     update: dict[str, Any] = {}
     if piece := _piece_keys(options):
         update["piece"] = scene.piece.model_copy(update=piece)
-    own = scene.search
+    own, accuracy = scene.search, scene.accuracy
+    if options.accept is not None:
+        accuracy = accuracy.model_copy(update={"accept": (options.accept,)})
     if options.accuracy is not None:
-        update["accuracy"] = scene.accuracy.model_copy(update={"name": options.accuracy})
+        accuracy = accuracy.model_copy(update={"name": options.accuracy})
         if options.accuracy != scene.accuracy.name:
             own = {}  # another preset: the settings of the old one go
+    update["accuracy"] = accuracy
     update["search"] = {**own, **_search_keys(options)}
     if options.printer is not None:
         update["printer"] = printer_of(options.printer)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from knotfab.verify.checks import mark_of
+
 if TYPE_CHECKING:
     from knotfab.doctor import Finding
     from knotfab.preview.survey import Survey
@@ -23,7 +25,13 @@ __all__ = [
     "print_tradeoff",
 ]
 
-_MARKS = {"pass": "[green]pass[/]", "fail": "[red]FAIL[/]", "skipped": "[yellow]skip[/]"}
+_MARKS = {
+    "pass": "[green]pass[/]",
+    "fail": "[red]FAIL[/]",
+    "warn": "[yellow]warn[/]",
+    "skipped": "[yellow]skip[/]",
+}
+_WORDS = {"faithful": "green", "good": "green", "coarse": "yellow", "not recognisable": "red"}
 _STATES = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "warning": "[yellow]warning[/]"}
 
 UNABLE = (
@@ -51,7 +59,7 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
         if check["status"] == "skipped" and not check["required"]:
             continue
         table.add_row(
-            _MARKS[check["status"]],
+            _MARKS[mark_of(check)],
             escape(check["name"]),
             escape(_value(check["measured"])),
             escape(_value(check["limit"])),
@@ -77,10 +85,12 @@ def print_summary(outcome: Outcome) -> None:
     from rich.markup import escape
 
     report, console = outcome.report, Console(highlight=False, soft_wrap=True)
-    verdict = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
+    status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     console.print(
-        f"{verdict}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s"
+        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s"
     )
+    for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
+        console.print(f"  {escape(reason)}")
     for view in report["views"]:
         read = view["legibility"].get("45")
         console.print(
@@ -115,6 +125,15 @@ def print_survey(found: Survey, picture: Path, json: bool) -> None:
         print(codec.dumps({**list_figures(found), "picture": str(picture)}))
         return
     print("\n".join([*describe(found), f"  {picture} shows it."]))
+
+
+def _word(report: dict[str, Any]) -> str:
+    """What the shadow is like, and a warning where it is coarse or worse."""
+    if report["verdict"] is None:
+        return ""
+    word = report["verdict"]["word"]
+    warning = "" if _WORDS[word] == "green" else "warning: "
+    return f"  [{_WORDS[word]}]{warning}{word}[/]"
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

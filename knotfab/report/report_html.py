@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from knotfab.verify.checks import list_unmet
+from knotfab.verify.checks import list_unmet, mark_of
 
 __all__ = ["Picture", "render_html", "write_report_html"]
 
@@ -57,6 +57,7 @@ def render_html(
     environment.filters["percent"] = _percent
     environment.filters["duration"] = _duration
     environment.filters["flat"] = _flat
+    environment.filters["mark"] = mark_of
     return environment.get_template(TEMPLATE).render(
         report=report,
         pictures=pictures,

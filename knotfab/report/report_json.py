@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from knotfab.verify.checks import exit_code
+from knotfab_validators.shadows.recognition import worst_verdict
 
 __all__ = ["assemble", "plain", "write_report_json"]
 
@@ -42,7 +43,7 @@ def assemble(
 ) -> dict[str, Any]:
     """The report as plain data: finite numbers, None for what could not be measured.
 
-    `status` follows from the checks; `total` of the timings is their sum unless it
+    `status` follows from the checks, `verdict` from the views; `total` of the timings is their sum unless it
     is given. `notes` are sentences that a reader must not miss. Numpy scalars and arrays become
     numbers and lists.
 
@@ -67,6 +68,7 @@ def assemble(
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "status": "fail" if exit_code(checks) else "pass",
+        "verdict": worst_verdict(views),
         "views": views,
         "checks": checks,
         "effects": effects,

@@ -141,6 +141,7 @@ class Accuracy(_Table):
     name: Literal["draft", "standard", "fine"] = "standard"
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
     max_outline_error_px: Positive = 0.5
+    accept: tuple[Literal["unrecognisable"], ...] = ()  # kept, though it would be rejected
 
 
 class Mount(_Table):

@@ -15,6 +15,7 @@ __all__ = [
     "exit_code",
     "explain_unprinted",
     "list_unmet",
+    "mark_of",
     "verdict_without_part",
 ]
 
@@ -52,6 +53,12 @@ def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     return [
         check for check in _list_known(checks) if check["required"] and check["status"] != "pass"
     ]
+
+
+def mark_of(check: Mapping[str, Any]) -> str:
+    """How a check is shown: its status, but "warn" where one fails that is not required."""
+    fails = check["status"] == "fail" and not check["required"]
+    return "warn" if fails else str(check["status"])
 
 
 def explain_unprinted(checks: Iterable[Record], skip: Collection[str]) -> None:

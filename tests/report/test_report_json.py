@@ -18,7 +18,7 @@ from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.scene.model import ResolvedView
-from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, list_unmet
+from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, list_unmet, mark_of
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
@@ -96,14 +96,51 @@ def test_keys_of_the_contract(tmp_path: Path) -> None:
     write_report_json(tmp_path / "report.json", assemble(**sample()))
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert set(report) == {
-        "schema", "status", "views", "checks", "effects", "timings", "knots", "print", "settings",
+        "schema", "status", "verdict", "views", "checks", "effects", "timings", "knots", "print", "settings",
     }  # fmt: skip
-    assert report["schema"] == 1 and report["status"] == "pass"
+    assert report["schema"] == 1 and report["status"] == "pass" and report["verdict"] is None
     assert np.array(report["views"][0]["projection"]).shape == (3, 4)
     assert len(report["views"][0]["receiver"]) == 4
     stages = {k: v for k, v in report["timings"].items() if k != "total"}
     assert report["timings"]["total"] == pytest.approx(sum(stages.values()))
     assert assemble(**{**sample(), "timings": {"a": 1.0, "total": 9.0}})["timings"]["total"] == 9.0
+
+
+VERDICT = {
+    "word": "coarse", "reasons": ["2 pieces are lost"], "lost_pieces": 2, "filled_holes": 0,
+    "bridged_gaps": 0, "broken_strokes": 0, "outline_p95_mm": 0.4, "outline_p95_radii": 0.2,
+    "lost": [{"what": "piece", "at_px": [12.0, 40.0], "size_mm": 1.2, "needed_mm": 4.4,
+              "sentence": "a piece is lost <here>"}],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("word", ["faithful", "coarse", "not recognisable"])
+def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
+    data = sample()
+    data["views"] = [
+        {**data["views"][0], "name": name, "verdict": {**VERDICT, "word": said}}
+        for name, said in (("front", "faithful"), ("side", word))
+    ]
+    report = assemble(**data)
+    assert report["verdict"]["word"] == word
+    assert [loss["view"] for loss in report["verdict"]["lost"]] == ["front", "side"]
+    heading = render_html(report).split("<h1>")[1].split("</h1>")[0]
+    assert word in heading and ("Warning" in heading) == (word != "faithful")
+    page = render_html(report)
+    assert "a piece is lost &lt;here&gt;" in page and "<here>" not in page
+
+
+def test_what_is_not_required_warns_and_does_not_fail() -> None:
+    data = sample()
+    data["checks"] = [check("closing", "fail", required=False), check("shadow", "fail")]
+    page = render_html(assemble(**data))
+    rows = {
+        name: page.split(f'"s">{name}')[0].rsplit("<tr>", 1)[1] for name in ("closing", "shadow")
+    }
+    assert "warn" in rows["closing"] and "fail" not in rows["closing"]
+    assert "✗ fail" in rows["shadow"]
+    for status in ("pass", "skipped"):
+        assert mark_of(check("a", status, required=False)) == status
 
 
 @pytest.mark.parametrize("section", ["views", "checks", "effects", "knots", "print_", "settings"])

@@ -15,4 +15,10 @@ PRINTING = (
     *("bridge", "floating", "islands", "standing"),
 )
 PLATES = ("plate_mesh", "plates", "plates_volume")
-SHADOWS = ("shadow", "shadow_exact", "outline", "wrong_outline")  # `intrusion` too, of a mount
+SHADOWS = (
+    "shadow",
+    "shadow_exact",
+    "outline",
+    "wrong_outline",
+    "recognisable",
+)  # `intrusion` too, of a mount

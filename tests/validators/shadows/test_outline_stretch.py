@@ -47,6 +47,16 @@ def test_what_is_no_farther_than_the_limit_is_right() -> None:
     assert find_wrong_stretch(np.roll(target, 1, axis=1), target, wrong_px=0.4).length_px > 100
 
 
+@pytest.mark.parametrize("off", [0, 1, 3, 8])
+def test_the_quantile_is_how_far_the_outlines_are_apart(off: int) -> None:
+    assert find_wrong_stretch(
+        square(40 - off, 160 + off), square()
+    ).quantile_95_px == pytest.approx(off, abs=1.0)
+    spiked = square()
+    spiked[30:40, 98:102] = True  # 24 px of some 500: the farthest 5 % begin at its foot
+    assert find_wrong_stretch(spiked, square()).quantile_95_px < 2
+
+
 def test_shadow_and_target_change_places_and_the_answer_stays() -> None:
     rng = np.random.default_rng(3)
     one, other = square(), square()

@@ -121,11 +121,15 @@ class View:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What the shadow must reach; `iou_floor` None: no floor is given."""
+    """What the shadow must reach; `iou_floor` None: no floor is given.
+
+    `accept`: what is kept though it would be rejected: "unrecognisable".
+    """
 
     name: str
     iou_floor: float | None
     max_outline_error_px: float
+    accept: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -225,6 +229,7 @@ def parse_scene(
             name=accuracy.word("name", "standard"),
             iou_floor=accuracy.open_number("iou_floor", 0.96, least=0),
             max_outline_error_px=accuracy.number("max_outline_error_px", 0.5, above=0),
+            accept=accuracy.words("accept", ("unrecognisable",)),
         ),
         mount=_mount(data.get("mount", {}), f"{name}: [mount]"),
         pose=_pose(data.get("pose"), name),

@@ -30,6 +30,13 @@ class Table:
             raise BadFile(f"{self.where} {key} must be {wanted}, got {short(value)}")
         return value
 
+    def words(self, key: str, allowed: tuple[str, ...]) -> tuple[str, ...]:
+        value = self.data.get(key, [])
+        if not isinstance(value, list) or not all(word in allowed for word in value):
+            wanted = f"a list of {', '.join(allowed)}"
+            raise BadFile(f"{self.where} {key} must be {wanted}, got {short(value)}")
+        return tuple(value)
+
     def flag(self, key: str, default: bool) -> bool:
         value = self.data.get(key, default)
         if not isinstance(value, bool):

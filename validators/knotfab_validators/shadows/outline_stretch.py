@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
 
-__all__ = ["WRONG_PX", "WrongStretch", "find_wrong_stretch"]
+__all__ = [
+    "WRONG_PX",
+    "WrongStretch",
+    "find_wrong_stretch",
+]
 
 
 WRONG_PX = 2.0
@@ -21,11 +25,14 @@ class WrongStretch:
 
     `length_px` along the outline, `off_px` how far the other outline is at its worst point, and
     `where` that point (u, v); all in pixels of the compared masks. All zero where nothing is wrong.
+    `quantile_95_px` is of all of both outlines, not of this piece: the distance from the other one that 95 %
+    of either are no farther than.
     """
 
     length_px: float
     off_px: float
     where: tuple[float, float]
+    quantile_95_px: float = field(default=0.0, compare=False)
 
 
 def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -> WrongStretch:
@@ -49,14 +56,19 @@ def find_wrong_stretch(shadow: Mask, target: Mask, wrong_px: float = WRONG_PX) -
     top, left = max(int(rows.min()) - 2, 0), max(int(columns.min()) - 2, 0)
     window = slice(top, int(rows.max()) + 3), slice(left, int(columns.max()) + 3)
     one, other = (np.pad(mask[window], 1) for mask in (shadow, target))
+    quantile = 0.0
     for walked, asked in ((one, other), (other, one)):
-        off = _distance_to_outline(asked)
-        for line in _outlines(walked):
-            found = _longest_run(line, _sample(off, line), wrong_px)
+        distance = _distance_to_outline(asked)
+        lines = [(line, _sample(distance, line)) for line in _outlines(walked)]
+        if lines:
+            every = np.concatenate([off for _, off in lines])
+            quantile = max(quantile, float(np.quantile(every, 0.95)))
+        for line, off in lines:
+            found = _longest_run(line, off, wrong_px)
             if found.length_px > worst.length_px:
                 u, v = found.where
                 worst = WrongStretch(found.length_px, found.off_px, (u + left - 1, v + top - 1))
-    return worst
+    return replace(worst, quantile_95_px=max(quantile, 0.0))
 
 
 def _outlines(mask: Mask) -> list[Array]:

@@ -21,6 +21,7 @@ from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.misplacement import measure_misplacement
 from knotfab_validators.shadows.penumbra import blur_px, measure_penumbra
 from knotfab_validators.shadows.pictures import write_compare, write_shadow
+from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
 from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
@@ -65,6 +66,7 @@ def verify_shadows(
             except CannotRender as error:
                 why = str(error)
     verified: dict[str, VerifiedView] = {}
+    recognised: dict[str, dict[str, Any]] = {}
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
@@ -83,6 +85,17 @@ def verify_shadows(
                     renderer=renderer,
                 )
             verified[view.name] = found
+            if found.tube_px is not None:
+                with timed(seconds, "verdict"):
+                    judged = recognise(
+                        found.seen,
+                        found.target,
+                        found.framed.iou,
+                        found.tube_px,
+                        found.frame,
+                        geometry,
+                    )
+                recognised[view.name] = judged.to_dict()
             soft = None
             fine = geometry.resample(found.frame)
             lamp = view.light_diameter_mm if view.kind == "shadow" else 0.0
@@ -91,6 +104,8 @@ def verify_shadows(
                     soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
+            if view.name in recognised:
+                views[-1]["verdict"] = recognised[view.name]
             if renderer is not None:
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
@@ -123,7 +138,8 @@ def verify_shadows(
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
     )
-    return checks, views
+    accepted = "unrecognisable" in scene.accuracy.accept
+    return [*checks, check_recognisable(worst_verdict(views), accepted=accepted)], views
 
 
 def _report(

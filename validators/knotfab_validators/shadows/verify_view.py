@@ -34,6 +34,8 @@ class VerifiedView:
     that a mount darkens outside both picture and knots; None where the knots are not known.
     `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
     floor is asked, without all that it darkens beside the tube; without a stand all three are one.
+    `seen` is the shadow that `framed` compares, and `tube_px` half the width of the tube's, in the middle
+    of its depth; None without knots.
     """
 
     frame: WorkingFrame
@@ -52,6 +54,8 @@ class VerifiedView:
     wrong: WrongStretch
     intrusion: float | None
     legibility: dict[str, float] | None
+    seen: Mask
+    tube_px: float | None
 
     @property
     def shadow(self) -> Mask:
@@ -114,6 +118,8 @@ def verify_view(
         wrong=find_wrong_stretch(exact if rendered is None else rendered, wanted),
         intrusion=None,
         legibility=None,
+        seen=exact if rendered is None else rendered,
+        tube_px=None,
     )
     if polygons is not None and radius is not None:
         field = tube_field(polygons, radius, fine, closed)
@@ -130,7 +136,10 @@ def verify_view(
                 framed=overlap(kept, wanted),
                 judged=overlap(shadow & field.mask, wanted),
                 wrong=find_wrong_stretch(kept, wanted),
+                seen=kept,
             )
+        # w is the distance from the light over the receiver's
+        middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
         result = replace(
             result,
             tube=overlap(field.mask, wanted) if mounted else whole,
@@ -138,6 +147,7 @@ def verify_view(
             outline_px=error.largest_mm / fine.pixel_mm,
             outline_vertex=_casting(vertices, fine, error.where),
             intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
+            tube_px=radius / middle / fine.pixel_mm,
         )
     if renderer is not None:
         result = replace(

@@ -1,0 +1,112 @@
+"""Build the pictures that people bring and hold the verdict's word against a person's.
+
+`python -m examples.studies.verdict_table [--accuracy NAME] [--limit SECONDS] [--out DIR] [NAME ...]`: the
+word that a person gave each picture, the verdict's on the written files, IoU, how far the outline is off, and
+why it is no better; of QR codes whether their shadow is read. With --out, builds that are done are not made
+again, but verified again. The NAME `own` stands for the project's own pictures, which are to be faithful.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from examples.brought import WORDS, brought_pictures
+from examples.measurement import STOPPED, build_apart, make_folder, save_pictures
+from examples.pictures import pictures
+from knotfab_validators import validate
+from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
+
+__all__ = ["main", "reads_qr", "verify"]
+
+REFUSED = "refused"
+GOOD = ("faithful", "good")
+OWN = "own"
+
+
+def verify(folder: Path) -> Mapping[str, Any] | None:
+    """The verdict on a build's files, measured anew without rendering; None where there are none."""
+    for place in (folder, folder / "rejected"):
+        if (place / "part.stl").is_file():
+            files = (place / name for name in ("part.stl", "knots.json", "scene.toml"))
+            found = validate(*files, skip={"shadow-render"}, only="shadows")
+            verdict = worst_verdict(found.views)
+            return None if verdict is None else {**verdict, "iou": found.views[0]["iou"]}
+    return None
+
+
+def reads_qr(picture: Path) -> bool:
+    """Whether a QR code is read from a picture of its shadow."""
+    import zxingcpp
+    from PIL import Image, ImageOps
+
+    seen = ImageOps.expand(Image.open(picture).convert("L"), 80, 255)
+    return bool(zxingcpp.read_barcodes(seen, formats=zxingcpp.BarcodeFormat.QRCode))
+
+
+def _build(path: Path, folder: Path, accuracy: str, limit_s: float) -> str:
+    """Build what is not built yet; what it said that wrote nothing."""
+    said = folder / "said.txt"
+    if not said.is_file():
+        built = build_apart(
+            path, folder, "--accuracy", accuracy, "--skip", "slicer", limit_s=limit_s
+        )
+        if built.code == STOPPED:
+            return built.said  # to be tried again
+        folder.mkdir(exist_ok=True)
+        said.write_text("" if built.report else built.said, encoding="utf-8")
+    return said.read_text(encoding="utf-8")
+
+
+def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, Mapping[str, Any]]:
+    """A line of the table, whether it is as expected, and the verdict."""
+    verdict = verify(folder)
+    if verdict is None:
+        line = f"{name:<20} {expected:<9} {REFUSED:<17}  -               {said}"
+        return line, expected == REFUSED and bool(said), {"word": REFUSED, "lost_pieces": 0}
+    word = verdict["word"]
+    read = ""
+    if name.startswith("qr-"):
+        (shadow,) = folder.rglob("shadow-front.png")
+        read = "decoded; " if reads_qr(shadow) else "not decoded; "
+    why = read + "; ".join(verdict["reasons"])
+    line = (
+        f"{name:<20} {expected:<9} {word:<17} {verdict['iou']:.4f}  "
+        f"{verdict['outline_p95_radii']:5.2f}  {why}"
+    )
+    return line, word == expected or (word, expected) == (UNKNOWN, REFUSED), verdict
+
+
+def main() -> None:
+    """Print the table and what it comes to."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--accuracy", default="draft")
+    parser.add_argument("--limit", type=float, default=900.0, help="seconds a build may take")
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args()
+    folder = make_folder(asked.out, "verdict")
+    own = pictures() if OWN in asked.names else {}
+    drawn = {
+        n: i for n, i in brought_pictures().items() if not asked.names or n in asked.names
+    } | own
+    expected = WORDS | dict.fromkeys(own, "faithful")
+    agreed, good, rows, wrong = 0, 0, 0, []
+    print(f"{'picture':<20} {'person':<9} {'verdict':<17} IoU    off, radii  why it is no better")
+    for name, path in save_pictures(drawn, folder).items():
+        said = _build(path, folder / name, asked.accuracy, asked.limit)
+        line, agrees, verdict = _row(name, expected[name], folder / name, said)
+        print(("  " if agrees else "! ") + line, flush=True)
+        rows, agreed, good = rows + 1, agreed + agrees, good + (verdict["word"] in GOOD)
+        if verdict["word"] in GOOD and verdict["lost_pieces"]:
+            wrong.append(name)
+    print(
+        f"\n{rows} pictures: {agreed} with the person's word, {good} good or better; good or better with a "
+        f"lost piece: {', '.join(wrong) or 'none'}"
+    )
+
+
+if __name__ == "__main__":
+    main()

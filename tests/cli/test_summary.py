@@ -1,0 +1,43 @@
+"""What a person reads at the end of a build: the word in the first line, warnings where they are due."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from knotfab.cli.summary import print_checks, print_summary
+from knotfab.request import Outcome
+
+
+def outcome(word: str | None, code: int = 0) -> Outcome:
+    verdict = None if word is None else {"word": word, "reasons": ["3 gaps are bridged"]}
+    report: dict[str, Any] = {
+        "verdict": verdict, "timings": {"total": 12.0}, "views": [], "knots": [{}], "checks": [],
+        "print": {"bounding_box_mm": [1, 2, 3], "mass_g": 5.0}, "settings": {"tube_radius_mm": 2.0},
+    }  # fmt: skip
+    return Outcome(code, report, Path("out"))
+
+
+@pytest.mark.parametrize("word", ["faithful", "good", "coarse", "not recognisable", None])
+def test_the_first_line_says_what_the_shadow_is_like(
+    word: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_summary(outcome(word))
+    first, *rest = capsys.readouterr().out.splitlines()
+    assert (word or "pass") in first
+    assert ("warning" in first) == (word in ("coarse", "not recognisable"))
+    assert ("3 gaps are bridged" in rest[0]) == (word is not None)
+
+
+def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    line = {"measured": 1.0, "limit": 0.5, "unit": "mm", "detail": "too far"}
+    print_checks(
+        [
+            {"name": "closing", "status": "fail", "required": False, **line},
+            {"name": "shadow", "status": "fail", "required": True, **line},
+        ]
+    )
+    said = {line.split()[1]: line.split()[0] for line in capsys.readouterr().out.splitlines()[1:3]}
+    assert said == {"closing": "warn", "shadow": "FAIL"}

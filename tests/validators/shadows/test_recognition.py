@@ -1,0 +1,146 @@
+"""The word for a shadow follows from what was done to it; what is lost is named in its place."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+from validator_parts import PlainView
+
+from knotfab_validators.arrays import Mask
+from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.recognition import (
+    RULES,
+    UNKNOWN,
+    WORDS,
+    Recognition,
+    check_recognisable,
+    recognise,
+    worst_verdict,
+)
+from knotfab_validators.shadows.view import view_geometry
+
+SIZE = 512  # px of the picture, 180 mm on the wall
+RADIUS_PX = 7.0  # of the tube's shadow, in the picture's pixels
+
+
+def draw(*discs: tuple[float, float, float], strokes: tuple[tuple[float, ...], ...] = ()) -> Mask:
+    image = Image.new("1", (SIZE, SIZE))
+    pen = ImageDraw.Draw(image)
+    pen.ellipse((60, 60, 300, 300), fill=1)
+    pen.ellipse((150, 150, 210, 210), fill=0)
+    for x, y, r in discs:
+        pen.ellipse((x - r, y - r, x + r, y + r), fill=1)
+    for x0, y0, x1, y1, width in strokes:
+        pen.line((x0, y0, x1, y1), fill=1, width=round(width))
+    return np.asarray(image)
+
+
+def judge(shadow: Mask, target: Mask) -> Recognition:
+    frame = working_frame(SIZE, SIZE)
+    seen, wanted = padded_mask(shadow, frame), padded_mask(target, frame)
+    geometry = view_geometry(PlainView(frame_width_mm=180.0), SIZE, SIZE)
+    return recognise(seen, wanted, overlap(seen, wanted).iou, 2 * RADIUS_PX, frame, geometry)
+
+
+SMALL, LARGE = (430, 400, 5), (420, 420, 40)
+LETTERS = tuple((80 + 24 * k, 440, 6) for k in range(12))
+
+
+def test_the_picture_itself_is_faithful_and_so_is_one_shifted_by_a_pixel() -> None:
+    target = draw(LARGE, *LETTERS)
+    for shadow in (target, np.roll(target, 1, axis=0)):
+        found = judge(shadow, target)
+        assert found.word == "faithful" and not found.reasons and not found.lost
+        assert found.outline_p95_radii <= 1.5 / RADIUS_PX
+
+
+def test_a_lost_piece_is_never_good_and_a_large_one_not_recognisable() -> None:
+    small = judge(draw(), draw(SMALL))
+    assert small.word == "coarse" and small.counts["lost_pieces"] == 1
+    (loss,) = small.lost
+    assert loss["what"] == "piece"
+    np.testing.assert_allclose(loss["at_px"], (430, 400), atol=4)
+    np.testing.assert_allclose(loss["at_mm"], np.array([430, 400]) * 180 / SIZE, atol=1.5)
+    assert loss["size_mm"] == pytest.approx(11 * 180 / SIZE, abs=1.2)
+    assert loss["needed_mm"] == pytest.approx(2 * RADIUS_PX * 180 / SIZE, abs=0.05)
+    large = judge(draw(), draw(LARGE))
+    assert large.word == UNKNOWN and large.lost[0]["size_mm"] > large.lost[0]["needed_mm"]
+
+
+def test_a_filled_hole_counts_as_a_lost_piece_does() -> None:
+    filled = draw((180, 180, 40))
+    found = judge(filled, draw())
+    assert found.word == UNKNOWN and found.counts["filled_holes"] == 1
+    narrow = draw((180, 180, 28))  # what is left of the hole is a slit all round
+    assert judge(narrow, narrow).word == "faithful"
+
+
+def test_one_gap_bridged_is_good_and_many_are_not() -> None:
+    apart = [(80 + 45 * k, 420, 16) for k in range(8)]
+    target = draw(*apart)
+    one = draw(*apart, strokes=((80, 420, 125, 420, 14),))
+    assert judge(one, target).word == "good"
+    every = draw(*apart, strokes=((80, 420, 395, 420, 14),))
+    found = judge(every, target)
+    assert found.counts["bridged_gaps"] == 7 and WORDS.index(found.word) >= 2
+
+
+def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
+    found = judge(draw(LARGE), draw(LARGE, *LETTERS))
+    assert found.word == "coarse" and found.counts["lost_pieces"] == len(LETTERS)
+    (loss,) = found.lost
+    assert loss["what"] == "text" and "12 pieces" in loss["sentence"]
+    np.testing.assert_allclose(loss["at_px"], (80 + 24 * 5.5, 440), atol=4)
+    blobs = draw(LARGE, *LETTERS, strokes=((70, 440, 350, 440, 14),))
+    assert [loss["what"] for loss in judge(blobs, draw(LARGE, *LETTERS)).lost] == ["text"]
+
+
+def test_a_shadow_of_something_else_is_not_recognisable() -> None:
+    target = draw(LARGE)
+    for shadow in (
+        np.zeros_like(target),
+        ~target,
+        target[::-1],
+        target & (np.indices(target.shape)[0] < 150),
+    ):
+        assert judge(shadow, target).word == UNKNOWN
+
+
+def test_the_rules_grow_laxer_from_word_to_word() -> None:
+    rules = list(RULES.values())
+    for strict, lax in pairwise(rules):
+        assert strict.iou > lax.iou and strict.outline_radii < lax.outline_radii
+        assert strict.changed <= lax.changed and strict.lost_tubes <= lax.lost_tubes
+    assert rules[0].lost_tubes == rules[1].lost_tubes == 0.0
+
+
+def test_of_several_views_the_worst_counts() -> None:
+    def view(name: str, verdict: dict[str, Any] | None) -> dict[str, Any]:
+        return {"name": name} if verdict is None else {"name": name, "verdict": verdict}
+
+    target = draw(SMALL)
+    good, coarse = judge(target, target).to_dict(), judge(draw(), target).to_dict()
+    worst = worst_verdict([view("a", good), view("b", coarse)])
+    assert worst is not None and worst["word"] == "coarse" and worst["lost_pieces"] == 1
+    assert worst["lost"][0]["view"] == "b" and "(view b)" in worst["reasons"][0]
+    assert worst_verdict([view("a", None)]) is None
+    alone = worst_verdict([view("b", coarse)])
+    assert alone is not None and alone["reasons"] == coarse["reasons"]
+
+
+def test_the_check_rejects_what_nobody_would_know_unless_it_is_accepted() -> None:
+    target = draw(LARGE)
+    unknown = worst_verdict([{"name": "a", "verdict": judge(draw(), target).to_dict()}])
+    assert unknown is not None
+    check = check_recognisable(unknown, accepted=False)
+    assert (check.status, check.required) == ("fail", True) and "--accept" in check.detail
+    kept = check_recognisable(unknown, accepted=True)
+    assert (kept.status, kept.required) == ("fail", False)
+    for word in RULES:
+        assert check_recognisable({**unknown, "word": word}, accepted=False).status == "pass"
+    assert check_recognisable(None, accepted=False).status == "skipped"

@@ -1,0 +1,328 @@
+"""Whether a person knows the picture in its shadow: what was lost of it, and a word by measured rules."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.arrays import Mask
+from knotfab_validators.check import Check, Status, skipped
+from knotfab_validators.shadows.frame import WorkingFrame
+from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
+from knotfab_validators.shadows.text_rows import Row, find_rows
+from knotfab_validators.shadows.topology import (
+    Box,
+    Change,
+    close_slits,
+    find_changes,
+    list_pieces,
+    without_lost,
+)
+from knotfab_validators.shadows.view import ViewGeometry
+
+__all__ = [
+    "RULES",
+    "UNKNOWN",
+    "WORDS",
+    "Recognition",
+    "Rule",
+    "check_recognisable",
+    "recognise",
+    "worst_verdict",
+]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a shadow must keep of its picture to deserve a word.
+
+    `iou` at least; `outline_radii`, the 95 % quantile of the outline's distance in radii of the tube's
+    shadow, at most; `lost_tubes`, the width of a lost piece or hole in widths of the tube's shadow, less than
+    that (0: none may be lost); `changed`, the changes of topology for each piece and hole of the picture, at
+    most, but for `spared` of them; `text`, whether rows of small pieces may be lost.
+    """
+
+    iou: float
+    outline_radii: float
+    lost_tubes: float
+    changed: float
+    spared: int
+    text: bool
+
+
+# The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
+RULES = {
+    "faithful": Rule(0.97, 0.6, 0.0, 0.0, 0, False),
+    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False),
+    "coarse": Rule(0.6, 4.0, 1.0, 0.5, 3, True),
+}
+UNKNOWN = "not recognisable"
+WORDS = (*RULES, UNKNOWN)  # the best first
+ENOUGH_PX = 6  # of the tube's radius: the scale at which pieces and holes are counted
+TEXT = 0.1  # changes for each piece of a row of text, above which it is no longer read
+SLIT = 2.0  # reaches: half the width of slits and pinholes that nobody sees
+REACH = 0.25  # of the radius of the tube's shadow: an outline off by less changes no topology
+
+_COUNTS = {
+    "piece": "lost_pieces",
+    "hole": "filled_holes",
+    "gap": "bridged_gaps",
+    "stroke": "broken_strokes",
+    "stray": "stray_pieces",
+    "leak": "stray_holes",
+}
+_SAID = {
+    "piece": ("piece is lost", "pieces are lost"),
+    "hole": ("hole is filled", "holes are filled"),
+    "gap": ("gap is bridged", "gaps are bridged"),
+    "stroke": ("stroke is broken", "strokes are broken"),
+    "stray": ("piece is not in the picture", "pieces are not in the picture"),
+    "leak": ("hole is not in the picture", "holes are not in the picture"),
+}
+MOST_NAMED = 40  # losses with their places in a report
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """A word, the reasons that it is no better one, and what was lost, worst first.
+
+    `counts` has the number of changes by kind; those of text are among them. `lost` are the report's records.
+    """
+
+    word: str
+    reasons: tuple[str, ...]
+    counts: dict[str, int]
+    outline_p95_mm: float
+    outline_p95_radii: float
+    lost: tuple[dict[str, Any], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The keys of the report's `verdict`."""
+        return {
+            "word": self.word,
+            "reasons": list(self.reasons),
+            **self.counts,
+            "outline_p95_mm": self.outline_p95_mm,
+            "outline_p95_radii": self.outline_p95_radii,
+            "lost": list(self.lost),
+        }
+
+
+def recognise(
+    shadow: Mask,
+    target: Mask,
+    iou: float,
+    radius_px: float,
+    frame: WorkingFrame,
+    geometry: ViewGeometry,
+) -> Recognition:
+    """What a person would miss of a picture in its shadow.
+
+    Args:
+        shadow, target: (H, W), on the padded working frame.
+        iou: of the two.
+        radius_px: half the width of the tube's shadow, in the masks' pixels.
+        frame: of the masks. geometry: the view, on the picture's own pixels.
+    """
+    step = max(1, int(radius_px / ENOUGH_PX))
+    reach = REACH * radius_px / step
+    seen, wanted = shadow[::step, ::step], target[::step, ::step]
+    found = find_changes(seen, wanted, reach)
+    changes = [_enlarged(change, step) for change in found]
+    features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
+    rows = find_rows(features, max(frame.width, frame.height))
+    # what is lost is counted already, and slits that nobody sees are no outlines
+    there = close_slits(without_lost(wanted, found), SLIT * reach)
+    off_px = step * find_wrong_stretch(close_slits(seen, SLIT * reach), there).quantile_95_px
+    scale = _Scale(frame, geometry, 2 * radius_px)
+    in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
+    text = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
+    of_text = {id(c) for _, inside in text for c in inside}
+    single = sorted((c for c in changes if id(c) not in of_text), key=lambda c: -c.width_px)
+    counts = Counter[str](c.kind for c in changes)
+    drawn = sum(not any(_inside(box, row.box) for row in rows) for box in features)
+    facts = _Facts(
+        iou=iou,
+        outline_radii=off_px / radius_px,
+        lost_tubes=max((c.width_px for c in single if _is_lost(c)), default=0.0) / (2 * radius_px),
+        # where there is nothing but text, the text is the drawing
+        changes=len(single) if drawn else len(changes),
+        features=max(drawn or len(features), 1),
+        text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
+    )
+    word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
+    better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
+    lost = [scale.record_text(row, inside) for row, inside in text]
+    lost += [scale.record(c) for c in single]
+    return Recognition(
+        word=word,
+        reasons=(
+            *_count_reasons(text, single),
+            *(facts.against(better) if word != WORDS[0] else ()),
+        ),
+        counts={key: counts[kind] for kind, key in _COUNTS.items()},
+        outline_p95_mm=off_px * scale.mm,
+        outline_p95_radii=off_px / radius_px,
+        lost=tuple(lost[:MOST_NAMED]),
+    )
+
+
+def worst_verdict(views: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The verdict on a piece from those on its views, of which the worst counts; None without any.
+
+    Args:
+        views: the report's records, with `name`, and `verdict` where there is one.
+    """
+    judged = [(view["name"], view["verdict"]) for view in views if view.get("verdict")]
+    if not judged:
+        return None
+    name, worst = max(judged, key=lambda pair: WORDS.index(pair[1]["word"]))
+    several = len(views) > 1
+    lost = [{"view": of, **loss} for of, verdict in judged for loss in verdict["lost"]]
+    reasons = [f"{reason} (view {name})" if several else reason for reason in worst["reasons"]]
+    return {**worst, "reasons": reasons, "lost": lost}
+
+
+def check_recognisable(verdict: dict[str, Any] | None, *, accepted: bool) -> Check:
+    """`recognisable`: whether the piece has a word of `RULES`; not required where that is `accepted`."""
+    name = "recognisable"
+    if verdict is None:
+        return skipped(name, "not given the knots", required=False)
+    status: Status = "fail" if verdict["word"] == UNKNOWN else "pass"
+    detail = (
+        "; ".join(verdict["reasons"])
+        or "all pieces, holes, gaps and strokes of the picture are there"
+    )
+    if status == "fail" and not accepted:
+        detail += "; --accept unrecognisable keeps it nevertheless"
+    least = list(RULES)[-1]
+    return Check(name, status, not accepted, verdict["word"], least, "", detail)
+
+
+@dataclass(frozen=True)
+class _Facts:
+    iou: float
+    outline_radii: float
+    lost_tubes: float
+    changes: int
+    features: int
+    text: int
+
+    def against(self, rule: Rule) -> list[str]:
+        """What of a rule is not kept, a sentence each."""
+        most = max(rule.changed * self.features, rule.spared)
+        lost = self.lost_tubes >= rule.lost_tubes if rule.lost_tubes else self.lost_tubes > 0
+        said = {
+            f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
+            f"outline off by {self.outline_radii:.1f} tube radii, above {rule.outline_radii:g}": (
+                self.outline_radii > rule.outline_radii
+            ),
+            f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
+            f"{self.changes} changes to {self.features} pieces and holes": self.changes > most,
+            "lost text": bool(self.text) and not rule.text,
+        }
+        return [sentence for sentence, holds in said.items() if holds]
+
+
+def _is_lost(change: Change) -> bool:
+    return change.kind in ("piece", "hole")
+
+
+def _enlarged(change: Change, step: int) -> Change:
+    u, v = change.where
+    where, box = (u * step, v * step), _enlarged_box(change.box, step)
+    return Change(change.kind, where, change.width_px * step, box)
+
+
+def _enlarged_box(box: Box, step: int) -> Box:
+    left, top, right, bottom = box
+    return left * step, top * step, right * step, bottom * step
+
+
+def _middle(change: Change) -> Box:
+    """The place of a change, as a box; of what is lost the whole of it."""
+    if _is_lost(change):
+        return change.box
+    u, v = (round(c) for c in change.where)
+    return u, v, u, v
+
+
+def _inside(box: Box, row: Box) -> bool:
+    """Whether a box lies in a row's, or sticks out by no more than half its height."""
+    margin = (row[3] - row[1]) / 2
+    sideways = row[0] - margin <= box[0] and box[2] <= row[2] + margin
+    return sideways and row[1] - margin <= box[1] and box[3] <= row[3] + margin
+
+
+def _count_reasons(text: Sequence[tuple[Row, list[Change]]], single: Sequence[Change]) -> list[str]:
+    """How many of each kind."""
+    reasons = []
+    if text:
+        plural = f"{len(text)} rows of text are" if len(text) > 1 else "a row of text is"
+        reasons.append(f"{plural} damaged or lost")
+    counts = Counter[str](c.kind for c in single)
+    for kind, (one, more) in _SAID.items():
+        if counts[kind]:
+            n = counts[kind]
+            reasons.append(f"{n} {one if n == 1 else more}")
+    return reasons
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """From the compared grid to the picture's pixels, and to mm on the wall."""
+
+    frame: WorkingFrame
+    geometry: ViewGeometry
+    tube_px: float
+
+    @property
+    def mm(self) -> float:
+        """Of a compared pixel."""
+        return float(np.linalg.norm(self.geometry.du)) * self.geometry.width / self.frame.width
+
+    def record(self, change: Change) -> dict[str, Any]:
+        """The report's record of one loss."""
+        what = _SAID[change.kind][0]
+        return self._place(change.kind, change.where, change.width_px, f"a {what}")
+
+    def record_text(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:
+        """The report's record of what was lost of a row of text, in its place."""
+        left, top, right, bottom = row.box
+        where = ((left + right) / 2, (top + bottom) / 2)
+        counts = Counter[str](c.kind for c in inside)
+        what = ", ".join(
+            f"{counts[kind]} {one if counts[kind] == 1 else more}"
+            for kind, (one, more) in _SAID.items()
+            if counts[kind]
+        )
+        width = float(np.median([c.width_px for c in inside]))
+        return self._place("text", where, width, f"of a row of text of {row.pieces} pieces {what}")
+
+    def _place(
+        self, what: str, where: tuple[float, float], width: float, said: str
+    ) -> dict[str, Any]:
+        u, v = where[0] - self.frame.pad_x, where[1] - self.frame.pad_y
+        g, f = self.geometry, self.frame
+        at_px = [
+            round((u + 0.5) * g.width / f.width - 0.5, 1),
+            round((v + 0.5) * g.height / f.height - 0.5, 1),
+        ]
+        down = float(np.linalg.norm(g.dv)) * g.height / f.height
+        at_mm = [round((u + 0.5) * self.mm, 1), round((v + 0.5) * down, 1)]
+        size, needed = width * self.mm, self.tube_px * self.mm
+        return {
+            "what": what,
+            "at_px": at_px,
+            "at_mm": at_mm,
+            "size_mm": round(size, 2),
+            "size_px": round(width * g.width / f.width, 1),
+            "needed_mm": round(needed, 2),
+            "sentence": f"{said}, {at_mm[0]:.0f} mm from the left and {at_mm[1]:.0f} mm from the top "
+            f"(pixel {at_px[0]:.0f}, {at_px[1]:.0f}): {size:.1f} mm wide on the wall, and the tube's "
+            f"shadow is {needed:.1f} mm",
+        }

@@ -1,0 +1,55 @@
+"""Rows of small pieces, which are text to whoever looks at them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from knotfab_validators.shadows.topology import Box
+
+__all__ = ["Row", "find_rows"]
+
+LEAST = 3  # pieces in a row
+TALLEST = 1 / 16  # of the frame's longer side: larger ones are drawings of letters
+APART = 1.2  # heights between neighbours: the space between words
+ALIKE = 2.5  # how often the smaller height goes into the larger
+MOST = 2000  # small pieces: with more the picture is noise
+OVERLAP = 0.5  # of the smaller height that two neighbours share
+
+
+@dataclass(frozen=True)
+class Row:
+    """The box about a row, and how many pieces it has."""
+
+    box: Box
+    pieces: int
+
+
+def find_rows(boxes: Sequence[Box], longer_px: float) -> list[Row]:
+    """The rows of three or more small pieces that stand side by side.
+
+    Args:
+        boxes: of the pieces of a picture. longer_px: the longer side of its frame.
+    """
+    small = sorted(b for b in boxes if b[3] - b[1] <= TALLEST * longer_px)
+    if len(small) > MOST:
+        return []
+    rows: list[list[Box]] = []
+    for box in small:
+        beside = [row for row in rows if any(_neighbours(other, box) for other in row[-4:])]
+        joined = [b for row in beside for b in row] + [box]
+        rows = [row for row in rows if row not in beside] + [sorted(joined)]
+    return [Row(_around(row), len(row)) for row in rows if len(row) >= LEAST]
+
+
+def _neighbours(left: Box, right: Box) -> bool:
+    one, other = left[3] - left[1], right[3] - right[1]
+    low, high = min(one, other), max(one, other)
+    shared = min(left[3], right[3]) - max(left[1], right[1])
+    alike = high <= ALIKE * low and shared >= OVERLAP * low
+    return alike and right[0] - left[2] <= APART * high
+
+
+def _around(boxes: Sequence[Box]) -> Box:
+    lefts, tops, rights, bottoms = zip(*boxes, strict=True)
+    return min(lefts), min(tops), max(rights), max(bottoms)

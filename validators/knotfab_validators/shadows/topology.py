@@ -1,0 +1,286 @@
+"""What a shadow changes of a picture's topology: pieces, holes, gaps and strokes, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+
+__all__ = ["Box", "Change", "Kind", "close_slits", "find_changes", "list_pieces", "without_lost"]
+
+Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak"]
+Box = tuple[int, int, int, int]
+"""Left, top, right and bottom, in pixels, the last two exclusive."""
+
+COVERED = 1 / 3  # of a piece or a hole, below which it is lost
+MOST_STRAY = 4.0  # reaches: the width of what only the shadow has and nobody sees
+SLACK_PX = 2.0  # by which a place is as narrow as the narrowest
+SHARED = 1 / 4  # of the smaller of two regions, below which they merely touch
+
+_EIGHT = np.ones((3, 3), dtype=bool)  # pieces hold together at corners, so holes and gaps do not
+_FOUR = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One difference of topology.
+
+    `piece` and `hole`: of the picture, lost in the shadow; `gap`: between pieces, or across a bay, bridged by
+    the shadow; `stroke`: of a piece, broken; `stray` and `leak`: a piece and a hole that only the shadow has.
+    `where` (u, v) lies on the compared grid; `width_px` is the width of what was changed, of the widest
+    disc that it holds or, of a gap and a stroke, across it in the picture. `box` is what it takes up.
+    """
+
+    kind: Kind
+    where: tuple[float, float]
+    width_px: float
+    box: Box
+
+
+def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
+    """Every change of topology from the picture to its shadow that `reach_px` does not undo.
+
+    Pieces (8-connected) and holes (4-connected) no longer than 2 `reach_px` are specks, which do not count. A
+    piece is lost where less than `COVERED` of it lies within `reach_px` of the shadow, and a hole where less
+    than that lies within `reach_px` of the light. What only the shadow has is the same with the roles
+    exchanged; it counts where it is wider than `MOST_STRAY` times `reach_px`, and is nothing of the picture's
+    grown large. Two pieces are bridged where they are apart in the picture closed by `reach_px`, and one in
+    the shadow opened by it: by the duality of a planar set and its complement, a bay closed off is the
+    same with background for pieces. Strokes are broken where picture opened and shadow closed say so.
+    Opening and closing are those by a disc (Serra 1982).
+
+    Args:
+        shadow, target: (H, W), on one grid.
+        reach_px: how far an outline may be off without saying anything.
+
+    Raises:
+        ValueError: the masks lie on two grids.
+    """
+    if shadow.shape != target.shape:
+        raise ValueError(f"masks of one grid are compared, got {shadow.shape} and {target.shape}")
+    rows, columns = np.nonzero(shadow | target)
+    if not len(rows):
+        return []
+    edge = (
+        int(np.ceil(2 * reach_px)) + 2
+    )  # so that the outside is one region, and no dilation is cut
+    top, left = int(rows.min()), int(columns.min())
+    window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
+    seen, wanted = (np.pad(mask[window], edge) for mask in (shadow, target))
+    dark, light = _grow(seen, reach_px), _grow(~seen, reach_px)
+    ink, paper = _grow(wanted, reach_px), _grow(~wanted, reach_px)
+    closed, opened = _shrink(dark, reach_px) | seen, ~_shrink(light, reach_px) & seen
+    joined, thinned = _shrink(ink, reach_px) | wanted, ~_shrink(paper, reach_px) & wanted
+    found = [
+        *_lost("piece", wanted, dark, reach_px),
+        *_lost("hole", ~wanted, light, reach_px),
+        *_only_seen("stray", opened, wanted, ink, reach_px),
+        *_only_seen("leak", ~closed, ~wanted, paper, reach_px),
+        *_joined("gap", joined, opened, ~wanted, reach_px),
+        *_joined("gap", ~opened, ~joined, ~wanted, reach_px),
+        *_joined("stroke", closed, thinned, wanted, reach_px),
+        *_joined("stroke", ~thinned, ~closed, wanted, reach_px),
+    ]
+    return [_shifted(change, left - edge, top - edge) for change in found]
+
+
+def close_slits(mask: Mask, reach_px: float) -> Mask:
+    """The mask closed by a disc: without slits and pinholes no wider than 2 `reach_px`."""
+    padded = np.pad(mask, int(np.ceil(reach_px)) + 2)
+    edge = slice(int(np.ceil(reach_px)) + 2, -int(np.ceil(reach_px)) - 2)
+    return (_shrink(_grow(padded, reach_px), reach_px) | padded)[edge, edge]
+
+
+def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
+    """The picture without its lost pieces, and with its lost holes filled."""
+    kept = target.copy()
+    for kind, ink, neighbours in (("piece", True, _EIGHT), ("hole", False, _FOUR)):
+        labels, _ = _label(target == ink, neighbours)
+        lost = [labels[int(c.where[1]), int(c.where[0])] for c in changes if c.kind == kind]
+        kept[np.isin(labels, lost)] = not ink
+    return kept
+
+
+def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
+    """The boxes of a mask's pieces and of its holes that are longer than 2 `reach_px`."""
+    padded = np.pad(mask, 1)
+    boxes = [
+        *(box for _, box in _regions(*_label(padded, _EIGHT), reach_px)),
+        *(box for _, box in _holes(~padded, reach_px)[1]),
+    ]
+    return [(left - 1, top - 1, right - 1, bottom - 1) for left, top, right, bottom in boxes]
+
+
+def _distance(mask: Mask) -> Array:
+    """Of each pixel in the mask to the nearest outside; the diagonal where there is none."""
+    from scipy.ndimage import distance_transform_edt
+
+    if mask.all():
+        return np.full(mask.shape, float(np.hypot(*mask.shape)))
+    distance: Array = distance_transform_edt(mask)
+    return distance
+
+
+def _grow(mask: Mask, reach: float) -> Mask:
+    grown: Mask = _distance(~mask) <= reach
+    return grown
+
+
+def _shrink(mask: Mask, reach: float) -> Mask:
+    shrunk: Mask = _distance(mask) > reach
+    return shrunk
+
+
+def _label(mask: Mask, neighbours: Mask) -> tuple[Ints, int]:
+    from scipy.ndimage import label
+
+    labels, count = label(mask, neighbours)
+    return labels.astype(np.int64), int(count)
+
+
+def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
+    """The regions longer than 2 `reach`, by number, with their boxes."""
+    from scipy.ndimage import find_objects
+
+    found = []
+    for number, window in enumerate(find_objects(labels, count), start=1):
+        rows, columns = window
+        if max(rows.stop - rows.start, columns.stop - columns.start) > 2 * reach:
+            found.append((number, (columns.start, rows.start, columns.stop, rows.stop)))
+    return found
+
+
+def _holes(light: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
+    """The regions of the background but the one that the frame's corner lies in."""
+    labels, count = _label(light, _FOUR)
+    return labels, [(n, box) for n, box in _regions(labels, count, reach) if n != labels[0, 0]]
+
+
+def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Change]:
+    """The pieces (or holes) in `regions` of which less than `COVERED` is in `kept`."""
+    if kind in ("hole", "leak"):
+        labels, found = _holes(regions, reach)
+    else:
+        labels, count = _label(regions, _EIGHT)
+        found = _regions(labels, count, reach)
+    for number, (left, top, right, bottom) in found:
+        inside = labels[top:bottom, left:right] == number
+        if kept[top:bottom, left:right][inside].mean() < COVERED:
+            depth = _distance(np.pad(inside, 1))[1:-1, 1:-1]
+            v, u = np.unravel_index(int(depth.argmax()), depth.shape)
+            width = 2 * float(depth.max()) - 1
+            yield Change(kind, (float(u + left), float(v + top)), width, (left, top, right, bottom))
+
+
+def _only_seen(
+    kind: Kind, regions: Mask, wanted: Mask, kept: Mask, reach: float
+) -> Iterator[Change]:
+    """What in `regions` is nothing in the picture, nor a piece (or hole) of it that grew."""
+    labels, count = _label(wanted, _EIGHT if kind == "stray" else _FOUR)
+    areas = np.bincount(labels.ravel(), minlength=count + 1)
+    specks = np.ones(count + 1, dtype=bool)
+    specks[[n for n, _ in _regions(labels, count, reach)]] = False
+    for change in _lost(kind, regions, kept, reach):
+        left, top, right, bottom = change.box
+        here = labels[top:bottom, left:right][regions[top:bottom, left:right]]
+        shared = np.bincount(here, minlength=count + 1)
+        grew = ~specks & (shared > SHARED * areas)
+        if change.width_px > MOST_STRAY * reach and not grew[1:].any():
+            yield change
+
+
+def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -> Iterator[Change]:
+    """Where several regions of `parts` lie in one region of `wholes`, one change for each join.
+
+    Joins are those of a minimum spanning tree: the narrowest places, in `wholes`, between regions of
+    `parts`. The width is that of `matter` there, of the picture's light or ink.
+    """
+    from scipy.sparse import csr_array
+
+    # the first pair of a gap and of a stroke are pieces, the second their complements
+    pieces = not bool(parts[0, 0])
+    within = _EIGHT if pieces else _FOUR
+    part, count = _label(parts, within)
+    whole, count_whole = _label(wholes, within)
+    large = np.zeros(count + 1, dtype=bool)
+    large[[n for n, _ in _regions(part, count, reach)]] = True
+    large[0] = False
+    both = (part > 0) & (whole > 0)
+    ones = np.ones(int(both.sum()), dtype=np.int64)
+    shape = count + 1, count_whole + 1
+    overlaps = csr_array((ones, (part[both], whole[both])), shape=shape)
+    overlaps.sum_duplicates()
+    p, w = overlaps.nonzero()
+    shared = overlaps.data
+    areas, areas_whole = np.bincount(part.ravel()), np.bincount(whole.ravel())
+    real = large[p] & (shared >= SHARED * np.minimum(areas[p], areas_whole[w]))
+    members: dict[int, set[int]] = {}
+    for a, b in zip(p[real].tolist(), w[real].tolist(), strict=True):
+        members.setdefault(b, set()).add(a)
+    several = {b: inside for b, inside in members.items() if len(inside) > 1}
+    if not several:
+        return
+    across = _distance(matter)
+    for number, inside in several.items():
+        yield from _narrowest(kind, part, inside, whole == number, across, pieces)
+
+
+def _narrowest(
+    kind: Kind, part: Ints, inside: set[int], room: Mask, across: Array, pieces: bool
+) -> Iterator[Change]:
+    """The places of the joins between the regions `inside`, n - 1 of them."""
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = np.nonzero(room)
+    window = (
+        slice(int(rows.min()), int(rows.max()) + 1),
+        slice(int(columns.min()), int(columns.max()) + 1),
+    )
+    numbers, room = part[window], room[window]
+    apart = ~np.isin(numbers, list(inside))
+    if not apart.any():
+        return
+    distance, (i, j) = distance_transform_edt(apart, return_indices=True)
+    nearest = numbers[i, j]
+    meetings = []
+    for a, b in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        meets = (nearest[a] != nearest[b]) & room[a] & room[b]
+        v, u = np.nonzero(meets)
+        ends = np.sort(np.stack([nearest[a][meets], nearest[b][meets]]), axis=0)
+        meetings.append(np.stack([distance[a][meets] + distance[b][meets], u, v, *ends], axis=1))
+    lines = np.concatenate(meetings)
+    lines = lines[np.argsort(lines[:, 0], kind="stable")]
+    root = {n: n for n in inside}
+
+    def find(n: int) -> int:
+        while root[n] != n:
+            n = root[n]
+        return n
+
+    pairs, which = np.unique(lines[:, 3:], axis=0, return_inverse=True)
+    for k in np.argsort(np.unique(which, return_index=True)[1]):
+        one, other = find(int(pairs[k, 0])), find(int(pairs[k, 1]))
+        if one == other:
+            continue
+        root[one] = other
+        # pieces meet across what joins them, at its narrowest; what parts their complements lies along it
+        here = lines[which == k]
+        here = here[here[:, 0] <= here[0, 0] + SLACK_PX] if pieces else here
+        u, v = (here[:, 1:3].astype(int) + (window[1].start, window[0].start)).T
+        middle = int(across[v, u].argmax())
+        wide = max(2 * float(across[v[middle], u[middle]]) - 1, 0.0)
+        x, y, half = int(u[middle]), int(v[middle]), round(wide / 2) + 1
+        yield Change(kind, (float(x), float(y)), wide, (x - half, y - half, x + half, y + half))
+
+
+def _shifted(change: Change, du: int, dv: int) -> Change:
+    (u, v), (left, top, right, bottom) = change.where, change.box
+    box = (left + du, top + dv, right + du, bottom + dv)
+    return Change(change.kind, (u + du, v + dv), change.width_px, box)
