@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from knotfab.part.supports import Rules
-from solids import box, moved, together
+from solids import box, move, together
 
 from knotfab.geometry.tube import sweep
 from knotfab.part.access import TOOLS_MM, Access, measure_access
@@ -65,7 +65,7 @@ def test_what_lies_on_the_bed_has_no_supports() -> None:
     found = measured(box((0, 0, 0), (20, 20, 3)))
     assert found.area_cm2 == 0.0 and found.worst is None
     assert all(share == 1.0 for share in found.reached.values())
-    aloft = moved(box((0, 0, 0), (20, 20, 3)), shift=(0, 0, 30))
+    aloft = move(box((0, 0, 0), (20, 20, 3)), shift=(0, 0, 30))
     assert measured(aloft).area_cm2 == pytest.approx(4.0, rel=1e-6)
     powder = Rules(supports=False, powder=True)
     assert measure_access([(aloft.vertices, aloft.faces.astype(np.int32))], powder).worst is None

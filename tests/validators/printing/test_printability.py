@@ -55,7 +55,7 @@ POWDER = Printer("powder", None, nozzle_mm=0.5, process="powder", min_wall_mm=1.
 
 def test_in_powder_nothing_overhangs_but_walls_and_gaps_count() -> None:
     """A table over air, floating above the bed: powder carries it. Its walls and gaps are the process's."""
-    air = moved(table(), shift=(0, 0, 40))
+    air = move(table(), shift=(0, 0, 40))
     found = run(air, POWDER)
     assert tuple(found) == PRINTING
     asked = {name for name, check in found.items() if check.status != "skipped"}

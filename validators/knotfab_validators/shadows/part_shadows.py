@@ -86,7 +86,7 @@ def verify_shadows(
                 )
             verified[view.name] = found
             if found.tube_px is not None:
-                with timed(seconds, "verdict"):
+                with time_stage(seconds, "verdict"):
                     judged = recognise(
                         found.seen,
                         found.target,

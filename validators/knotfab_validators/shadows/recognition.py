@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Mask
-from knotfab_validators.check import Check, Status, skipped
+from knotfab_validators.check import Check, Status, skip_check
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
 from knotfab_validators.shadows.text_rows import Row, find_rows
@@ -191,7 +191,7 @@ def check_recognisable(verdict: dict[str, Any] | None, *, accepted: bool) -> Che
     """`recognisable`: whether the piece has a word of `RULES`; not required where that is `accepted`."""
     name = "recognisable"
     if verdict is None:
-        return skipped(name, "not given the knots", required=False)
+        return skip_check(name, "not given the knots", required=False)
     status: Status = "fail" if verdict["word"] == UNKNOWN else "pass"
     detail = (
         "; ".join(verdict["reasons"])
