@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from knotfab.part.supports import Rules
 from solids import box, move, together
 
+from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import sweep
 from knotfab.part.access import TOOLS_MM, Access, measure_access
 from knotfab_validators.geometry.mesh import Mesh

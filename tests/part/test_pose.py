@@ -6,11 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from knotfab.part.supports import Rules
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
+from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.pose import PrintPose, choose_pose
