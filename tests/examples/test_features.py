@@ -18,6 +18,7 @@ ELSEWHERE = {
     "network (inn)": "tests/search/test_inn.py",
     "network, then flow (inn+flow)": "tests/search/test_inn.py",
     "region mesh": "tests/effects/test_region_mesh.py",
+    "time budget": "tests/design/test_free_view.py",
     "limit prices": "tests/examples/test_hard_cases_values.py",
     "wire plan": "tests/wire/test_plan.py",
     "view found along (free view)": "tests/design/test_free_view.py",
