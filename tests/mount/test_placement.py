@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from setups import OFF, setup
+from setups import setup
 
 from knotfab.mount.placement import placement_of
 from knotfab.mount.wall import WallSettings
-from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
+from knotfab.mount.words import level_wall, steps_of
 from knotfab_fixtures.plate import ARROW_MARKS
 
 
@@ -69,31 +69,6 @@ def test_dowel_holes_are_the_pegs_feet() -> None:
         assert place.middle + right * place.wall[0] + up * place.wall[1] == pytest.approx(peg.foot)
 
 
-def test_steps_name_the_figures() -> None:
-    words = {}
-    for kind in ("none", "plate", "dowel", "stand"):
-        mounted, scene, camera = setup(kind)
-        place = placement_of(mounted, camera)
-        words[kind] = " ".join(steps_of(mounted, place, scene.views[0]))
-    assert "two holes 166 mm apart" in words["plate"] and "arrow up" in words["plate"]
-    assert "600 mm off the plate's face" in words["plate"]
-    assert "opposite the middle of the frame" in words["plate"]
-    assert "603.8 mm from the upper and lower edges of the plate" in words["plate"]
-    assert "606.4 mm from the left and right edges of the plate" in words["plate"]
-    assert "the 3 numbered holes" in words["dowel"] and "11 mm deep" in words["dowel"]
-    assert f"{np.hypot(600, 100):.1f} mm from every corner of the frame" in words["dowel"]
-    assert "52 mm below to 52 mm above" in words["none"]
-    # the lamp is at (0, 0, 500), the base at x -30 to 32, z -20 to 25, on a desk at -75
-    assert "80 mm before the wall" in words["stand"] and "75 mm above the desk" in words["stand"]
-    assert "475 mm in front" in words["stand"] and "1 mm to the left" in words["stand"]
-
-
-def test_a_plate_without_room_for_marks_promises_none() -> None:
-    mounted, scene, camera = setup("plate", margin_mm=2.4)
-    said = " ".join(steps_of(mounted, placement_of(mounted, camera), scene.views[0]))
-    assert "notch" not in said and "arrow" not in said
-
-
 def test_a_leaning_wall_is_told_in_words() -> None:
     mounted, scene, camera = setup("plate", wall_tilt_deg=20.0)
     place = placement_of(mounted, camera)
@@ -102,35 +77,6 @@ def test_a_leaning_wall_is_told_in_words() -> None:
     assert level_wall(place, 0.0) == pytest.approx(-100.0)
     # 40 mm higher a wall that leans towards the lamp is nearer to it
     assert level_wall(place, 40.0) == pytest.approx(-100 + 40 * np.tan(np.radians(20)))
-
-
-def test_costs_are_those_of_the_report() -> None:
-    _, scene, _ = setup("none")
-    view = scene.views[0]
-    lines = costs_of(OFF, view, on_wall=False)
-    assert lines[0] == "Lamp 10 mm to the side: about 0.14 IoU (the shadow moves 2 mm)"
-    assert lines[2] == "Lamp 10 mm nearer or farther: less than 0.01 IoU"
-    assert lines[3] == "Piece turned by 1° left or right: about 0.25 IoU"
-    assert lines[4] == "Piece turned by 1° forward or back: about 0.50 IoU"
-    assert len(lines) == 6
-    fixed = costs_of(OFF, view, on_wall=True)
-    # 600 mm sin 1° = 10.47 mm of the lamp
-    assert fixed[3:] == [
-        "Wall and piece turned by 1° left or right: about 0.15 IoU",
-        "Wall and piece leaning by 1° forward or back: about 0.09 IoU",
-    ]
-    assert costs_of(None, view, on_wall=True) == ["Not measured: nothing was rendered."]
-    least = {**OFF, "lamp_iou_per_mm": {"right": 0.0005, "up": 0.00049, "towards": 5.0}}
-    told = costs_of(least, view, on_wall=False)
-    assert "about 0.01" in told[0] and "less than" in told[1] and "about 1.00" in told[2]
-
-
-def test_the_lamps_size_is_told_with_its_blur() -> None:
-    _, scene, _ = setup("none")
-    view = scene.views[0].model_copy(update={"light_diameter_mm": 20.0})
-    assert "a spot of 20 mm; outlines blur by 4 mm" in " ".join(lamp_facts(view))
-    point = view.model_copy(update={"light_diameter_mm": 0.0})
-    assert "point" in " ".join(lamp_facts(point))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from functools import cache
 import manifold3d
 import numpy as np
 import pytest
+from rings import EMPTY, RADIUS, VIEW, camera
 
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
@@ -16,7 +17,7 @@ from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.mount_matter import tube_vertices
-from tests.mount.test_stand import EMPTY, ONE, PLA, RADIUS, VIEW, camera
+from tests.mount.test_stand import ONE, PLA
 
 CURVE = ONE.knots[0].points
 GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]

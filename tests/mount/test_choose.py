@@ -1,0 +1,55 @@
+"""Pegs are chosen until nothing sags, and none of them idles."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from rings import RADIUS, camera, knots, ring
+
+from knotfab.mount.choose import choose_pegs
+from knotfab.mount.piece_frame import Stiffness, sag_of
+from knotfab.mount.rays import Rays, free_rays
+from knotfab.mount.wall_brace import pegs_on, sites_with
+
+PLA = Stiffness(2300.0, 1.24, 0.2)
+
+
+ONE = knots(ring(50.0))
+
+
+def sag_on(
+    rays: Rays, chosen: np.ndarray, top: float, foot: np.ndarray, stiffness: Stiffness
+) -> tuple[float, np.ndarray]:
+    """What `ONE` sags on the pegs of some rays."""
+    sites = sites_with(ONE, rays, chosen)
+    return sag_of(ONE, sites, pegs_on(sites, rays, chosen, top), stiffness, foot[chosen])
+
+
+def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
+    view = camera()
+    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    foot = np.full(len(rays.top), 0.9 * RADIUS * 1.2)
+    soft = Stiffness(400.0, 1.24, 0.2)
+    chosen = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, soft)
+    assert chosen.sag_mm <= 0.2 and len(chosen.rays) > 1
+    again, _ = sag_on(rays, chosen.rays, 0.9 * RADIUS, foot, soft)
+    assert again == pytest.approx(chosen.sag_mm, rel=0.02)  # other joints, same frame
+    for peg in chosen.rays[1:]:
+        left = chosen.rays[chosen.rays != peg]
+        assert sag_on(rays, left, 0.9 * RADIUS, foot, soft)[0] > 0.19
+    stiff = choose_pegs(ONE, rays, 0.9 * RADIUS, foot, PLA)
+    assert len(stiff.rays) <= len(chosen.rays)
+
+
+def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
+    view = camera()
+    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    foot = np.full(len(rays.top), 2.0)
+    free = np.flatnonzero(rays.free)
+    some = free[:: len(free) // 4][:4]
+    sags = [sag_on(rays, some[: n + 1], 1.8, foot, PLA)[0] for n in range(4)]
+    assert all(b <= a + 1e-12 for a, b in pairwise(sags))
+    soft, _ = sag_on(rays, some, 1.8, foot, Stiffness(1150.0, 1.24, 0.2))
+    assert soft == pytest.approx(2 * sags[-1], rel=1e-6)
