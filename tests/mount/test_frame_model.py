@@ -1,16 +1,24 @@
-"""The frame model against beams whose deflection is known, and against itself turned and cut up."""
+"""The frame model against beams of known deflection, against itself turned, and against PyNite's."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from Pynite import FEModel3D
 
-from knotfab.mount.frame_model import GRAVITY_M_S2, deflection, round_beams
+from knotfab.knots import Knot, Knots
+from knotfab.mount.choose import choose_pegs
+from knotfab.mount.frame_model import GRAVITY_M_S2, POISSON, Beams, deflection, round_beams
+from knotfab.mount.piece_frame import DOWN, PIECES, Stiffness, piece_beams, sag_of
+from knotfab.mount.rays import free_rays
+from knotfab.mount.struts import GROUND, Candidates, join, struts
+from knotfab.mount.wall_brace import pegs_on, sites_with
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import ResolvedView
 
 E, RHO, R = 3000.0, 1.24, 1.5
 W = np.pi * R**2 * RHO * 1e-6 * GRAVITY_M_S2  # N/mm
 I = np.pi / 4 * R**4  # noqa: E741
-DOWN = np.array([0.0, -1.0, 0.0])
 
 
 def line(length: float, pieces: int, direction: tuple[float, float, float] = (1, 0, 0)):
@@ -66,3 +74,97 @@ def test_what_nothing_holds_is_refused() -> None:
         deflection(line(10.0, 2), np.array([], dtype=int), E, RHO, DOWN)
     with pytest.raises(ValueError, match="no length"):
         deflection(line(0.0, 2), np.array([0]), E, RHO, DOWN)
+
+
+AGREE = 1e-6  # of the largest displacement
+
+
+def by_pynite(beams: Beams, fixed: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(n, 3) displacement of every joint, mm (N, mm and MPa throughout)."""
+    model = FEModel3D()
+    model.add_material("plastic", E, E / (2 * (1 + POISSON)), POISSON, 0.0)
+    for number, (x, y, z) in enumerate(beams.joints):
+        model.add_node(f"J{number}", x, y, z)
+    for number, (a, b) in enumerate(beams.ends):
+        inertia = beams.inertia[number]
+        model.add_section(f"S{number}", beams.area[number], inertia, inertia, beams.twist[number])
+        model.add_member(f"B{number}", f"J{a}", f"J{b}", "plastic", f"S{number}")
+        weight = beams.area[number] * RHO * 1e-6 * GRAVITY_M_S2
+        for axis, share in zip("XYZ", down, strict=True):
+            model.add_member_dist_load(f"B{number}", f"F{axis}", weight * share, weight * share)
+    for number in fixed:
+        model.def_support(f"J{number}", True, True, True, True, True, True)
+    model.analyze_linear(check_stability=False)
+    name = next(iter(model.load_combos))
+    nodes = [model.nodes[f"J{n}"] for n in range(len(beams.joints))]
+    return np.array([[n.DX[name], n.DY[name], n.DZ[name]] for n in nodes])
+
+
+def compare(beams: Beams, fixed: np.ndarray, down: np.ndarray = DOWN) -> np.ndarray:
+    """The displacements, the same by both."""
+    own = deflection(beams, fixed, E, RHO, down)
+    other = by_pynite(beams, fixed, down)
+    assert np.abs(own - other).max() < AGREE * np.linalg.norm(other, axis=1).max()
+    return own
+
+
+@pytest.mark.parametrize("down", [(0.0, -1.0, 0.0), (0.6, 0.0, -0.8)])
+def test_a_leaning_cantilever_of_changing_section(down: tuple[float, float, float]) -> None:
+    joints = np.linspace(0, 1, 6)[:, None] * np.array([60.0, 25.0, -40.0])
+    ends = np.column_stack([np.arange(5), np.arange(1, 6)])
+    beams = round_beams(joints, ends, np.linspace(2.5, 1.0, 5))
+    assert np.linalg.norm(compare(beams, np.array([0]), np.array(down))[-1]) > 0.002
+
+
+def test_a_portal_frame_that_leans_out_of_its_plane() -> None:
+    joints = np.array([[0, 0, 0], [0, 80, 10], [60, 80, 10], [60, 0, 0], [30, 80, 45]], dtype=float)
+    ends = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [4, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.2, 1.5, 0.8, 0.8]))
+    moved = compare(beams, np.array([0, 3]))
+    # the arm leans out to +z: the frame goes that way, and down
+    assert moved[4, 1] < 0 < moved[4, 2]
+
+
+def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
+    """The whole frame of a wall mount, as `sag_of` solves it, and what it says of the sag."""
+    t = 2 * np.pi * np.arange(160) / 160
+    flower = np.column_stack([45 * np.cos(t), 45 * np.sin(t), 10 * np.sin(3 * t)])
+    inner = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 8 * np.cos(2 * t)])
+    knots = Knots((Knot(flower), Knot(inner)), 2.0)
+    camera = camera_of(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
+    rays = free_rays(knots, camera.eye, camera.receiver, 0.95, 0.4)
+    foot = 1.9 * np.linalg.norm(rays.foot - camera.eye, axis=1)
+    foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)
+    stiffness = Stiffness(E, RHO, 0.2)
+    pegs = choose_pegs(knots, rays, 1.9, foot, stiffness).rays
+    sites = sites_with(knots, rays, pegs)
+    pairs = np.array([[int(np.flatnonzero(sites.knot == 1)[0]), 0]])
+    strut = struts(sites, pairs, 2.0, 1.5)
+    top, ground = sites.point[[5]], np.array([GROUND])
+    leaning = Candidates(
+        np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
+    )
+    members = join([pegs_on(sites, rays, pegs, 1.9), strut, leaning])
+    assert len(members) == len(pegs) + 2
+    ends = np.concatenate([foot[pegs], [1.5, 1.5]])
+    beams, fixed = piece_beams(knots.radius_mm, sites, members, PIECES, ends)
+    assert len(fixed) == len(pegs) + 1
+    size = np.linalg.norm(compare(beams, fixed)[: len(sites.knot)], axis=1)
+    # the frame that is built anew has other joints along the tubes; its model is the same
+    sag, at = sag_of(knots, sites, members, stiffness, ends)
+    assert sag == pytest.approx(size.max(), rel=0.02)
+    assert np.linalg.norm(at - beams.joints[size.argmax()]) < 10.0
+    again, there = sag_of(knots, sites, members, stiffness, ends, step_radii=1.5)
+    assert again == pytest.approx(size.max(), rel=1e-9)
+    assert (there == beams.joints[size.argmax()]).all()
+    assert sag < 0.2
+
+
+def test_the_comparison_sees_a_wrong_section() -> None:
+    joints = np.array([[0.0, 0, 0], [50, 0, 0], [50, 0, 30]])
+    ends = np.array([[0, 1], [1, 2]])
+    beams = round_beams(joints, ends, np.array([1.5, 1.5]))
+    wrong = Beams(joints, ends, beams.area, beams.inertia, beams.twist * 1.001)
+    own = deflection(beams, np.array([0]), E, RHO, DOWN)
+    other = by_pynite(wrong, np.array([0]), DOWN)
+    assert np.abs(own - other).max() > 10 * AGREE * np.linalg.norm(other, axis=1).max()
