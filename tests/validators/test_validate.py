@@ -69,7 +69,7 @@ def folder(right: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def exact(right: Path) -> Verdict:
     """The right part's verdict by its polygons alone."""
-    return run(right, skip=["shadow-render"])
+    return run(right, skip=["shadow-render"], only="shadows")
 
 
 def run(folder: Path, **options: object) -> Verdict:
@@ -125,7 +125,7 @@ def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
     for knot in knots["knots"]:
         knot["points"] = (np.array(knot["points"]) + np.array([0, 0, shift])).tolist()
     (folder / "knots.json").write_text(json.dumps(knots))
-    verdict = run(folder, skip=["shadow-render"])
+    verdict = run(folder, skip=["shadow-render"], only="shadows")
     assert status(verdict)["outline"] == "fail" and status(verdict)["shadow"] == "pass"
     assert verdict.exit_code == 1
     measured = next(c.measured for c in verdict.checks if c.name == "outline")
@@ -137,7 +137,7 @@ def test_another_picture_fails_the_shadow(folder: Path) -> None:
         mask = np.asarray(image) == 0
     grown = ndimage.binary_dilation(mask, iterations=6)
     Image.fromarray(np.where(grown, 0, 255).astype(np.uint8)).save(folder / "front.png")
-    verdict = run(folder, skip=["shadow-render"])
+    verdict = run(folder, skip=["shadow-render"], only="shadows")
     assert status(verdict)["shadow"] == "fail" and status(verdict)["outline"] == "pass"
     assert verdict.status == "fail" and verdict.exit_code == 1
     assert verdict.views[0]["precision"] > 0.97 > verdict.views[0]["recall"]
@@ -146,14 +146,14 @@ def test_another_picture_fails_the_shadow(folder: Path) -> None:
 def test_a_turned_pose_fails_the_shadow(folder: Path) -> None:
     scene = (folder / "scene.toml").read_text()
     (folder / "scene.toml").write_text(scene.replace("azimuth_deg = 30.0", "azimuth_deg = 33.0"))
-    assert status(run(folder, skip=["shadow-render"]))["shadow"] == "fail"
+    assert status(run(folder, skip=["shadow-render"], only="shadows"))["shadow"] == "fail"
 
 
 def test_where_nothing_renders_it_says_so_with_exit_code_3(
     right: Path, exact: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
-    verdict = run(right)
+    verdict = run(right, only="shadows")
     assert verdict.exit_code == 3 and verdict.status == "fail"
     (check,) = (c for c in verdict.checks if c.name == "shadow")
     assert check.status == "skipped" and "apt-get install libegl1 libgl1" in check.detail
@@ -162,5 +162,5 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
 
 
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
-    verdict = run(right, skip=["shadow-render", "outline"])
+    verdict = run(right, skip=["shadow-render", "outline"], only="shadows")
     assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0
