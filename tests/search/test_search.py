@@ -24,7 +24,10 @@ from knotfab.search.phases import plan_of
 from knotfab.start.start import make_start
 
 QUICK = PRESETS["draft"].model_copy(
-    update={"coarse_iterations": 30, "fine_iterations": 25, "depth_candidates": 4}
+    update={
+        **{"coarse_px": 96, "coarse_iterations": 30, "depth_candidates": 4},
+        **{"fine_px": 160, "fine_iterations": 25},
+    }
 )
 
 

@@ -34,7 +34,10 @@ LIGHT = 400.0
 DISC = MultiPolygon([Point(0, 0).buffer(60, quad_segs=32)])
 TWO = MultiPolygon([Point(0, 0).buffer(50, quad_segs=32), box(70, -30, 90, 30)])
 QUICK = PRESETS["draft"].model_copy(
-    update={"coarse_iterations": 25, "fine_iterations": 25, "depth_candidates": 4}
+    update={
+        **{"coarse_px": 96, "coarse_iterations": 25, "depth_candidates": 4},
+        **{"fine_px": 128, "fine_iterations": 25},
+    }
 )
 
 
@@ -164,14 +167,14 @@ def problem() -> Problem:
 @pytest.mark.slow
 def test_the_search_keeps_the_type_and_costs_no_iou(problem: Problem) -> None:
     assert problem.knot == "left trefoil"
-    tied = start_and_search(problem, 3.0, QUICK)
-    plain = start_and_search(replace(problem, knot="unknot"), 3.0, QUICK)
+    tied = start_and_search(problem, 4.0, QUICK)
+    plain = start_and_search(replace(problem, knot="unknot"), 4.0, QUICK)
     assert [k.type for k in tied.knots.knots] == ["left-handed 3_1"]
     assert [k.type for k in plain.knots.knots] == ["unknot"]
     assert tied.feasible and tied.log.certified
     assert "left-handed 3_1 tied into knot 0" in tied.log.template
     assert tied.iou_estimate > plain.iou_estimate - 0.005
-    curves = Curves((tied.knots.knots[0].points,), ("left-handed 3_1",), (True,), 3.0)
+    curves = Curves((tied.knots.knots[0].points,), ("left-handed 3_1",), (True,), 4.0)
     assert knot_types(curves).knots[0].verdict == "proved"
 
 
