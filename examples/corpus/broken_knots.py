@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,7 +25,7 @@ from .curves import (
     whitehead,
 )
 from .files import Part, encode
-from .good import bend_of_circle, length_of
+from .good import bend_of_circle, beside, curl, in_region, length_of
 from .parts import box
 
 RADIUS = 3.0
@@ -41,13 +41,6 @@ def broken_knots() -> Iterator[Broken]:
     yield from _outside()
 
 
-def _beside(apart: float, clearance: float) -> Part:
-    """Two rings of which the nearest points of the centre lines are `apart`, in a scene."""
-    curves = [circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])]
-    wide = {"frame_width_mm": 180.0, "frame_height_mm": 100.0}
-    return with_scene(make_part(curves, sides=64), piece={"clearance_mm": clearance}, view=wide)
-
-
 def _between(part: Part) -> tuple[Place, ...]:
     one, other = part.knots
     return places_of((one[0] + other[len(other) // 2]) / 2)
@@ -57,14 +50,14 @@ def _too_near() -> Iterator[Broken]:
     for check in ("thickness", "clearance"):
         yield Broken(
             f"a gap 1 % under the clearance: {check}",
-            lambda: _beside(2 * RADIUS + 0.99 * 0.8, 0.8),
+            lambda: beside(2 * RADIUS + 0.99 * 0.8, 0.8),
             check,
             _between,
             NEAR,
         )
         yield Broken(
             f"a gap of half the clearance: {check}",
-            lambda: _beside(2 * RADIUS + 0.2, 0.4),
+            lambda: beside(2 * RADIUS + 0.2, 0.4),
             check,
             _between,
             NEAR,
@@ -79,7 +72,7 @@ def _too_near() -> Iterator[Broken]:
         )
     yield Broken(
         "a knot that touches itself",
-        lambda: replace(make_part(_curl(0.0), 2.0), body=None),
+        lambda: replace(make_part(curl(0.0), 2.0), body=None),
         "thickness",
         lambda p: places_of(p.knots[0][[0, 80]]),
         NEAR,
@@ -223,7 +216,7 @@ def _outside() -> Iterator[Broken]:
     for name, (region, places) in regions.items():
         yield Broken(
             f"0.1 mm outside the {name}",
-            partial(_in_region, region),
+            partial(in_region, region),
             "region",
             places,
             NEAR,
@@ -254,10 +247,6 @@ def _outside() -> Iterator[Broken]:
     )
 
 
-def _in_region(region: Mapping[str, Any]) -> Part:
-    return with_scene(make_part(circle()), region=region)
-
-
 def _all(part: Part) -> tuple[Place, ...]:
     return places_of(np.concatenate(part.knots))
 
@@ -272,12 +261,6 @@ def _sides(part: Part) -> tuple[Place, ...]:
 
 def _pair(apart: float) -> list[Array]:
     return [circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])]
-
-
-def _curl(apart: float) -> Array:
-    """A figure of eight seen from above, whose strands cross `apart` from each other."""
-    t = 2 * np.pi * np.arange(160) / 160
-    return np.column_stack([35 * np.sin(t), 16 * np.sin(2 * t), apart / 2 * np.cos(t)])
 
 
 def _twice() -> list[Array]:

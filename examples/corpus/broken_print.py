@@ -11,8 +11,8 @@ import numpy as np
 from .case import Broken, Place, make_part, with_scene
 from .curves import circle
 from .files import Part
-from .parts import Body, blocks, box, drum, join
-from .print_parts import arch, gallows, island, on_its_side, plain, slab, slot, table
+from .parts import Body, blocks, box, join
+from .print_parts import arch, funnel, gallows, island, on_its_side, plain, slab, slot, table
 
 NEAR = 4.0
 NO_SUPPORTS = {"supports": False}
@@ -157,7 +157,7 @@ def _in_the_air() -> Iterator[Broken]:
 def _too_steep() -> Iterator[Broken]:
     yield _fault(
         "a funnel of 55 degrees",
-        lambda: _funnel(55.0),
+        lambda: funnel(55.0),
         "overhang",
         (25.0, 25.0, 6.0),
         30.0,
@@ -165,7 +165,7 @@ def _too_steep() -> Iterator[Broken]:
     )
     yield _fault(
         "a funnel steeper than asked",
-        lambda: _funnel(40.0),
+        lambda: funnel(40.0),
         "overhang",
         (25.0, 25.0, 6.0),
         30.0,
@@ -223,15 +223,6 @@ def _roof() -> Body:
     cells = np.ones((3, 1, 2), dtype=bool)
     cells[1, :, 0] = False
     return blocks(cells, (2.0, 7.0, 27.0, 32.0), (2.0, 22.0), (0.0, 10.0, 10.36))
-
-
-def _funnel(degrees: float) -> Body:
-    """A round body that widens upwards, by so much from the vertical."""
-    body = drum(10.0, 12.0, 48)
-    wide = 1 + 12.0 * np.tan(np.radians(degrees)) / 10.0
-    scale = np.where(body.vertices[:, 2] > 6, wide, 1.0)[:, None]
-    vertices = body.vertices * np.concatenate([scale, scale, np.ones_like(scale)], axis=1)
-    return Body(vertices, body.faces).move((40, 40, 0))
 
 
 def _lift_ring() -> Part:

@@ -26,7 +26,7 @@ from .curves import (
 from .damage import RING, cut_and_cap
 from .files import Part, encode
 from .parts import Body, ball, blocks, box, drum, join, tube
-from .print_parts import arch, gallows, island, plain, slab, slot, table
+from .print_parts import arch, funnel, gallows, island, plain, slab, slot, table
 
 APART = np.array([80.0, 0.0, 0.0])
 
@@ -58,7 +58,7 @@ def _knots() -> Iterator[Good]:
         "crown of 5": ("unknot", 3.0, wavy),
         "crown of 8": ("unknot", 2.0, lambda: wavy(36.0, 8, 5.0, 8.0, 240)),
         "tall crown": ("unknot", 2.0, lambda: wavy(30.0, 2, 0.0, 25.0)),
-        "unknot with one crossing": ("unknot", 2.0, _curl),
+        "unknot with one crossing": ("unknot", 2.0, curl),
         "trefoil": ("3_1", 3.0, lambda: torus_knot(2, 3)),
         "mirrored trefoil": ("3_1", 3.0, lambda: mirror(torus_knot(2, 3))),
         "trefoil the other way round the torus": ("3_1", 3.0, lambda: torus_knot(3, 2)),
@@ -167,16 +167,16 @@ def _regions() -> Iterator[Good]:
     for name, region in regions.items():
         yield Good(
             f"region {name}",
-            partial(_in_region, region, {"room.stl": room}),
+            partial(in_region, region, {"room.stl": room}),
         )
     yield Good("small printer", lambda: _with_room(0.5))
 
 
 def _at_limits() -> Iterator[Good]:
     """Exactly at a limit, which is not beyond it."""
-    yield Good("gap at the clearance", lambda: _beside_each_other(6.4, 0.4))
-    yield Good("gap twice the clearance", lambda: _beside_each_other(6.8, 0.4))
-    yield Good("gap without a clearance", lambda: _beside_each_other(6.5, 0.0))
+    yield Good("gap at the clearance", lambda: beside(6.4, 0.4))
+    yield Good("gap twice the clearance", lambda: beside(6.8, 0.4))
+    yield Good("gap without a clearance", lambda: beside(6.5, 0.0))
     yield Good(
         "bend at the limit",
         lambda: with_scene(_ring(), material={"min_bend_radius_mm": bend_of_circle(30.0, 96)}),
@@ -189,7 +189,7 @@ def _at_limits() -> Iterator[Good]:
     for kind, size in (("box", [66.0, 66.0, 6.0]), ("sphere", [66.0] * 3)):
         yield Good(
             f"{kind} as large as the tube",
-            partial(_in_region, {"kind": kind, "size_mm": size}),
+            partial(in_region, {"kind": kind, "size_mm": size}),
         )
 
 
@@ -235,7 +235,7 @@ def _printable() -> Iterator[Good]:
     stand = {"kind": "stand"}
     yield Good("stand with a short arm", lambda: plain(gallows(8.0), mount=stand))
     yield Good("stand that nearly topples", lambda: plain(gallows(14.8), mount=stand))
-    yield Good("cone without supports", lambda: plain(_cone(), printer=no))
+    yield Good("cone without supports", lambda: plain(funnel(40.0), printer=no))
 
 
 def _ring() -> Part:
@@ -275,14 +275,14 @@ def _view(view: Mapping[str, Any]) -> Part:
     return with_scene(_trefoil(), view=view)
 
 
-def _in_region(region: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -> Part:
+def in_region(region: Mapping[str, Any], files: Mapping[str, bytes] | None = None) -> Part:
     return replace(with_scene(_ring(), region=region), raw=files or {})
 
 
-def _curl() -> Array:
-    """A figure of eight seen from above, whose strands pass 12 mm apart."""
+def curl(apart: float = 12.0) -> Array:
+    """A figure of eight seen from above, whose strands cross `apart` from each other."""
     t = 2 * np.pi * np.arange(160) / 160
-    return np.column_stack([35 * np.sin(t), 16 * np.sin(2 * t), 6 * np.cos(t)])
+    return np.column_stack([35 * np.sin(t), 16 * np.sin(2 * t), apart / 2 * np.cos(t)])
 
 
 def _uneven() -> Array:
@@ -291,7 +291,7 @@ def _uneven() -> Array:
     return 30 * np.column_stack([np.cos(t), np.sin(t), 0 * t])
 
 
-def _beside_each_other(apart: float, clearance: float) -> Part:
+def beside(apart: float, clearance: float) -> Part:
     """Two rings in one plane whose centre lines come as near as `apart`."""
     curves = [circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])]
     wide = {"frame_width_mm": 180.0, "frame_height_mm": 100.0}
@@ -371,15 +371,6 @@ def _staircase() -> Body:
     steps = np.arange(5)
     cells = (steps[:, None] >= steps[None])[:, None, :]
     return blocks(cells, [6.0 * i for i in range(6)], (0, 20), [4.0 * i for i in range(6)])
-
-
-def _cone() -> Body:
-    """A cone that widens upwards by 40 degrees from the vertical."""
-    body = drum(10.0, 12.0, 48)
-    top = body.vertices[:, 2] > 6
-    wide = 1 + 12.0 * np.tan(np.radians(40.0)) / 10.0
-    vertices = body.vertices * np.where(top, wide, 1.0)[:, None] ** [1, 1, 0]
-    return Body(vertices, body.faces).move((25, 25, 0))
 
 
 def _obj_relative() -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .case import with_scene
 from .files import Part
-from .parts import Body, blocks
+from .parts import Body, blocks, drum
 
 
 def plain(
@@ -82,3 +82,12 @@ def on_its_side(body: Body) -> Body:
     turned = body.vertices @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     low = turned.min(axis=0)
     return Body(turned - low + (2.0, 2.0, 0.0), body.faces)
+
+
+def funnel(degrees: float) -> Body:
+    """A round body that widens upwards, by so much from the vertical."""
+    body = drum(10.0, 12.0, 48)
+    wide = 1 + 12.0 * np.tan(np.radians(degrees)) / 10.0
+    scale = np.where(body.vertices[:, 2] > 6, wide, 1.0)[:, None]
+    vertices = body.vertices * np.concatenate([scale, scale, np.ones_like(scale)], axis=1)
+    return Body(vertices, body.faces).move((40, 40, 0))

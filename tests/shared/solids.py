@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from examples.corpus.parts import blocks as cells_of
 from knotfab_validators.geometry.mesh import Mesh, merge_equal
 
 Array = NDArray[np.float64]
@@ -12,22 +13,8 @@ Array = NDArray[np.float64]
 
 def blocks(x: list[float], y: list[float], z: list[float], filled: object) -> Mesh:
     """The solid of those cells of a rectilinear grid that `filled` (nx, ny, nz) marks."""
-    cells = np.pad(np.asarray(filled, dtype=bool), 1)
-    line = [np.asarray(v, dtype=float) for v in (x, y, z)]
-    triangles = []
-    for axis in range(3):
-        for way in (1, -1):
-            edge = cells & ~np.roll(cells, -way, axis=axis)
-            for cell in np.argwhere(edge):
-                i = cell - 1
-                u, v = (axis + 1) % 3, (axis + 2) % 3
-                quad = np.empty((4, 3))
-                quad[:, axis] = line[axis][i[axis] + (way > 0)]
-                quad[:, u] = line[u][i[u] + np.array([0, 1, 1, 0])]
-                quad[:, v] = line[v][i[v] + np.array([0, 0, 1, 1])]
-                quad = quad if way > 0 else quad[::-1]
-                triangles += [quad[[0, 1, 2]], quad[[0, 2, 3]]]
-    return merge_equal(np.array(triangles))
+    body = cells_of(np.asarray(filled, dtype=bool), x, y, z)
+    return Mesh(body.vertices, body.faces)
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
