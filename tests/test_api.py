@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -49,15 +47,6 @@ def test_no_module_takes_the_place_of_a_public_name() -> None:
         assert callable(thing), name
         assert not inspect.ismodule(thing), name
         assert inspect.getdoc(thing), name
-
-
-def test_importing_loads_nothing_heavy_and_asking_for_data_little() -> None:
-    code = (
-        "import sys, knotfab; knotfab.Scene; knotfab.InputError; knotfab.Knots;"
-        "print([m for m in ('torch', 'vtk', 'OCP', 'pyvista', 'cadquery') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_options_take_a_librarys_own_types(tmp_path: Path) -> None:
