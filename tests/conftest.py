@@ -19,7 +19,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whole builds first, then what is slow, so that no worker is left with a long test at the end.
 
     For `--dist loadgroup`: the tests of a file go to one worker, since they share modules, caches and
-    fixtures. Builds and slow tests that share no fixture are dealt out one by one.
+    fixtures. Builds and slow tests that share nothing are dealt out one by one.
     """
     ranks: dict[str, int] = {}
     groups = []
@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             0 if item.get_closest_marker("build") else 1 if item.get_closest_marker("slow") else 2
         )
         file = item.nodeid.partition("::")[0]
-        alone = rank < 2 and not _shares_a_fixture(item)
+        alone = rank < 2 and not _shares(item)
         group = item.nodeid if alone else file
         if not alone:
             item.add_marker(pytest.mark.xdist_group(group))
@@ -38,8 +38,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = [items[k] for k in order]
 
 
-def _shares_a_fixture(item: pytest.Item) -> bool:
-    """Whether a test uses a fixture that is made once for its file."""
+def _shares(item: pytest.Item) -> bool:
+    """Whether a test's file makes something once for several tests: a fixture, or a cached function."""
+    module = item.module  # type: ignore[attr-defined]
+    own = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
     info = getattr(item, "_fixtureinfo", None)
     defined = info.name2fixturedefs.values() if info is not None else ()
-    return any(d[-1].scope in ("class", "module") for d in defined)
+    return any(hasattr(f, "cache_info") for f in own) or any(
+        d[-1].scope in ("class", "module") for d in defined
+    )

@@ -37,6 +37,7 @@ def test_the_public_names_are_these() -> None:
         knotfab.serch  # noqa: B018
 
 
+@pytest.mark.slow
 def test_no_module_takes_the_place_of_a_public_name() -> None:
     """Importing a submodule sets an attribute of its package: none may bear the name of a function."""
     for module in pkgutil.walk_packages(knotfab.__path__, "knotfab."):

@@ -402,6 +402,7 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     assert how in said and "--skip shadow-render" in said
 
 
+@pytest.mark.slow
 def test_the_verifier_answers_for_files_that_cannot_be_read(tmp_path: Path) -> None:
     bad = tmp_path / "knots.json"
     bad.write_text("{}")

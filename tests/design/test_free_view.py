@@ -340,12 +340,14 @@ def test_a_build_with_a_free_view_writes_a_scene_that_gives_the_same_knots() -> 
     assert again.scene == first.scene
 
 
+@pytest.mark.slow
 def test_a_radius_that_is_given_stays_given() -> None:
     piece = Piece(tube_radius_mm=4.0)
     made = design_knots(Scene(piece=piece, search=TINY), [read_target("text:\u2665")])
     assert made.knots.radius_mm == 4.0 and made.scene.search["free_radius_mm"] == 0
 
 
+@pytest.mark.slow
 def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
     made = design_knots(Scene(search=TINY), [read_target("text:\u2665")], budget_s=1.0)

@@ -63,6 +63,7 @@ def test_what_only_one_picture_has_is_lost() -> None:
     assert rows.min() < 0.2 and rows.max() > 0.8
 
 
+@pytest.mark.slow
 def test_the_bound_is_that_of_voxels() -> None:
     masks = [disc(45.0) & ~disc(20.0), block(20, 95, 25, 100)]
     cameras = [shot(a, m) for a, m in zip((0.0, 90.0), masks, strict=True)]

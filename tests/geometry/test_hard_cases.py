@@ -97,6 +97,7 @@ def test_scaled_tubes_are_the_same_tube(scale: float) -> None:
     assert np.abs(scaled / scale - plain).max() <= 1e-9
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_corners_are_swept() -> None:
     points = circle(100_000, 1000.0)
     vertices, faces = sweep(points, 1.0, 4)

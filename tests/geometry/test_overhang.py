@@ -36,6 +36,8 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.columns import columns
 from knotfab_validators.printing.overhang import support_volume
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 ROOM = (250.0, 210.0, 220.0)
 RADIUS = 2.0
@@ -310,7 +312,6 @@ def test_less_depth_takes_less_and_as_much_depth_the_same() -> None:
 # --- the depth that would do ---
 
 
-@pytest.mark.slow
 def test_a_flatter_piece_is_proposed_where_no_pose_keeps_the_limit() -> None:
     knots = knots_of(wave(deep=100.0))
 

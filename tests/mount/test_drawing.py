@@ -15,6 +15,8 @@ from knotfab.mount.drawing import write_setup
 from knotfab.mount.drill_template import PLAY_MM, write_drill_template
 from knotfab.mount.placement import placement_of
 
+pytestmark = pytest.mark.slow
+
 POINT = 72 / 25.4
 KINDS: tuple[Kind, ...] = ("none", "plate", "dowel", "stand")
 

@@ -23,6 +23,7 @@ def scene(**keys: object) -> Scene:
     )
 
 
+@pytest.mark.slow
 def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
     scene = resolve(Scene(mount=Mount(kind="wall")))
     mounted = mount_piece(scene, ONE, [sweep(ONE.points, RADIUS, 16)], [camera()])
@@ -58,6 +59,7 @@ def test_without_a_mount_nothing_is_added() -> None:
     assert mounted.report() == {"kind": "none"}
 
 
+@pytest.mark.slow
 def test_the_piece_on_its_stand() -> None:
     scene = resolve(Scene(views=(VIEW,), mount=Mount(kind="stand")))
     tubes = [sweep(k.points, RADIUS, 24) for k in ONE.knots]

@@ -69,6 +69,7 @@ def verify(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedView
     )
 
 
+@pytest.mark.slow
 def test_it_holds_and_what_it_darkens_is_what_was_predicted_in_every_view() -> None:
     mount = plan()
     assert set(mount.holds) == {0} and len(mount.posts) >= 3
@@ -90,6 +91,7 @@ def test_the_base_lies_below_every_frame_and_before_every_wall() -> None:
         assert (vertices @ view.receiver[:3] + view.receiver[3] > 0).all()
 
 
+@pytest.mark.slow
 def test_an_eye_is_as_a_lamp() -> None:
     scene = resolve(Scene(views=VIEWS, mount=Mount(kind="stand")))
     looking = tuple(v.model_copy(update={"kind": "eye"}) for v in scene.views)

@@ -26,6 +26,8 @@ from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import working_frame
 from knotfab_validators.shadows.view import view_geometry
 
+pytestmark = pytest.mark.slow
+
 PLA = Stiffness(2300.0, 1.24, 0.04)
 ASKED = StandSettings(4.0, 10.0, 0.8)
 

@@ -43,6 +43,7 @@ def test_the_bodies_are_what_the_pegs_predict(settings: WallSettings, tilt: floa
         assert height.min() == pytest.approx(-deepest, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_pegs_lie_in_the_shadow_of_their_tube() -> None:
     """Every corner of a mount in front of the wall is on a ray through the tube."""
     view = camera()
@@ -112,6 +113,7 @@ def dense(points: np.ndarray) -> np.ndarray:
     return (points[:, None] + t * edges[:, None]).reshape(-1, 3)
 
 
+@pytest.mark.slow
 def test_a_united_body_survives_single_precision() -> None:
     from igl import predicates
 

@@ -182,6 +182,7 @@ def test_cuts_that_do_not_part_the_body_are_refused() -> None:
 # --- plates ---
 
 
+@pytest.mark.slow
 def test_every_plate_fits_and_its_bodies_lie_on_the_bed() -> None:
     rings = [track(20.0, 30.0) + [0.0, 0.0, 20.0], track(10.0, 20.0) + [0.0, 0.0, -20.0]]
     plates, _ = laid_out([track(), *rings])
@@ -223,6 +224,7 @@ def test_pieces_that_leave_no_room_for_supports_use_the_whole_printer() -> None:
         laid_out([points], (34.0, 30.0, 10.0), rules)
 
 
+@pytest.mark.slow
 def test_the_report_names_the_pins() -> None:
     plates, _ = laid_out([track()])
     report = plates.to_dict()

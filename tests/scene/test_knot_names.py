@@ -18,6 +18,7 @@ from knotfab_validators.knots.names import promised_knot
 UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BRAIDS)
 def test_every_named_knot_is_that_knot_and_fits_its_tube(name: str) -> None:
     points = load_knot(name)

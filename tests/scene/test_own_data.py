@@ -113,6 +113,7 @@ def test_where_ones_own_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert data_folder() == tmp_path / "own"
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_names_and_files(own: Path, tmp_path: Path) -> None:
     done = knotfab("printers")
     assert done.code == 0 and "300 x 300 x 400" in done.out and "asa" in done.out

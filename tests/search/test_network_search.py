@@ -196,6 +196,7 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     assert (one == two).all()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_proved_is_not_called_certified(
     problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

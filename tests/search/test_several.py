@@ -137,6 +137,7 @@ HOLED = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(-14, 12).buffer(
 FORKED = MultiPolygon([LEGS.geoms[0].difference(box(-5, 20, 5, 41))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [1.6, 3.0])
 def test_pictures_with_holes_and_gaps_have_a_sheet_without_a_crossing(radius: float) -> None:
     sheet = sheet_of(HOLED, FORKED, radius)
@@ -252,6 +253,7 @@ def knot_type_of(start: Start) -> str:
     return knot_types(Curves((curve,), start.types, (True,), 2.5)).knots[0].verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("begun", "gain"), [("circle", 0.25), ("filling", 0.01)])
 def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: float) -> None:
     problem = ask_views([DISC, SQUARE], 0.0, 90.0)

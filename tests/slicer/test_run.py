@@ -70,6 +70,7 @@ def _failures(result: Sliced) -> set[str]:
     return {check.name for check in result.checks if not check.passed}
 
 
+@pytest.mark.slow
 @needs_slicer
 def test_a_cube(tmp_path: Path) -> None:
     found = _slice_meshes(tmp_path)
@@ -155,6 +156,7 @@ def test_the_command_of_the_report_gives_the_gcode_that_was_checked(tmp_path: Pa
     assert len(by_hand) > 1000 and by_hand == checked
 
 
+@pytest.mark.slow
 @needs_slicer
 def test_what_exit_code_0_hides(tmp_path: Path) -> None:
     """It ends with 0 for each of these."""
@@ -276,6 +278,7 @@ def test_warnings_and_garbage_on_both_outputs(tmp_path: Path) -> None:
     assert _failures(found) == {"place", "surface", "layers"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slicing", ["sleep 600", "sleep 600 & wait", "trap '' TERM; sleep 600"])
 def test_a_program_that_does_not_end_is_stopped(tmp_path: Path, slicing: str) -> None:
     slicing = f"echo $$ > {tmp_path}/pid; {slicing}"
@@ -301,6 +304,7 @@ def _gone(group: int) -> None:
     raise AssertionError(f"still alive: {alive}")
 
 
+@pytest.mark.slow
 def test_a_program_that_never_stops_talking(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

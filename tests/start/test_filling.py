@@ -15,6 +15,7 @@ RING = Polygon(DISC.exterior, [Point(0, 0).buffer(30, quad_segs=64).exterior])
 COMB = shapely.union_all([box(0, 0, 100, 12)] + [box(x, 0, x + 7, 60) for x in range(0, 100, 18)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [DISC, RING, COMB], ids=["disc", "ring", "comb"])
 @pytest.mark.parametrize("radius", [1.2, 2.0, 3.1])
 def test_one_simple_curve_covers_a_piece(shape: Polygon, radius: float) -> None:
@@ -70,6 +71,7 @@ def test_crossing_curves_are_told() -> None:
     assert not simple_curves([square, square + 5])
 
 
+@pytest.mark.slow
 def test_strands_that_just_touch_have_the_area_they_cover() -> None:
     """A block's insets lie exactly two radii apart: GEOS once drew them as an invalid polygon."""
     mask = np.zeros((128, 128), dtype=np.bool_)

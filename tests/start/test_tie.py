@@ -113,6 +113,7 @@ def test_the_longest_curve_gets_the_knot_and_the_others_stay() -> None:
     assert set(verdicts(tied, "right-handed 5_1")) == {"proved"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wave", [0.005, 0.05, 0.11])
 def test_any_depth_of_the_strands_will_do(wave: float) -> None:
     tied = tie(lift_filling(DISC, wave), parse_knot_name("6_2").factors, room(DISC))

@@ -347,6 +347,7 @@ def test_svg_from_common_editors_is_fine(tmp_path: Path) -> None:
     assert read_target(path).mask.mean() == pytest.approx(0.25)
 
 
+@pytest.mark.slow
 def test_svg_may_embed_a_picture(tmp_path: Path) -> None:
     data = base64.b64encode(png(Image.new("L", (4, 4), 0))).decode()
     size = 'width="5" height="10" preserveAspectRatio="none"'
@@ -354,6 +355,7 @@ def test_svg_may_embed_a_picture(tmp_path: Path) -> None:
     assert svg(tmp_path, image).mask.mean() == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.slow
 def test_svg_text_needs_no_installed_font(tmp_path: Path) -> None:
     target = svg(tmp_path, '<text x="1" y="9" font-size="9" font-family="No Such Font">M</text>')
     assert 0.05 < target.mask.mean() < 0.5
@@ -409,6 +411,7 @@ def test_svg_entities_and_style_sheets_are_refused(tmp_path: Path, start: str, w
         read_target(path)
 
 
+@pytest.mark.slow
 def test_svg_that_multiplies_by_use_is_refused(tmp_path: Path) -> None:
     body = '<rect id="a0" width="1" height="1"/>' + "".join(
         f'<g id="a{i + 1}">' + f'<use href="#a{i}"/>' * 10 + "</g>" for i in range(8)
@@ -442,6 +445,7 @@ def test_text_is_upright_and_reads_from_left_to_right() -> None:
     assert mask[mask.shape[0] // 2 :].sum() > mask[: mask.shape[0] // 2].sum()
 
 
+@pytest.mark.slow
 def test_text_keeps_holes_and_kerning() -> None:
     from scipy import ndimage
 

@@ -105,6 +105,7 @@ def test_pixels_that_touch_at_corners_are_one_piece() -> None:
     assert shape.area == pytest.approx(200, rel=0.02)
 
 
+@pytest.mark.slow
 def test_large_masks_are_traced_smaller_in_their_own_coordinates() -> None:
     mask = disc(3000, 900, 1400.5, 1600)
     shape = trace_polygon(mask)

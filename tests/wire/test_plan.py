@@ -24,6 +24,8 @@ from knotfab.wire.template_pdf import WireDrawing, write_templates
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
 
+pytestmark = pytest.mark.slow
+
 STEEL = materials()["steel-wire-2mm"]
 POINT = 72 / 25.4
 
@@ -66,7 +68,6 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     assert plan.to_dict()["bends"] == sum(k.bends for k in plan.knots)
 
 
-@pytest.mark.slow
 def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     knots, scene, picture = ring_scene(tmp_path, 1)
     good = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.5)

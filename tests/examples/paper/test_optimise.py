@@ -15,6 +15,8 @@ from examples.paper.settings import PAPER, PaperSettings
 from knotfab.errors import InputError, SceneError
 from knotfab.render.outlines import render_outlines
 
+pytestmark = pytest.mark.slow
+
 CAMERA = PaperCamera(width=32, height=32)
 SMALL = PAPER.model_copy(
     update={

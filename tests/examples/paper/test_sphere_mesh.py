@@ -53,6 +53,7 @@ def test_holes_are_counted() -> None:
     assert holes(speck) == 0
 
 
+@pytest.mark.slow
 def test_a_sphere_becomes_an_oval_and_never_a_ring() -> None:
     at = (torch.arange(40) + 0.5) / 20 - 1
     oval = ((at[:, None] / 0.8) ** 2 + (at[None] / 0.5) ** 2 < 1).float()

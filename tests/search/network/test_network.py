@@ -80,6 +80,7 @@ def test_the_start_is_the_identity_and_share_0_is_always(dtype: torch.dtype) -> 
     assert torch.equal(network(x, 1.0), network(x))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("depth", [1, 8, 64])
 @pytest.mark.parametrize("share", [1.0, 0.3])
@@ -100,6 +101,7 @@ def test_there_and_back_again(dtype: torch.dtype, depth: int, share: float) -> N
         torch.testing.assert_close(network(network.inverse(x)), x, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("size", [1.0, 30.0, 1e3])
 @pytest.mark.parametrize("depth", [1, 4, 64])
