@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab_validators.arrays import Array
 
 
 def _angles(n: int) -> Array:

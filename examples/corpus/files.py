@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 from PIL import Image, ImageDraw
 
-from knotfab.arrays import Mask
+from knotfab_validators.arrays import Mask
 
 from .cube_files import as_3mf, model
 from .curves import Array

@@ -81,6 +81,7 @@ def test_it_holds_and_what_it_darkens_is_what_was_predicted_in_every_view() -> N
         assert predicted < 0.05
 
 
+@pytest.mark.slow
 def test_the_base_lies_below_every_frame_and_before_every_wall() -> None:
     vertices, _ = part()
     base = plan().base
@@ -126,6 +127,7 @@ def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
     assert shadows.cost(out_of_it)[0] < 0.05 * dark[1] * shadows.pixels
 
 
+@pytest.mark.slow
 def test_a_post_through_a_picture_is_measured_in_that_view_and_fails_a_wall_mount() -> None:
     """The validators, on a part with one bar more than its stand has."""
     mount = plan()
