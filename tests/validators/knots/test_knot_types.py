@@ -164,6 +164,7 @@ def test_rejects_polygons_that_touch() -> None:
 # --- what a knot is --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL + LARGE)
 def test_knots_of_the_table_are_recognised_with_their_hands(name: str) -> None:
     (polygon,) = braid(braid_word(name))
@@ -285,6 +286,7 @@ def move_randomly(polygon: Array, rounds: int, seed: int) -> Array:
     return at
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_unknots_tangled_by_random_moves_are_proved(seed: int) -> None:
     tangled = move_randomly(ring(60, 2.0), 40, seed)

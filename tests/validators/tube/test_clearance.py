@@ -90,6 +90,7 @@ LINKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LINKS)
 def test_agrees_with_the_centre_lines(name: str) -> None:
     lines = LINKS[name]

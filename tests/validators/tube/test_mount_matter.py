@@ -91,6 +91,7 @@ def test_a_displaced_tube_is_found(by_mm: float) -> None:
         assert view.outline.missing_mm > view.outline.spill_mm
 
 
+@pytest.mark.slow
 def test_a_missing_part_is_found() -> None:
     whole = on_a_stand()
     mesh = manifold3d.Mesh64(whole[0], whole[1].astype(np.uint64))
@@ -101,6 +102,7 @@ def test_a_missing_part_is_found() -> None:
     assert view.outline.missing_mm > view.outline.spill_mm
 
 
+@pytest.mark.slow
 def test_the_floor_is_asked_of_the_tube() -> None:
     view = verify(on_a_stand())
 
