@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from knotfab.effects.base import Effect, EffectContext, Limits, State
+from knotfab.geometry.kernels import bend_hinge
 from knotfab.geometry.measures import bend_radii
+from knotfab.render.known import known
 
 __all__ = ["BEND"]
 
@@ -20,18 +21,11 @@ def magnitude(situation: EffectContext) -> float:
 
 
 def term(state: State, limits: Limits) -> Tensor:
-    """Squared hinge of curvature over what is allowed.
-
-    The bend radius of a vertex is min(adjacent edges) / (2 tan(turning angle / 2)) (Rawdon 1998).
-    """
-    one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
-    cosine, product = (state.edge * state.after).sum(-1), one * two
-    # 2 tan(theta / 2) = 2 sqrt((1 - cos theta) / (1 + cos theta))
-    folded = (product + cosine).clamp_min(1e-9 * product.detach())
-    curvature = 2 * ((product - cosine) / folded).clamp_min(1e-12).sqrt() / torch.minimum(one, two)
-    hinge = (curvature * (limits.bend_radius * _OVERSHOOT) - 1).clamp_min(0)
-    squared: Tensor = (hinge * hinge).sum() * (state.spacing / limits.radius)
-    return squared
+    """Squared hinge of curvature over what is allowed."""
+    points = state.points.detach().cpu().numpy()
+    total, gradient = bend_hinge(points, state.rings.next, limits.bend_radius * _OVERSHOOT)
+    scale = state.spacing / limits.radius
+    return known(scale * total, (state.points, scale * gradient))
 
 
 BEND = Effect(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from knotfab.effects.base import Effect, EffectContext, Limits, State
+from knotfab.geometry.kernels import gap_hinge
 from knotfab.geometry.measures import strand_gap
-from knotfab.geometry.neighbours import closest_parameters
-from knotfab.geometry.polylines import dot
+from knotfab.render.known import known
 
 __all__ = ["CLEARANCE"]
 
@@ -30,26 +29,19 @@ def term(state: State, limits: Limits) -> Tensor:
     (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
     """
     distance = limits.separation * _OVERSHOOT
-    start, edge = state.points.detach().cpu().numpy(), state.edge.detach().cpu().numpy()
-    middle = start + 0.5 * edge
-    i, j = state.near.i, state.near.j
-    apart = middle[i] - middle[j]
-    close = dot(apart, apart) < (distance + 1.5 * state.spacing) ** 2
-    i, j = i[close], j[close]
-    far = state.rings.index_distance(i, j) * state.spacing > 0.5 * np.pi * limits.separation
-    i, j = i[far], j[far]
-    s, t = closest_parameters(start[i], edge[i], start[j], edge[j])
-    device = state.points.device
-    rows_i, rows_j = torch.as_tensor(i, device=device), torch.as_tensor(j, device=device)
-    at_i, at_j = (
-        torch.as_tensor(s, device=device)[:, None],
-        torch.as_tensor(t, device=device)[:, None],
+    total, gradient = gap_hinge(
+        state.points.detach().cpu().numpy(),
+        state.rings.next,
+        state.rings.start,
+        state.rings.size,
+        state.near.i,
+        state.near.j,
+        distance + 1.5 * state.spacing,
+        0.5 * np.pi * limits.separation / state.spacing,
+        distance,
     )
-    p = state.points[rows_i] + at_i * state.edge[rows_i]
-    q = state.points[rows_j] + at_j * state.edge[rows_j]
-    gap = ((p - q) ** 2).sum(-1).clamp_min(1e-12).sqrt()
-    hinge = ((distance - gap) / limits.radius).clamp_min(0)
-    return (hinge * hinge).sum() * (state.spacing / limits.radius)
+    scale = state.spacing / limits.radius**3
+    return known(scale * total, (state.points, scale * gradient))
 
 
 CLEARANCE = Effect(

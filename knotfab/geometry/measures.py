@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.geometry.neighbours import closest_parameters, find_neighbours
+from knotfab.geometry.kernels import closest_parameters
+from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 
 __all__ = ["Curvature", "StrandGap", "bend_radii", "measure_curvature", "strand_gap"]

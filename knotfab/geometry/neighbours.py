@@ -8,9 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Indices
+from knotfab.geometry.kernels import closest_parameters
 from knotfab.geometry.polylines import Polylines, dot
 
-__all__ = ["Neighbours", "closest_parameters", "find_neighbours", "segment_distance"]
+__all__ = ["Neighbours", "find_neighbours", "segment_distance"]
 
 
 @dataclass(frozen=True)
@@ -35,23 +36,6 @@ def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) ->
     i, j = pairs[:, 0], pairs[:, 1]
     keep = rings.index_distance(i, j) >= skip
     return Neighbours(i[keep], j[keep], reach, points.copy(), skip)
-
-
-def closest_parameters(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Where the segments p + s u and q + t v, s and t in [0, 1], come closest: (s, t), each [M].
-
-    Ericson, Real-Time Collision Detection, 5.1.9: clamp one parameter, solve, clamp the other.
-    """
-    w = p - q
-    a, e, f = dot(u, u), dot(v, v), dot(v, w)
-    b, c = dot(u, v), dot(u, w)
-    det = a * e - b * b
-    parallel = det <= 1e-12 * a * e
-    s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0, det)), 0, 1)
-    t = (b * s + f) / e
-    low, high = t < 0, t > 1
-    s = np.where(low, np.clip(-c / a, 0, 1), np.where(high, np.clip((b - c) / a, 0, 1), s))
-    return s, np.clip(t, 0, 1)
 
 
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:

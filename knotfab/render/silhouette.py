@@ -18,6 +18,7 @@ from knotfab.arrays import Array
 from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame, Number, number
 from knotfab.render.kernels import Places, Real, evaluate, find_winners
+from knotfab.render.known import known
 from knotfab.render.tiled import CUTOFF, render_tiled
 from knotfab.render.tiled import winners as torch_winners
 
@@ -86,8 +87,11 @@ def squared_error(
         return ((render(starts, ends, frame, radius, tau, cutoff, won) - target) ** 2).sum()
     won = won or winners(starts, ends, frame, number(radius), cutoff / tau)
     scene = _Scene.of(starts, ends, frame, number(radius), tau, won)
-    error: Tensor = _Error.apply(*scene.ends, scene, target)  # type: ignore[no-untyped-call]
-    return error
+    # (g - f)^2 is g^2 - 2 g f where a pixel is coloured, and f^2 everywhere
+    field = target.contiguous().numpy().ravel()
+    total, slopes = scene.evaluate(field, 2.0, -2.0)
+    a, b = scene.ends
+    return known(total + float(field @ field), (a, slopes[:, :3]), (b, slopes[:, 3:]))
 
 
 def _torch_alone(starts: Tensor, frame: Frame, radius: Number) -> bool:
@@ -143,12 +147,6 @@ class _Scene:
         return total, slopes
 
 
-def _halves(slopes: Array, scale: float, like: Tensor) -> tuple[Tensor, Tensor]:
-    """The gradients [n, 3] of both ends, in their precision."""
-    both = torch.from_numpy(slopes * scale).to(like.dtype)
-    return both[:, :3], both[:, 3:]
-
-
 class _Image(torch.autograd.Function):
     """The flat image; its gradient works the distances out once more, which is cheaper than keeping them."""
 
@@ -163,20 +161,5 @@ class _Image(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
         _, slopes = ctx.scene.evaluate(slope.contiguous().numpy(), 0.0, 1.0)
-        return *_halves(slopes, 1.0, slope), None
-
-
-class _Error(torch.autograd.Function):
-    """The squared error: g^2 - 2 g f summed over the pixels that are coloured, and f^2 over all."""
-
-    @staticmethod
-    def forward(ctx: Any, a: Tensor, b: Tensor, scene: _Scene, target: Tensor) -> Tensor:
-        field = target.contiguous().numpy().ravel()
-        total, ctx.slopes = scene.evaluate(field, 2.0, -2.0)
-        ctx.like = a
-        return a.new_tensor(total + float(field @ field))
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
-        return *_halves(ctx.slopes, float(slope), ctx.like), None, None
+        both = torch.from_numpy(slopes).to(slope.dtype)
+        return both[:, :3], both[:, 3:], None

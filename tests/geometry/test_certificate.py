@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knotfab.geometry.certificate import certify, step_limits
-from knotfab.geometry.neighbours import closest_parameters, find_neighbours
+from knotfab.geometry.kernels import closest_parameters
+from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
 
