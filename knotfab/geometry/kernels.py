@@ -21,6 +21,7 @@ __all__ = [
     "bend_hinge",
     "closest_parameters",
     "gap_hinge",
+    "least_gap",
     "step_limits",
     "step_margin",
 ]
@@ -109,6 +110,34 @@ def _middles(points: Array, following: Indices) -> tuple[Array, Array]:
 def _square_between(x: Array, i: int, j: int) -> float:
     w = _minus(_row(x, i), _row(x, j))
     return _dot(w, w)
+
+
+@compiled
+def least_gap(
+    points: Array,
+    following: Indices,
+    start: Indices,
+    i: Indices,
+    j: Indices,
+    along: Array,  # of each segment's middle on its ring, mm
+    length: Array,  # of each segment's ring, mm
+    arc: float,  # pairs nearer along the curve are neighbours
+    straight: float,  # pairs further apart than this share of the arc between them are, too
+) -> tuple[float, int]:
+    """The least distance of paired segments that are no neighbours, and the pair; infinite and -1: none."""
+    least, which = np.inf, -1
+    for pair in range(len(i)):
+        a, b = i[pair], j[pair]
+        same = start[a] == start[b]
+        between = abs(along[a] - along[b])
+        between = min(between, length[a] - between)
+        if same and not between > arc:
+            continue
+        _, _, w = _apart(points, following, a, b)
+        gap = math.sqrt(_dot(w, w))
+        if gap < least and not (same and gap > straight * between):
+            least, which = gap, pair
+    return least, which
 
 
 @compiled

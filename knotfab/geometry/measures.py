@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.geometry.kernels import closest_parameters
+from knotfab.geometry.kernels import least_gap
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
 
@@ -44,25 +44,21 @@ def strand_gap(
     """
     edge = points[rings.next] - points
     length = np.linalg.norm(edge, axis=1)
-    near = find_neighbours(points, rings, reach + float(length.max()), 2)
-    i, j = near.i, near.j
     # arc distance, ring by ring
     before = np.cumsum(length) - 0.5 * length  # to the middle of each segment
     total = np.add.reduceat(length, np.unique(rings.start))[rings.ring]
-    along = np.abs(before[i] - before[j])
-    along = np.minimum(along, total[i] - along)
-    far = (rings.ring[i] != rings.ring[j]) | (along > 0.5 * np.pi * separation)
-    i, j = i[far], j[far]
-    if len(i) == 0:
+    longest, within = float(length.max()), min(1.2 * separation, reach)
+    while True:
+        # what is found within a distance is the least of all; most often strands are close somewhere
+        near = find_neighbours(points, rings, within + longest, 2)
+        lists = (rings.next, rings.start, near.i, near.j, before, total)
+        gap, pair = least_gap(points, *lists, 0.5 * np.pi * separation, straight)
+        if gap <= within or within >= reach:
+            break
+        within = min(2 * within, reach)
+    if pair < 0:
         return StrandGap(reach, -1, -1)
-    s, t = closest_parameters(points[i], edge[i], points[j], edge[j])
-    apart = points[i] + s[:, None] * edge[i] - points[j] - t[:, None] * edge[j]
-    gap = np.sqrt(dot(apart, apart))
-    if np.isfinite(straight):
-        same = rings.ring[i] == rings.ring[j]
-        gap = np.where(same & (gap > straight * along[far]), np.inf, gap)
-    k = int(np.argmin(gap))
-    return StrandGap(min(float(gap[k]), reach), int(i[k]), int(j[k]))
+    return StrandGap(min(gap, reach), int(near.i[pair]), int(near.j[pair]))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import torch
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.kernels import bend_hinge, closest_parameters, gap_hinge
-from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.known import known
@@ -145,3 +145,27 @@ def test_a_known_gradient_is_scaled_and_cast() -> None:
     one, two = torch.autograd.grad(4 * value, (a, b))
     assert float(value.detach()) == 2.5 and one.dtype == torch.float32
     assert bool((one == 28).all()) and two.tolist() == [0.0, 4.0, 8.0]
+
+
+@pytest.mark.parametrize("straight", [np.inf, 0.7])
+def test_the_least_gap_is_that_of_all_pairs_that_are_no_neighbours(straight: float) -> None:
+    for seed in range(10):
+        points, rings = crumpled(seed, noise=0.02)
+        rows = np.arange(len(points))
+        i, j = (x.ravel() for x in np.meshgrid(rows, rows))
+        keep = (i < j) & (rings.index_distance(i, j) >= 2)
+        i, j = i[keep], j[keep]
+        edge = np.linalg.norm(points[rings.next] - points, axis=1)
+        middle = np.cumsum(edge) - 0.5 * edge
+        around = np.array([edge[rings.ring == r].sum() for r in rings.ring])
+        arc = np.abs(middle[i] - middle[j])
+        arc = np.minimum(arc, around[i] - arc)
+        gap, same = gaps(points, rings, i, j), rings.ring[i] == rings.ring[j]
+        for separation in (0.05, 0.5, 3.0):
+            far = ~same | (arc > 0.5 * np.pi * separation)
+            far &= ~same | (gap <= straight * arc)
+            wanted = min(gap[far].min(initial=np.inf), 3 * separation)
+            found = strand_gap(points, rings, separation, 3 * separation, straight)
+            assert found.gap == pytest.approx(wanted, rel=1e-12)
+            if found.gap < 3 * separation:
+                assert gaps(points, rings, [found.i], [found.j])[0] == pytest.approx(wanted)
