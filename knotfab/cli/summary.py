@@ -161,7 +161,14 @@ def print_catalogue(
 
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("printer", "process", "build volume, mm", "nozzle", "layer", "least tube radius"):
+    for column in (
+        "printer",
+        "process",
+        "build volume, mm",
+        "nozzle",
+        "layer",
+        "least tube radius",
+    ):
         table.add_column(column, no_wrap=True)
     for name, p in printers.items():
         room = " x ".join(f"{side:g}" for side in p.build_volume_mm)
