@@ -161,12 +161,19 @@ def print_catalogue(
 
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("printer", "build volume, mm", "nozzle", "layer", "least tube radius"):
+    for column in (
+        "printer",
+        "process",
+        "build volume, mm",
+        "nozzle",
+        "layer",
+        "least tube radius",
+    ):
         table.add_column(column, no_wrap=True)
     for name, p in printers.items():
         room = " x ".join(f"{side:g}" for side in p.build_volume_mm)
         figures = (p.nozzle_mm, p.layer_height_mm, p.min_tube_radius_mm)
-        table.add_row(escape(name), room, *(f"{value:g}" for value in figures))
+        table.add_row(escape(name), p.process, room, *(f"{value:g}" for value in figures))
     console.print(table)
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("material", "process", "g/cm³", "modulus, MPa", "least bend radius"):

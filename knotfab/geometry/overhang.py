@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from knotfab.arrays import Array
 
 __all__ = [
+    "EDGES",
     "ROOF_GAP_MM",
     "ROOF_LAYERS",
     "SPACING_MM",
@@ -32,6 +33,9 @@ CELL_RADII = 1.0  # of the grid in which strands find what lies below them
 # nozzles, this far apart between both edges of a strand's underside, and a denser roof below the strand.
 SUPPORT_LINE_NOZZLES = 0.9
 SPACING_MM = 4.0
+EDGES = (
+    1.7  # lines along a strand: neighbours share some (PrusaSlicer 2.5, tube radii 1.8 to 3.7 mm)
+)
 ROOF_LAYERS = 2
 ROOF_GAP_MM = 0.2
 
@@ -160,7 +164,7 @@ def _weigh_supports(volume: float, curtain: float, roof: float, rules: Rules) ->
     it. `curtain`, mm², is its length times its height.
     """
     line = rules.support_line_mm
-    lines = line * (2 * curtain + volume / (SPACING_MM + line))
+    lines = line * (EDGES * curtain + volume / (SPACING_MM + line))
     return lines + ROOF_LAYERS * rules.layer_mm * roof * line / (line + ROOF_GAP_MM)
 
 

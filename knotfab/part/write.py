@@ -11,6 +11,7 @@ from knotfab.design.design import Design
 from knotfab.files.folder import OutputFolder
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
+from knotfab.mount.coupon import COUPON, plan_coupon
 from knotfab.part.assemble import Part
 from knotfab.part.plates import Plates
 from knotfab.scene.load import dump_scene
@@ -51,7 +52,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl, part.3mf, the plates, knots.json, the views' pictures and scene.toml.
+    """Write part.stl, part.3mf, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
 
     Args:
         scene: with the pose (`pose_scene`).
@@ -75,6 +76,9 @@ def write_part(
             paint,
             title,
         )
+    coupon = None if suffix else plan_coupon(part.mounted)
+    if coupon is not None:
+        write_3mf(folder.file(COUPON), coupon.make_bodies(), f"{title}, coupon")
     part.pose.knots.write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
 

@@ -83,11 +83,16 @@ def add_posing(
 
 def _add_printing(report: dict[str, Any], part: Part) -> None:
     """Add `print.support_access`, `print.flatter`, and the notes on what the supports are and cost."""
+    from knotfab.mount.coupon import plan_coupon
     from knotfab.part.access import measure_access
     from knotfab.part.assemble import rules_of
     from knotfab.part.flatter import Printing, estimate_flatter
 
     scene, figures, notes = part.mounted.scene, report["print"], report["notes"]
+    coupon = plan_coupon(part.mounted)
+    if coupon is not None:
+        figures["coupon"] = coupon.to_dict()
+        notes.append(coupon.tell())
     if scene.material.process == "wire":
         return
     rules = rules_of(scene)

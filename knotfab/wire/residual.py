@@ -23,8 +23,9 @@ __all__ = ["FitLimits", "Strand", "compute_residual", "measure_distances", "weig
 
 _GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
+_CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
-_STIFF_CONTACT = 6.0
+_STIFF_CONTACT = 24.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ def _push_apart(
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Residuals that push apart strands nearer than the wire's diameter."""
     least = limits.wire_diameter_mm + _GAP_MM
-    sampled = [space_sites(w, 0.5 * limits.wire_diameter_mm) for w in wires]
+    sampled = [space_sites(w, _CONTACT_STEP * limits.wire_diameter_mm) for w in wires]
     points = [w.at(s) for w, (s, _) in zip(wires, sampled, strict=True)]
     owner = np.concatenate([np.full(len(p), k) for k, p in enumerate(points)])
     along = np.concatenate([a for _, a in sampled])

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
 from knotfab.geometry.overhang import (
+    EDGES,
     ROOF_GAP_MM,
     ROOF_LAYERS,
     SPACING_MM,
@@ -105,7 +106,7 @@ def test_the_filament_of_a_wall_under_a_bar() -> None:
     knots = Knots((Knot(foot, closed=False), Knot(bar, closed=False)), RADIUS)
     found = estimate(strands_of(knots), np.eye(3), rules)
     line, wide = rules.support_line_mm, 2 * RADIUS * np.sin(np.pi / 4)
-    edges = 2 * line * 100 * 30
+    edges = EDGES * line * 100 * 30
     across = line / (SPACING_MM + line) * wide * 100 * 30
     roof = ROOF_LAYERS * rules.layer_mm * wide * 100 * line / (line + ROOF_GAP_MM)
     assert found.filament_cm3 == pytest.approx((edges + across + roof) / 1000, rel=0.05)

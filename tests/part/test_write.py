@@ -14,6 +14,7 @@ import pytest
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
+from knotfab.mount.mount import Mounted
 from knotfab.part.write import make_pose, write_part
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Scene
@@ -28,7 +29,7 @@ def rings(count: int) -> Any:
     return SimpleNamespace(
         bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
         pose=SimpleNamespace(knots=Knots(knots, 2.0)),
-        mounted=SimpleNamespace(names=[f"knot {k + 1}" for k in range(count)]),
+        mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
         plates=None,
     )
 

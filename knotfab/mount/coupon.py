@@ -1,0 +1,114 @@
+"""The coupon of a mount: its pins and holes at a few clearances, to be printed and tried beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.arrays import Array
+from knotfab.mount.mount import Mounted
+from knotfab.mount.solids import as_manifold
+
+__all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
+
+Mesh = tuple[Array, NDArray[np.int32]]
+
+COUPON = "coupon.3mf"
+PLAYS_MM = (
+    0.1,
+    0.2,
+    0.3,
+    0.4,
+    0.5,
+)  # by which the holes are wider than the pin: as many dots as tenths
+LONGEST_MM = 20.0  # of the peg that stands on the strip
+KNOB_MM = 4.0
+LEAST_STRIP_MM = 3.0
+APART_MM = 5.0
+SINK_MM = 0.3
+
+_DOTS = tuple(round(10 * play) for play in PLAYS_MM)
+
+
+@dataclass(frozen=True)
+class Coupon:
+    """Sizes in mm: the pin and how deep it goes, the strip, and the peg that stands on it."""
+
+    pin_mm: float
+    depth_mm: float
+    thickness_mm: float
+    peg_length_mm: float
+    peg_top_mm: float
+    peg_foot_mm: float
+
+    @property
+    def holes_mm(self) -> tuple[float, ...]:
+        """The diameters of the holes."""
+        return tuple(self.pin_mm + play for play in PLAYS_MM)
+
+    def make_bodies(self) -> list[Mesh]:
+        """The strip with its peg, and the loose pin, side by side on the bed."""
+        from knotfab_fixtures.coupon import fit_pin, fit_strip
+        from knotfab_fixtures.peg import peg
+
+        room = self.peg_foot_mm + 2 * APART_MM
+        strip = as_manifold(fit_strip(self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
+        cone = peg(self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2, sink_mm=SINK_MM)
+        standing = as_manifold(cone).translate((room / 2, 0.0, self.thickness_mm))
+        whole = (strip + standing).to_mesh64()
+        vertices = np.array(whole.vert_properties[:, :3], dtype=np.float64)
+        pin, pin_faces = fit_pin(self.pin_mm, self.depth_mm, KNOB_MM)
+        above = vertices[:, 1].max() - pin[:, 1].min() + APART_MM
+        pin = pin + [vertices[:, 0].mean(), above, 0.0]
+        low = np.minimum(vertices.min(axis=0), pin.min(axis=0))
+        faces = np.array(whole.tri_verts, dtype=np.int32)
+        return [(vertices - low, faces), (pin - low, pin_faces)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's `print.coupon`."""
+        return {
+            "file": COUPON,
+            "pin_mm": round(self.pin_mm, 3),
+            "holes_mm": [round(hole, 3) for hole in self.holes_mm],
+            "dots": list(_DOTS),
+        }
+
+    def tell(self) -> str:
+        """One sentence for the report."""
+        return (
+            f"{COUPON} is there to try the fit on: a pin of {self.pin_mm:.1f} mm, holes that are wider by "
+            f"{PLAYS_MM[0]:g} to {PLAYS_MM[-1]:g} mm with a dot for every tenth, and one of the mount's pegs."
+        )
+
+
+def plan_coupon(mounted: Mounted) -> Coupon | None:
+    """The coupon of a wall mount or a stand, None without a mount.
+
+    The pin is as thick as what goes into a hole: a dowel or the root of a peg, or a stand's thickest
+    member; the strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
+    """
+    asked = mounted.scene.mount
+    if mounted.wall is not None:
+        pegs = mounted.wall.pegs
+        slim = min(pegs, key=lambda one: one.top_radius_mm)
+        pin = max(one.root_radius_mm for one in pegs)
+        top, foot, length = slim.top_radius_mm, slim.foot_radius_mm, slim.length_mm
+        thick = asked.plate_thickness_mm
+    elif mounted.stand is not None and len(mounted.stand.members):
+        members = mounted.stand.members
+        pin, top = float(members.radius.max()), float(members.radius.min())
+        foot, length = top, float(members.length_mm.max())
+        thick = asked.base_thickness_mm
+    else:
+        return None
+    return Coupon(
+        pin_mm=2 * pin,
+        depth_mm=asked.dowel_depth_mm,
+        thickness_mm=max(thick, LEAST_STRIP_MM),
+        peg_length_mm=min(length, LONGEST_MM),
+        peg_top_mm=2 * top,
+        peg_foot_mm=2 * foot,
+    )
