@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
@@ -13,6 +15,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.target.read import Target
 from knotfab.target.thicken import thicken
+from knotfab_validators.files.strokes import widen_strokes
 
 Mask = NDArray[np.bool_]
 
@@ -70,6 +73,15 @@ def test_what_is_thick_stays_with_its_corners() -> None:
 def test_nothing_is_widened_twice() -> None:
     once = thicken(drawn(*LINES["bent"], width=3), 12)
     assert (thicken(once, 10) ^ once).sum() < 0.01 * once.sum()
+
+
+@given(st.integers(0, 10**6), st.floats(4.0, 16.0))
+@settings(deadline=None, max_examples=15)
+def test_the_validators_widen_alike(seed: int, width: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = [(int(x), int(y)) for x, y in rng.integers(10, 120, (4, 2))]
+    mask = drawn(*points, width=int(rng.integers(1, 8)), body=bool(seed % 2))
+    np.testing.assert_array_equal(thicken(mask, width), widen_strokes(mask, width))
 
 
 @pytest.mark.parametrize("sequence", [False, True])
