@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from knotfab.design.frames import size_frames, spread_views
+from knotfab.design.frames import size_frames, spread_views, thicken_targets
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
-from knotfab.preview.sentence import describe
-from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.progress import Progress
 from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
@@ -21,6 +20,9 @@ from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.target.read import TEXT_PREFIX, Target, read_targets
+
+if TYPE_CHECKING:
+    from knotfab.preview.survey import Survey
 
 __all__ = ["check_names", "prepare_build", "survey_pictures"]
 
@@ -41,6 +43,10 @@ def prepare_build(
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     with progress.stage("preview"):
+        # only now: a picture that cannot be read is told without waiting for them
+        from knotfab.preview.sentence import describe
+        from knotfab.preview.survey import require_drawable, survey
+
         found = survey(call.scene, call.targets, options.sequence)
     require_drawable(found, call.scene)
     return Request(
@@ -67,6 +73,8 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
         InputError: as for `prepare_build`.
     """
     call = _read_call(pictures, options, Progress("quiet"))
+    from knotfab.preview.survey import survey
+
     return survey(call.scene, call.targets, options.sequence)
 
 
@@ -101,6 +109,9 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
             targets = read_targets(sources, scene.views, base=base, font=options.font)
     if not options.sequence and (options.width or options.height):
         scene = size_frames(scene, targets)
+    if any(view.thicken_mm != "none" for view in scene.views):
+        widened, targets = thicken_targets(resolve(scene), targets, options.sequence)
+        scene = scene.model_copy(update={"views": widened.views})
     return _Call(scene, sources, base, targets)
 
 

@@ -264,6 +264,8 @@ def main(arguments: list[str] | None = None) -> None:
     # many small products: threads that wait for each other cost more than they bring, and up to
     # ten times on a shared machine; read when numpy is first imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # pydantic's plugins are looked for in every package that is installed, for a tenth of a second
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # asked to end, tidy up as after Ctrl-C
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

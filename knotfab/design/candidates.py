@@ -13,8 +13,9 @@ from knotfab.errors import SceneError
 from knotfab.scene.model import Printer, ResolvedView
 from knotfab.target.opening import thickest_radius
 
-__all__ = ["RadiusRange", "range_of", "too_fine", "usual_radii"]
+__all__ = ["DEPTH_RATIO", "DRAWN", "RadiusRange", "range_of", "too_fine", "usual_radii"]
 
+DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
 _UNEVEN = 0.4  # px by which a line's width varies as it is drawn
 DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing

@@ -7,17 +7,19 @@ shifted until their silhouettes reach from the same height to the same height.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
+from knotfab.target.thicken import thicken
 
-__all__ = ["frame_view", "framed_alike", "size_frames", "spread_views"]
+__all__ = ["frame_view", "framed_alike", "size_frames", "spread_views", "thicken_targets"]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
+_ROOM = 1.1  # width of a widened stroke over the thinnest tube's shadow
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
@@ -105,6 +107,44 @@ def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
         v.model_copy(update={key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike
     )
     return scene.model_copy(update={"views": views})
+
+
+def thicken_targets(
+    scene: Scene, targets: Sequence[Target], sequence: bool = False
+) -> tuple[Scene, tuple[Target, ...]]:
+    """Widen thin strokes where the scene asks for it (`thicken_mm`, on the receiver).
+
+    Args:
+        scene: with its printer's figures. targets: of its views, or of a sequence its frames.
+
+    Returns:
+        The scene, with the widths as numbers, and the targets with what is to be drawn.
+    """
+    if all(view.thicken_mm == "none" for view in scene.views):
+        return scene, tuple(targets)
+    if not sequence and len(targets) > 1:  # what is widened must not change the frames
+        scene = framed_alike(scene, targets)
+    views = []
+    for view in scene.views:
+        width = view.thicken_mm
+        if width == "auto":
+            thinnest = scene.printer.min_tube_radius_mm
+            width = round(_ROOM * 2.0 * thinnest * view.magnification, 3)
+        views.append(view.model_copy(update={"thicken_mm": width}))
+    each = views * len(targets) if sequence else views
+    widened = tuple(_thicken(v, t) for v, t in zip(each, targets, strict=True))
+    return scene.model_copy(update={"views": tuple(views)}), widened
+
+
+def _thicken(view: View, target: Target) -> Target:
+    if isinstance(view.thicken_mm, str):
+        return target
+    width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
+    mask = thicken(target.mask, width)
+    if (mask == target.mask).all():
+        return target
+    rule = f"{target.rule}; strokes widened to {view.thicken_mm:g} mm, {width:.1f} px"
+    return replace(target, mask=mask, original=target.asked, rule=rule)
 
 
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:

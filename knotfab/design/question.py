@@ -34,12 +34,14 @@ __all__ = ["Question", "ask", "silhouette_polygon"]
 class Question:
     """A problem, the scene it comes from with printer and material filled in, and each view's bound.
 
-    `bounds` say what several pictures leave of each other; there are none of one.
+    `bounds` say what several pictures leave of each other; there are none of one. `likeness`: the IoU of
+    what is drawn, smoothed or with wider strokes, and the picture, where they are least alike.
     """
 
     scene: Scene
     problem: Problem
     bounds: tuple[HullBound, ...] = ()
+    likeness: float = 1.0
 
     @property
     def views(self) -> tuple[ResolvedView, ...]:
@@ -51,8 +53,8 @@ class Question:
         return min(opening_iou(p, radius) for p in self.problem.polygons)
 
     def most_iou(self, radius: float) -> float:
-        """The IoU that no such tube can exceed in all views."""
-        return min(self.opening(radius), *(b.iou for b in self.bounds), 1.0)
+        """The IoU that no such tube can exceed in all views; about, where other strokes are drawn."""
+        return min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
 
     def roomy(self) -> ResolvedRegion:
         """A region in which nothing is in the pictures' way."""
@@ -116,7 +118,12 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
     )
-    return Question(scene, problem, bounds).with_depth(thinnest)
+    return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
+
+
+def _likeness(targets: Sequence[Target]) -> float:
+    """IoU of what is drawn and what its shadow is compared with, of the picture where it is least."""
+    return min(float((t.mask & t.asked).sum() / (t.mask | t.asked).sum()) for t in targets)
 
 
 def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:

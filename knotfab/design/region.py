@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPolygon
 
+from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
 from knotfab.effects.region_mesh import region_mesh
 from knotfab.errors import SceneError
@@ -15,7 +16,6 @@ from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 __all__ = ["depth_extent", "resolve_region"]
 
 
-DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 _WIDER = 1.25  # than the picture
 
 

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.scene.model import ResolvedView, Scene
 
 __all__ = ["Guess", "guess_print"]
 
-# Fitted on builds of the project's own pictures (docs/silhouette.md has them beside the slicer's figures).
+# Fitted on builds of the project's own pictures (docs/silhouette.md has guesses beside the slicer's figures).
 _LENGTH, _LENGTH_FLAT = 1.6, 1.12  # of the tube over area / width
-_HOURS, _HOURS_FLAT, _HOURS_PLATE = 0.24, 0.10, 0.06  # to a cm3, supports included
+_HOURS, _OF_RADIUS_MM = 0.158, 1.77  # to a cm3 of a tube of this radius; thin ones take longer
+_HOURS_PLATE = 0.06
+_HOURS_AROUND = 0.007  # to a cm3 of the room between the strands, part of which supports fill
 
 
 @dataclass(frozen=True)
@@ -23,24 +26,35 @@ class Guess:
     hours: float | None
 
 
-def guess_print(scene: Scene, area_mm2: float, view: ResolvedView, radius_mm: float) -> Guess:
+def guess_print(
+    scene: Scene,
+    view: ResolvedView,
+    area_mm2: float,
+    size_mm: tuple[float, float],
+    radius_mm: float,
+) -> Guess:
     """Guess by what builds came to.
 
     A tube that fills an area A with strands side by side is A / 2r long; through the depth it is longer.
 
     Args:
-        scene: resolved. area_mm2: of the silhouette at the middle of the piece. radius_mm: of the tube.
+        scene: resolved. area_mm2, size_mm: of the silhouette, and its width and height, in the middle of
+            the piece. radius_mm: of the tube.
     """
     flat = scene.piece.depth == "flat"
     length = (_LENGTH_FLAT if flat else _LENGTH) * area_mm2 / (2 * radius_mm)
-    tube = np.pi * radius_mm**2 * length
-    plate = 0.0
+    tube, plate = np.pi * radius_mm**2 * length, 0.0
     if scene.mount.kind == "wall" and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.plate_thickness_mm
-    density = scene.material.density_g_cm3 * 1e-3
-    hours = None
-    if scene.material.process == "filament":
-        hours = (_HOURS_FLAT if flat else _HOURS) * tube * 1e-3 + _HOURS_PLATE * plate * 1e-3
-    return Guess(float((tube + plate) * density), None if hours is None else float(hours))
+    mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
+    if scene.material.process != "filament":
+        return Guess(float(mass), None)
+    room = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
+    depth = 0.0 if flat else min(room, DEPTH_RATIO * max(size_mm))
+    if not isinstance(scene.piece.depth, str):
+        depth = scene.piece.depth
+    hours = _HOURS * np.sqrt(_OF_RADIUS_MM / radius_mm) * tube
+    hours += _HOURS_PLATE * plate + _HOURS_AROUND * area_mm2 * depth
+    return Guess(float(mass), float(hours * 1e-3))

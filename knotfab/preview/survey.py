@@ -55,6 +55,11 @@ class ViewSurvey:
         return self.view.frame_width_mm / self.target.width
 
     @property
+    def area_mm2(self) -> float:
+        """Of the silhouette at the middle of the piece."""
+        return float(self.polygon.area) / self.px_per_mm**2
+
+    @property
     def piece_mm(self) -> tuple[float, float]:
         """Width and height of the drawing at the middle of the piece."""
         left, top, right, bottom = self.polygon.bounds
@@ -89,11 +94,12 @@ def survey(scene: Scene, targets: Sequence[Target], sequence: bool = False) -> S
         radius = thinnest if len(known) < len(feasible) else max(thinnest, min(usual, *known))
     else:
         radius = asked
+    first = views[0]
     return Survey(
         views,
         radius,
         thinnest,
-        guess_print(scene, views[0].polygon.area / views[0].px_per_mm ** 2, views[0].view, radius),
+        guess_print(scene, first.view, first.area_mm2, first.piece_mm, radius),
         frames,
     )
 

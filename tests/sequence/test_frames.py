@@ -97,3 +97,16 @@ def test_a_gif_of_nothing_is_refused(tmp_path: Path) -> None:
         write_gif(tmp_path / "no.gif", [], 80)
     with pytest.raises(ValueError, match="one size"):
         write_gif(tmp_path / "no.gif", [_bar(1), _bar(1, (20, 20))], 80)
+
+
+def test_frames_are_cropped_to_one_box(tmp_path: Path) -> None:
+    for k in range(3):
+        pixels = np.full((90, 120), 255, dtype=np.uint8)
+        pixels[30:60, 20 + 20 * k : 40 + 20 * k] = 0
+        Image.fromarray(pixels).save(tmp_path / f"{k}.png")
+    found = read_frames([str(tmp_path)], Reading(crop_px="auto"))
+    boxes = {t.crop_px for t in found}
+    ((left, top, width, height),) = [box for box in boxes if box is not None]
+    assert len(boxes) == 1 and left <= 20 and left + width >= 80
+    assert top <= 30 and top + height >= 60 and (width, height) != (120, 90)
+    assert [t.mask.sum() for t in found] == [600] * 3

@@ -108,6 +108,7 @@ class View:
     kind: str
     picture: str
     reading: Reading
+    thicken_mm: float | None  # width on the receiver of strokes that are thinner
     frame_width_mm: float | None
     frame_height_mm: float | None
     light_distance_mm: float
@@ -321,6 +322,9 @@ def _view(data: Any, where: str) -> View:
         kind=table.word("kind", "shadow", ("shadow", "eye")),
         picture=table.word("picture", ""),
         reading=_reading(table, where),
+        thicken_mm=None
+        if data.get("thicken_mm", "none") == "none"
+        else table.open_number("thicken_mm", None, above=0),
         frame_width_mm=table.open_number("frame_width_mm", None, above=0),
         frame_height_mm=table.open_number("frame_height_mm", None, above=0),
         light_distance_mm=table.number("light_distance_mm", 500.0, above=0),

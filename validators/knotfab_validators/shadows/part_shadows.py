@@ -14,9 +14,10 @@ from knotfab_validators.check import Check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import Scene
+from knotfab_validators.files.strokes import widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.compare import depth_ratio
+from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.misplacement import measure_misplacement
 from knotfab_validators.shadows.penumbra import blur_px, measure_penumbra
@@ -67,6 +68,7 @@ def verify_shadows(
                 why = str(error)
     verified: dict[str, VerifiedView] = {}
     recognised: dict[str, dict[str, Any]] = {}
+    drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
@@ -87,10 +89,15 @@ def verify_shadows(
             verified[view.name] = found
             if found.tube_px is not None:
                 with time_stage(seconds, "verdict"):
+                    wanted, iou = found.target, found.framed.iou
+                    if view.thicken_mm is not None:
+                        width = view.thicken_mm / geometry.pixel_mm
+                        wanted = padded_mask(widen_strokes(target, width), found.frame)
+                        iou = drawn[view.name] = overlap(found.seen, wanted).iou
                     judged = recognise(
                         found.seen,
-                        found.target,
-                        found.framed.iou,
+                        wanted,
+                        iou,
                         found.tube_px,
                         found.frame,
                         geometry,
@@ -104,6 +111,8 @@ def verify_shadows(
                     soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
+            if view.name in drawn:
+                views[-1]["iou_drawn"] = drawn[view.name]
             if view.name in recognised:
                 views[-1]["verdict"] = recognised[view.name]
             if renderer is not None:

@@ -1,0 +1,58 @@
+"""The options of a call and the keys of the scene that they stand for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from knotfab.errors import InputError
+from knotfab.options import options_from
+from knotfab.read_options import read_scene
+from knotfab.scene.load import dump_scene, parse_scene
+
+KEYS = {
+    "ink": ("red", "ink", "#ff0000"),
+    "threshold": (0.3, "threshold", 0.3),
+    "invert": (True, "invert", True),
+    "crop": ("10, 20,30,40", "crop_px", (10, 20, 30, 40)),
+    "keep_largest": (2, "keep_largest", 2),
+    "specks": (9, "speck_px", 9),
+    "smooth": (1.5, "smooth_px", 1.5),
+    "thicken": ("3mm", "thicken_mm", 3.0),
+    "width": (240.0, "frame_width_mm", 240.0),
+    "height": (90, "frame_height_mm", 90),
+    "lamp_distance": (800.0, "light_distance_mm", 800.0),
+    "wall_distance": (50.0, "wall_distance_mm", 50.0),
+    "lamp_diameter": (0.0, "light_diameter_mm", 0.0),
+}
+
+
+@pytest.mark.parametrize("name", KEYS)
+def test_an_option_is_a_key_of_every_view_and_survives_the_file(tmp_path: Path, name: str) -> None:
+    value, key, expected = KEYS[name]
+    two = '[[views]]\nname = "a"\n[[views]]\nname = "b"\nazimuth_deg = 90.0\n'
+    (tmp_path / "two.toml").write_text(two)
+    scene, _ = read_scene(options_from({name: value, "scene": tmp_path / "two.toml"}))
+    assert [getattr(view, key) for view in scene.views] == [expected] * 2
+    again = parse_scene(dump_scene(scene))
+    assert [getattr(view, key) for view in again.views] == [expected] * 2
+
+
+@pytest.mark.parametrize("key", ["width", "height"])
+def test_one_side_of_a_frame_frees_the_other(tmp_path: Path, key: str) -> None:
+    (tmp_path / "a.toml").write_text("[[views]]\nframe_width_mm = 180.0\nframe_height_mm = 90.0\n")
+    scene, _ = read_scene(options_from({key: 60.0, "scene": tmp_path / "a.toml"}))
+    sides = {"width": scene.views[0].frame_width_mm, "height": scene.views[0].frame_height_mm}
+    assert sides.pop(key) == 60.0 and list(sides.values()) == [None]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("threshold", 1.0), ("threshold", 0.0), ("smooth", -1.0), ("keep_largest", 0), ("specks", -1),
+     ("width", 0.0), ("height", float("nan")), ("lamp_distance", -5.0), ("lamp_diameter", -1.0),
+     ("ink", "plaid"), ("crop", "1,2,3"), ("crop", "1,2,0,4"), ("thicken", "-2")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused_by_the_options_name(name: str, value: object) -> None:
+    with pytest.raises(InputError, match="--" + name.replace("_", "-")):
+        read_scene(options_from({name: value}))
