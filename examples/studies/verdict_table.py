@@ -19,8 +19,6 @@ from examples.pictures import pictures
 from knotfab_validators import validate
 from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
 
-__all__ = ["main", "reads_qr", "verify"]
-
 REFUSED = "refused"
 GOOD = ("faithful", "good")
 OWN = "own"
