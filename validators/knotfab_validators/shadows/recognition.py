@@ -58,7 +58,7 @@ class Rule:
 RULES = {
     "faithful": Rule(0.97, 0.6, 0.0, 0.0, 0, False),
     "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False),
-    "coarse": Rule(0.6, 4.0, 1.0, 0.5, 3, True),
+    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
