@@ -6,8 +6,8 @@ from math import pi
 
 from PIL import Image
 
-from examples.brought.paint import SERIF, around, letters, tint
-from examples.pictures import Canvas, polar
+from examples.brought.paint import around, letters, tint
+from examples.pictures import SERIF, Canvas, polar
 
 
 def peak() -> Image.Image:

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from PIL import Image
 
-from examples.brought.paint import FONT, SERIF, letters, tint
-from examples.pictures import Canvas, spline
+from examples.brought.paint import letters, tint
+from examples.pictures import FONT, SERIF, Canvas, spline
 
 _PAGE = (
     "A knot is a closed curve in space that",

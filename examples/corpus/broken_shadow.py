@@ -80,6 +80,11 @@ def _of_pictures() -> Iterator[Broken]:
         "with a blot": lambda p: _drawn(p, _blot),
         "empty": lambda p: _drawn(p, lambda m: np.zeros_like(m)),
     }
+    yield Broken(
+        "a picture that nobody knows again",
+        partial(_apply, pictures["of something else"]),
+        "recognisable",
+    )
     for name, change in pictures.items():
         yield Broken(f"a picture {name}", partial(_apply, change), "shadow")
     yield Broken(
@@ -104,6 +109,7 @@ def _of_scene() -> Iterator[Broken]:
     yield Broken("a pose upside down", lambda: _turn_pose(180.0), "shadow")
     yield Broken("a pose 10 mm to the side", lambda: _turn_pose(0.0, 10.0), "shadow")
     yield Broken("one of two tubes missing", _one_of_two, "shadow")
+    yield Broken("one of two tubes missing, to whoever looks", _one_of_two, "recognisable")
 
 
 def _apply(change: Callable[[Part], Part]) -> Part:

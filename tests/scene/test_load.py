@@ -78,6 +78,7 @@ REFUSED = {
     "[[views]]\npicture = 3": ("text in quotes",),
     "[[views]]\ninvert = 'yes'": ("true or false",),
     "[accuracy]\nname = 'best'": ('"draft", "standard" or "fine"',),
+    "[accuracy]\naccept = ['all']": ("accept", '"unrecognisable"'),
     "[search]\nx = nan": ("[search] x",),
     "[search]\nx = [1]": ("[search] x",),
     "[pose]": ("[pose]", "matrix"),
@@ -182,7 +183,11 @@ scenes = st.builds(
     material=st.builds(Material, name=text, density_g_cm3=positive, min_bend_radius_mm=auto),
     printer=st.builds(Printer, name=text, build_volume_mm=vector(positive)),
     views=st.lists(view, min_size=1, max_size=3).map(tuple),
-    accuracy=st.builds(Accuracy, name=st.sampled_from(["draft", "standard", "fine"])),
+    accuracy=st.builds(
+        Accuracy,
+        name=st.sampled_from(["draft", "standard", "fine"]),
+        accept=st.sampled_from([(), ("unrecognisable",)]),
+    ),
     search=st.dictionaries(text, value, max_size=4),
     pose=st.none() | st.builds(Pose, matrix=st.tuples(row, row, row, row)),
 )

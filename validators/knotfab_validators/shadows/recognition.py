@@ -56,9 +56,9 @@ class Rule:
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.97, 0.6, 0.0, 0.0, 0, False),
+    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, False),
     "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False),
-    "coarse": Rule(0.6, 4.0, 1.0, 0.5, 3, True),
+    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
