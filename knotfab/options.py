@@ -12,6 +12,7 @@ from cyclopts import Group, Parameter
 from knotfab.errors import InputError
 
 __all__ = [
+    "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
     "PREVIEW_EXAMPLES",
     "BuildOptions",
@@ -44,6 +45,15 @@ knotfab build --scene out/scene.toml       the same part again
 ```
 """
 
+
+BATCH_EXAMPLES = """Examples:
+
+```
+knotfab batch logos/ --out built --print
+knotfab batch *.png --out built --accuracy draft --jobs 4
+knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
+```
+"""
 
 PREVIEW_EXAMPLES = """Examples:
 

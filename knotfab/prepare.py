@@ -24,7 +24,7 @@ from knotfab.target.read import TEXT_PREFIX, Target, read_targets
 if TYPE_CHECKING:
     from knotfab.preview.survey import Survey
 
-__all__ = ["check_names", "prepare_build", "survey_pictures"]
+__all__ = ["check_names", "check_options", "prepare_build", "survey_pictures"]
 
 
 def prepare_build(
@@ -64,6 +64,18 @@ def prepare_build(
         targets=call.targets,
         preview=tuple(describe(found)),
     )
+
+
+def check_options(options: BuildOptions) -> None:
+    """Refuse options that no picture could be built with.
+
+    Raises:
+        InputError: naming the option.
+    """
+    read_skips(options.skip)
+    if options.time_budget is not None:
+        read_seconds(options.time_budget)
+    check_names(read_scene(options)[0])
 
 
 def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:

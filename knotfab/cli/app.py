@@ -15,6 +15,7 @@ from cyclopts.exceptions import CycloptsError
 from knotfab import __version__
 from knotfab.errors import InputError, KnotfabError
 from knotfab.options import (
+    BATCH_EXAMPLES,
     BUILD_EXAMPLES,
     PREVIEW_EXAMPLES,
     BuildOptions,
@@ -108,6 +109,35 @@ def preview(
     write_whole(out, draw_survey(found))
     print_survey(found, out, json)
     return 0
+
+
+@app.command(help_epilogue=BATCH_EXAMPLES)
+def batch(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    jobs: int | None = None,
+    cluster: str | None = None,
+) -> int:
+    """Build many pictures, each into a folder of its name in --out; what is there already stays.
+
+    Parameters
+    ----------
+    pictures
+        Picture files, folders of them, or text:…
+    jobs
+        Builds side by side; as many as cores and memory allow by default.
+    cluster
+        The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
+    """
+    from knotfab.batch.run import batch as run
+    from knotfab.prepare import check_options
+
+    check_options(options)
+    records = run(pictures, options, jobs, cluster)
+    failed = sum(record["exit_code"] != 0 for record in records)
+    if not options.quiet:
+        print(f"{len(records) - failed} of {len(records)} passed: see {options.out}/index.html")
+    return 1 if failed else 0
 
 
 @app.command

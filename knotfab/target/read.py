@@ -16,7 +16,7 @@ from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
 from knotfab.target.masks import smooth
 
-__all__ = ["PLAIN", "TEXT_PREFIX", "Target", "read_target", "read_targets"]
+__all__ = ["PLAIN", "TEXT_PREFIX", "Target", "name_picture", "read_target", "read_targets"]
 
 TEXT_PREFIX = "text:"
 PLAIN = Reading()
@@ -65,6 +65,13 @@ def _to_plain_name(raw: str, fallback: str) -> str:
 def _name_text(content: str) -> str:
     code = "-".join(f"{ord(c):x}" for c in content[:4])
     return _to_plain_name(content, f"text-{code}" if code else "text")
+
+
+def name_picture(source: str) -> str:
+    """The name that a picture's target has: letters, digits, "_" and "-" only."""
+    if source.startswith(TEXT_PREFIX):
+        return _name_text(source.removeprefix(TEXT_PREFIX))
+    return _to_plain_name(Path(source).stem, "picture")
 
 
 def _read_bytes(path: Path, what: str) -> bytes:
@@ -120,13 +127,15 @@ def read_target(
     what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _take_target(text.render_text(content, font), what, _name_text(content), "", reading)
+        return _take_target(
+            text.render_text(content, font), what, name_picture(source), "", reading
+        )
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
     data = _read_bytes(path, what)
     suffix = path.suffix.lower()
-    name = _to_plain_name(path.stem, "picture")
+    name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
         return _take_target(svg.render_svg(data, what), what, name, "", reading)
     return _take_target(data, what, name, suffix, reading)

@@ -1,0 +1,130 @@
+"""One build of a batch, in a process of its own: what it ends with is a record, whatever happens to it."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from knotfab.batch.tasks import Task
+from knotfab.files.folder import REJECTED, OutputFolder
+
+__all__ = ["Record", "build_apart", "build_parcel", "pack_task", "unpack_result"]
+
+Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, error
+_MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
+
+
+def build_apart(
+    task: Task, folder: Path, started: Callable[[subprocess.Popen[str]], None] | None = None
+) -> Record:
+    """Build one picture into `folder` in a process of its own.
+
+    Args:
+        started: told of the process, so that it can be ended.
+    """
+    begun = time.perf_counter()
+    command = [sys.executable, "-m", "knotfab", "build", task.picture, *task.arguments]
+    command += [f"--out={folder}", "--quiet"]
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    for _ in range(_MOST_RUNS):
+        with subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, env={**os.environ, **threads}
+        ) as child:
+            if started is not None:
+                started(child)
+            said = child.communicate()[1]
+        if child.returncode >= 0:
+            break
+    return _record(task, folder, child.returncode, said, time.perf_counter() - begun)
+
+
+def _record(task: Task, folder: Path, code: int, said: str, seconds: float) -> Record:
+    report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
+    lines = [line for line in said.splitlines() if line.strip()]
+    error = lines[-1].removeprefix("knotfab: ") if code and lines else ""
+    if code < 0:
+        error = f"the build was killed (signal {-code}); was there too little memory?"
+    return {
+        "name": task.name,
+        "picture": task.picture,
+        "exit_code": code if code >= 0 else 128 - code,
+        "seconds": round(seconds, 2),
+        "iou": None if report is None else _least_iou(report),
+        "verdict": ((report or {}).get("verdict") or {}).get("word"),
+        "error": error,
+        "key": task.key,
+    }
+
+
+def _least_iou(report: dict[str, Any]) -> float | None:
+    """Of all views and frames; None where nothing could be measured."""
+    return min((v["iou"] for v in report["views"] if v.get("iou") is not None), default=None)
+
+
+def _read_report(folder: Path) -> dict[str, Any] | None:
+    try:
+        found: dict[str, Any] = json.loads((folder / "report.json").read_text())
+    except (OSError, ValueError):
+        return None
+    return found
+
+
+def pack_task(task: Task) -> bytes:
+    """A task with the content of its files, for a machine that does not see this one's disk."""
+    held = [p for p in (Path(task.picture), *task.files) if p.exists()]
+    places = {str(path): f"{number}/{path.name}" for number, path in enumerate(held)}
+    named = [task.name, task.picture, list(task.arguments), task.key, places]
+    parcel = io.BytesIO()
+    with zipfile.ZipFile(parcel, "w") as whole:
+        whole.writestr("task.json", json.dumps(named))
+        for path in held:
+            for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
+                inner = file.relative_to(path) if path.is_dir() else ""
+                whole.writestr(str(Path(places[str(path)]) / inner), file.read_bytes())
+    return parcel.getvalue()
+
+
+def build_parcel(parcel: bytes) -> tuple[Record, bytes]:
+    """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed."""
+    with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
+        here = Path(place)
+        with zipfile.ZipFile(io.BytesIO(parcel)) as whole:
+            whole.extractall(here)
+        name, picture, arguments, key, places = json.loads((here / "task.json").read_text())
+        for path, held in places.items():
+            arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
+        source = str(here / places[picture]) if picture in places else picture
+        task = Task(name, source, tuple(arguments), (), key)
+        record = {**build_apart(task, here / "out"), "picture": picture}
+        record["error"] = record["error"].replace(source, picture).replace(f"{here / 'out'}/", "")
+        result = io.BytesIO()
+        with zipfile.ZipFile(result, "w", zipfile.ZIP_DEFLATED) as whole:
+            for path in sorted((here / "out").rglob("*")):
+                if path.is_file():
+                    whole.write(path, path.relative_to(here / "out"))
+        return record, result.getvalue()
+
+
+def unpack_result(record: Record, result: bytes, folder: Path) -> None:
+    """Put the folder of a finished build in its place; a rejected one leaves an earlier good one there."""
+    if record["exit_code"] not in (0, 1):
+        return
+    with zipfile.ZipFile(io.BytesIO(result)) as whole, OutputFolder(folder) as out:
+        rejected = record["exit_code"] == 1
+        for name in whole.namelist():
+            inner = name.removeprefix(f"{REJECTED}/")
+            if "/" not in inner and (inner != name) == rejected:
+                out.write(inner, whole.read(name))
+        if rejected:
+            out.reject()
+        else:
+            out.commit()
