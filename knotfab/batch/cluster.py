@@ -51,7 +51,7 @@ def open_cluster(
             client.submit(build_parcel, pack_task(t), pure=False, retries=_RETRIES, **resources): t
             for t in tasks
         }
-        for future in as_completed(list(futures)):
+        for future in as_completed(list(futures), loop=client.loop):
             task = futures.pop(future)
             try:
                 record, result = future.result()
