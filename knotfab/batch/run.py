@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["batch", "count_jobs"]
 
 _BUILD_GB = 2.0  # memory of a build
+_WRITTEN_EVERY_S = 2.0
 _FINAL = (0, 1, 2)  # exit codes that the same picture and options end with again
 _Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
 
@@ -41,7 +42,7 @@ def batch(
 ) -> list[Record]:
     """Build each picture into a folder of its name in `options.out`, but those that are there already.
 
-    `batch.json` and `index.html` are written anew after each; one that fails does not stop the others.
+    `batch.json` and `index.html` are written anew as builds end; one that fails does not stop the others.
 
     Args:
         pictures: files, folders of files, or `text:…`.
@@ -61,15 +62,19 @@ def batch(
     missing = [task for task in tasks if task.name not in kept]
     records = dict(kept)
     side_by_side = jobs or count_jobs()
+    written = 0.0
     with _opened(cluster, side_by_side) as build, _Account(len(missing), options.quiet) as account:
         account.begin(len(kept), side_by_side if cluster is None else None)
-        for task, record in build(missing, folder):
-            records[task.name] = record
-            account.tell(record)
-            _write(folder, [records[t.name] for t in tasks if t.name in records])
-    found = [records[task.name] for task in tasks]
-    _write(folder, found)
-    return found
+        try:
+            for task, record in build(missing, folder):
+                records[task.name] = record
+                account.tell(record)
+                if time.monotonic() > written + _WRITTEN_EVERY_S:
+                    _write(folder, tasks, records)
+                    written = time.monotonic()
+        finally:
+            _write(folder, tasks, records)
+    return [records[task.name] for task in tasks]
 
 
 def count_jobs() -> int:
@@ -138,9 +143,11 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     return kept
 
 
-def _write(folder: Path, records: Sequence[Record]) -> None:
-    write_whole(folder / "batch.json", (json.dumps(records, indent=1) + "\n").encode())
-    write_whole(folder / "index.html", render_index(records, folder).encode())
+def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> None:
+    """batch.json and index.html of what is done, in the order of the tasks."""
+    done = [records[task.name] for task in tasks if task.name in records]
+    write_whole(folder / "batch.json", (json.dumps(done, indent=1) + "\n").encode())
+    write_whole(folder / "index.html", render_index(done, folder).encode())
 
 
 class _Account(AbstractContextManager["_Account"]):
