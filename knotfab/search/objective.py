@@ -83,11 +83,13 @@ class Objective:
             for number, share in enumerate(self.shares.tolist()):
                 image = self.image_term(number, points, self._tau(number, progress))
                 loss = loss + self.weights.image * share * image
-        loss = loss + self.limit_terms(points, near, self.limits, self.weights, self._turn)
-        if self.terms:
-            state = State.at(points, self.following, self.rings, near)
-            for term in self.terms:
-                loss = loss + term(state, self.weights)
+        state = State.at(points, self.following, self.rings, near)
+        if self._turn is None:
+            loss = loss + add_limits(state, self.limits, self.effects, self.weights)
+        else:
+            loss = loss + self.limit_terms(points, near, self.limits, self.weights, self._turn)
+        for term in self.terms:
+            loss = loss + term(state, self.weights)
         return loss
 
     def _tau(self, number: int, progress: float) -> float:
