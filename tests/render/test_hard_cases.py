@@ -29,7 +29,7 @@ from knotfab.render.tiled import winners
 
 pytestmark = pytest.mark.slow
 
-CASES = {case.name: case for case in render_cases(samples=5_000)}
+CASES = {case.name: case for case in render_cases(samples=12_000)}
 
 
 @pytest.fixture(autouse=True)
