@@ -33,7 +33,7 @@ QUICK = PRESETS["draft"].model_copy(
         "fine_px": 128,
         "coarse_iterations": 25,
         "fine_iterations": 20,
-        "depth_candidates": 8,
+        "depth_candidates": 60,
         "method": "inn",
         "network_depth": 6,
         "network_width": 32,
