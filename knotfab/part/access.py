@@ -92,7 +92,7 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     along = (np.arange(min(SAMPLES, len(under))) + 0.5) / min(SAMPLES, len(under))
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
     place, out = middle[chosen], normal[chosen]
-    surface = cKDTree(_thin(corners.reshape(-1, 3)))
+    surface = cKDTree(_thin(middle))
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     ways = spread_turns(WAYS)[3:, 2]
     best = np.zeros(len(place))  # diameter of the thickest tool that comes in
@@ -136,24 +136,32 @@ def _reaches(
 
 
 def _split(corners: Array) -> Array:
-    """(k, 3, 3) triangles (m, 3, 3) cut into four, by the middles of their edges, until they are small."""
+    """(k, 3, 3) triangles (m, 3, 3), halved across their longest edge until they are small.
+
+    (Rivara, "Algorithms for refining triangular grids", 1984: a sliver is cut along its length alone.)
+    """
     done = [corners[:0]]
     while len(corners):
-        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
         large = edges.max(axis=1) > SPACING_MM
         done.append(corners[~large])
-        corners = corners[large]
-        middles = (corners + np.roll(corners, 1, axis=1)) / 2
-        at_corners = [
-            np.stack([corners[:, k], middles[:, (k + 1) % 3], middles[:, k]], 1) for k in range(3)
-        ]
-        corners = np.concatenate([middles, *at_corners])
+        first = edges[large].argmax(axis=1)
+        # the longest edge from `here` to `ahead`, and the corner across
+        here, ahead, across = (
+            corners[large][np.arange(len(first)), (first + k) % 3] for k in range(3)
+        )
+        middle = (here + ahead) / 2
+        corners = np.concatenate(
+            [np.stack([here, middle, across], 1), np.stack([middle, ahead, across], 1)]
+        )
     return np.concatenate(done)
 
 
 def _thin(points: Array) -> Array:
     """One point of each cell of half the spacing."""
-    _, kept = np.unique(np.floor(2 * points / SPACING_MM), axis=0, return_index=True)
+    cell = np.floor(2 * (points - points.min(axis=0)) / SPACING_MM).astype(np.int64)
+    wide, high = cell[:, 1].max() + 1, cell[:, 2].max() + 1
+    _, kept = np.unique((cell[:, 0] * wide + cell[:, 1]) * high + cell[:, 2], return_index=True)
     return np.asarray(points[kept])
 
 
