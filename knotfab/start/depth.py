@@ -30,7 +30,8 @@ _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the b
 _KEPT = 4  # profiles that are varied in turn
 _CHANGED = 0.5  # share of its waves that a variation changes
 _CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
-_TURNS = 4  # to the bed, that supports are weighed in: the best of the first profiles
+_RODS = 600  # that supports are estimated by
+_TURNS = 3  # to the bed, that supports are weighed in: the best of the first profiles
 
 
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
@@ -144,7 +145,7 @@ class _Judge:
         """(turns,) The weighted volume of the supports, over the tube's."""
         if self.overhang_deg is None:
             return np.zeros(1)
-        rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius)
+        rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius, most=_RODS)
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
         found = [estimate(rods, turn, rules).support_cm3 for turn in self.turns]
         return np.asarray(_SUPPORT * np.array(found) / tube_cm3)

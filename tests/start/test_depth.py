@@ -9,7 +9,7 @@ from knotfab.part.orient import AXES
 from knotfab.problem import DepthChoice, Problem
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import Template, fill
-from knotfab.start.legibility import legibility, stretch_mask
+from knotfab.start.legibility import _cover, legibility, stretch_mask
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +69,13 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
         return min(estimate(rods, turn, Rules()).support_cm3 for turn in AXES)
 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
+
+
+def test_the_silhouette_is_the_union_of_discs_on_its_box() -> None:
+    rng = np.random.default_rng(3)
+    points, radius, grid = rng.uniform(-40, 40, (30, 2)) * [1.0, 0.6], 6.0, 48
+    low, high = points.min(0) - radius, points.max(0) + radius
+    middle = low + (np.arange(grid)[:, None] + 0.5) / grid * (high - low)
+    x, y = np.meshgrid(middle[:, 0], middle[::-1, 1])
+    away = np.hypot(x[..., None] - points[:, 0], y[..., None] - points[:, 1]).min(-1)
+    np.testing.assert_array_equal(_cover(points, radius, grid), away <= radius)
