@@ -296,17 +296,28 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # pydantic's plugins are looked for in every package that is installed, for a tenth of a second
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # asked to end, tidy up as after Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    asked: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):  # asked to end, tidy up as after Ctrl-C
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-    except KnotfabError as error:
-        print(f"knotfab: {error}", file=sys.stderr)
-        code = error.exit_code
-    except CycloptsError as error:
-        print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
-        code = 2
-    except KeyboardInterrupt:
-        print("knotfab: interrupted; nothing was changed", file=sys.stderr)
-        code = 130
+    except (Exception, KeyboardInterrupt) as error:
+        # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
+        if asked or isinstance(error, KeyboardInterrupt):
+            print("knotfab: interrupted; nothing was changed", file=sys.stderr)
+            code = 130
+        elif isinstance(error, KnotfabError):
+            print(f"knotfab: {error}", file=sys.stderr)
+            code = error.exit_code
+        elif isinstance(error, CycloptsError):
+            print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
+            code = 2
+        else:
+            raise
     sys.exit(code if isinstance(code, int) else 0)

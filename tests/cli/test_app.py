@@ -338,6 +338,31 @@ def gone(process: int) -> bool:
         return True
 
 
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_is_dropped_on_its_way(
+    monkeypatch: pytest.MonkeyPatch, asked: signal.Signals
+) -> None:
+    """In a callback of numba's compiler it goes no further, and the compiler fails a step later."""
+
+    def examine() -> list[Finding]:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(asked)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr(doctor, "examine", examine)
+    done = knotfab("doctor")
+    assert (done.code, done.err) == (130, "knotfab: interrupted; nothing was changed\n")
+
+
+def test_an_error_without_an_interrupt_is_shown_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    def examine() -> list[Finding]:
+        raise RuntimeError("a fault of ours")
+
+    monkeypatch.setattr(doctor, "examine", examine)
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        knotfab("doctor")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs the process table of Linux")
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
