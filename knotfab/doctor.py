@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-__all__ = ["Finding", "examine"]
+__all__ = ["Finding", "count_cores", "examine", "measure_memory_gb"]
 
 Status = Literal["ok", "missing", "warning"]
 
@@ -201,9 +201,22 @@ def _slicer() -> Finding:
     return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
 
 
-def _cores() -> Finding:
+def count_cores() -> int:
+    """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
+    return len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
+
+
+def measure_memory_gb() -> float | None:
+    """Memory of this machine, in GiB; None where that cannot be read."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _cores() -> Finding:
+    cores = count_cores()
     limit = os.environ.get("OMP_NUM_THREADS", "")
     if limit.isdigit() and int(limit) < cores:
         detail = f"{cores}, but OMP_NUM_THREADS={limit} keeps the search to {limit}"
@@ -214,9 +227,8 @@ def _cores() -> Finding:
 
 
 def _memory() -> Finding:
-    try:
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    except (AttributeError, OSError, ValueError):
+    total = measure_memory_gb()
+    if total is None:
         return Finding("memory", "warning", "cannot be read here", f"Have {LEAST_MEMORY_GB:g} GB")
     if total < LEAST_MEMORY_GB:
         return Finding("memory", "warning", f"{total:.1f} GB", "Use --accuracy draft")

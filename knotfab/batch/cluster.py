@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from knotfab.batch.tasks import Task
-from knotfab.batch.worker import Record, build_parcel, pack_task, unpack_result
+from knotfab.batch.worker import (
+    Record,
+    build_parcel,
+    pack_task,
+    record_of,
+    unpack_result,
+)
 from knotfab.errors import InputError, MachineError
 
 __all__ = ["open_cluster"]
@@ -57,22 +63,10 @@ def open_cluster(
                 record, result = future.result()
                 unpack_result(record, result, folder / task.name)
             except Exception as error:  # whatever a cluster may do to a task, the others go on
-                record = _lost(task, error)
+                said = f"its worker was lost ({type(error).__name__}: {error})"
+                record = record_of(task, MachineError.exit_code, 0.0, said)
             yield task, record
             future.release()
 
     with client:
         yield build
-
-
-def _lost(task: Task, error: Exception) -> Record:
-    return {
-        "name": task.name,
-        "picture": task.picture,
-        "exit_code": 3,
-        "seconds": 0.0,
-        "iou": None,
-        "verdict": None,
-        "error": f"its worker was lost ({type(error).__name__}: {error})",
-        "key": task.key,
-    }

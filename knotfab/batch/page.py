@@ -7,26 +7,19 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from knotfab.batch.worker import Record
 from knotfab.files.folder import REJECTED
+from knotfab.report.report_html import make_environment
 
 __all__ = ["render_index"]
 
 
 def render_index(records: Sequence[Record], folder: Path) -> str:
     """The page, which lies in `folder` and shows what lies in the folders beside it."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     cards = [_card(record, folder) for record in records]
     passed = sum(record["exit_code"] == 0 for record in records)
-    page: str = environment.get_template("index.html.j2").render(cards=cards, passed=passed)
+    template = make_environment(Path(__file__).parent).get_template("index.html.j2")
+    page: str = template.render(cards=cards, passed=passed)
     return page
 
 

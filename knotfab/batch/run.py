@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
 
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import Task, list_tasks
 from knotfab.batch.worker import Record, build_apart
+from knotfab.doctor import count_cores, measure_memory_gb
 from knotfab.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
-
-if TYPE_CHECKING:
-    from rich.progress import Progress as Bars
+from knotfab.progress import Mode, Progress
 
 __all__ = ["batch", "count_jobs"]
 
@@ -62,16 +59,21 @@ def batch(
     missing = [task for task in tasks if task.name not in kept]
     records = dict(kept)
     side_by_side = jobs or count_jobs()
+    tally = _Tally(len(missing), side_by_side if cluster is None else None)
     written = 0.0
-    with _opened(cluster, side_by_side) as build, _Account(len(missing), options.quiet) as account:
-        account.begin(len(kept), side_by_side if cluster is None else None)
+    mode: Mode = "quiet" if options.quiet else "auto"
+    with _open_builder(cluster, side_by_side) as build, Progress(mode) as progress:
+        if kept:
+            progress.say(f"{len(kept)} pictures are built already")
         try:
-            for task, record in build(missing, folder):
-                records[task.name] = record
-                account.tell(record)
-                if time.monotonic() > written + _WRITTEN_EVERY_S:
-                    _write(folder, tasks, records)
-                    written = time.monotonic()
+            with progress.stage("pictures"):
+                for task, record in build(missing, folder):
+                    records[task.name] = record
+                    progress.say(tally.tell(record))
+                    progress.update(tally.done / len(missing))
+                    if time.monotonic() > written + _WRITTEN_EVERY_S:
+                        _write(folder, tasks, records)
+                        written = time.monotonic()
         finally:
             _write(folder, tasks, records)
     return [records[task.name] for task in tasks]
@@ -79,18 +81,14 @@ def batch(
 
 def count_jobs() -> int:
     """Builds that this machine holds side by side: as many as it has cores, and memory for."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
-    try:
-        memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    except (AttributeError, OSError, ValueError):
-        return cores
-    return max(1, min(cores, int(memory_gb / _BUILD_GB)))
+    memory_gb = measure_memory_gb()
+    fit = count_cores() if memory_gb is None else int(memory_gb / _BUILD_GB)
+    return max(1, min(count_cores(), fit))
 
 
 @contextmanager
-def _opened(cluster: str | None, jobs: int) -> Iterator[_Builder]:
-    """Whoever builds: this machine, or a cluster."""
+def _open_builder(cluster: str | None, jobs: int) -> Iterator[_Builder]:
+    """A function that builds tasks: on this machine, or on a cluster."""
     if cluster is None:
         yield lambda tasks, folder: _build_here(tasks, folder, jobs)
         return
@@ -150,62 +148,31 @@ def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> N
     write_whole(folder / "index.html", render_index(done, folder).encode())
 
 
-class _Account(AbstractContextManager["_Account"]):
-    """What a person is told while it runs: a line for each that is done, and the time left."""
+@dataclass
+class _Tally:
+    """Builds that are done of `missing`, `jobs` side by side (None: as many as a cluster has)."""
 
-    def __init__(self, missing: int, quiet: bool) -> None:
-        self._missing, self._quiet = missing, quiet
-        self._seconds: list[float] = []
-        self._bars: Bars | None = None
-        self._jobs: int | None = 1
-        self._begun = time.perf_counter()
+    missing: int
+    jobs: int | None
+    seconds: list[float] = field(default_factory=list)
+    begun: float = field(default_factory=time.perf_counter)
 
-    def __enter__(self) -> _Account:
-        if not self._quiet and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-            from rich.progress import Progress as Bars
+    @property
+    def done(self) -> int:
+        return len(self.seconds)
 
-            left = TextColumn("{task.fields[left]}")
-            columns = (TextColumn("pictures"), BarColumn(), MofNCompleteColumn(), left)
-            self._bars = Bars(*columns, console=Console(stderr=True), transient=True)
-            self._bars.start()
-            self._bar = self._bars.add_task("", total=self._missing, left="")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bars is not None:
-            self._bars.stop()
-
-    def begin(self, kept: int, jobs: int | None) -> None:
-        """Say what is to be done; `jobs` side by side, None: as many as a cluster has."""
-        if kept:
-            self._say(f"{kept} pictures are built already")
-        self._jobs = jobs
-
-    def tell(self, record: Record) -> None:
-        """Say how one ended."""
-        self._seconds.append(record["seconds"])
-        done = len(self._seconds)
-        rest = (time.perf_counter() - self._begun) / done * (self._missing - done)
-        if (
-            self._jobs is not None and done < self._jobs
-        ):  # none of the first has paid for its turn yet
-            rest = median(self._seconds) * -(-(self._missing - done) // self._jobs)
-        left = f"{rest / 60:.0f} min left" if rest >= 90 else f"{rest:.0f} s left"
-        iou = "" if record["iou"] is None else f" IoU {record['iou']:.3f},"
-        end = "" if record["exit_code"] == 0 else f": {record['error']}"
-        self._say(
-            f"{done}/{self._missing} {record['name']}{iou} {record['seconds']:.0f} s"
-            f"{end}{'' if self._bars or done == self._missing else f' ({left})'}"
-        )
-        if self._bars is not None:
-            self._bars.update(self._bar, completed=done, left=left)
-
-    def _say(self, line: str) -> None:
-        if self._quiet:
-            return
-        if self._bars is not None:
-            self._bars.console.print(line, markup=False, highlight=False)
+    def tell(self, record: Record) -> str:
+        """Count one more, and say how it ended, and how long the others will take."""
+        self.seconds.append(record["seconds"])
+        left = self.missing - self.done
+        if self.jobs is not None and self.done < self.jobs:  # the first ones took no turns yet
+            rest = median(self.seconds) * -(-left // self.jobs)
         else:
-            print(line, file=sys.stderr, flush=True)
+            rest = (time.perf_counter() - self.begun) / self.done * left
+        iou = "" if record["iou"] is None else f" IoU {record['iou']:.3f},"
+        text = f"{self.done}/{self.missing} {record['name']}{iou} {record['seconds']:.0f} s"
+        if record["exit_code"] != 0:
+            text += f": {record['error']}"
+        if not left:
+            return text
+        return text + (f" ({rest / 60:.0f} min left)" if rest >= 90 else f" ({rest:.0f} s left)")

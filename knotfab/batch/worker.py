@@ -17,7 +17,14 @@ from typing import Any
 from knotfab.batch.tasks import Task
 from knotfab.files.folder import REJECTED, OutputFolder
 
-__all__ = ["Record", "build_apart", "build_parcel", "pack_task", "unpack_result"]
+__all__ = [
+    "Record",
+    "build_apart",
+    "build_parcel",
+    "pack_task",
+    "record_of",
+    "unpack_result",
+]
 
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, error
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
@@ -44,19 +51,24 @@ def build_apart(
             said = child.communicate()[1]
         if child.returncode >= 0:
             break
-    return _record(task, folder, child.returncode, said, time.perf_counter() - begun)
-
-
-def _record(task: Task, folder: Path, code: int, said: str, seconds: float) -> Record:
-    report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
-    lines = [line for line in said.splitlines() if line.strip()]
-    error = lines[-1].removeprefix("knotfab: ") if code and lines else ""
+    code, seconds = child.returncode, time.perf_counter() - begun
     if code < 0:
         error = f"the build was killed (signal {-code}); was there too little memory?"
+        return record_of(task, 128 - code, seconds, error)
+    lines = [line for line in said.splitlines() if line.strip()]
+    error = lines[-1].removeprefix("knotfab: ") if code and lines else ""
+    report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
+    return record_of(task, code, seconds, error, report)
+
+
+def record_of(
+    task: Task, code: int, seconds: float, error: str, report: dict[str, Any] | None = None
+) -> Record:
+    """What batch.json says of a picture: how its build ended, and the figures of its report."""
     return {
         "name": task.name,
         "picture": task.picture,
-        "exit_code": code if code >= 0 else 128 - code,
+        "exit_code": code,
         "seconds": round(seconds, 2),
         "iou": None if report is None else _least_iou(report),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),

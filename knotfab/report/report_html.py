@@ -13,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from knotfab.verify.checks import list_unmet, mark_of
 
-__all__ = ["Picture", "render_html", "write_report_html"]
+__all__ = ["Picture", "make_environment", "render_html", "write_report_html"]
 
 TEMPLATE = "template.html.j2"
 DIGITS = 4
@@ -37,6 +37,17 @@ class Picture:
         return f"data:{MEDIA[self.path.suffix.lower()]};base64,{content}"
 
 
+def make_environment(folder: Path) -> Environment:
+    """For the pages of a folder: every text is escaped, and what is not given is an error."""
+    return Environment(
+        loader=FileSystemLoader(folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
 def render_html(
     report: Mapping[str, Any], pictures: Sequence[Picture] = (), title: str = "knotfab"
 ) -> str:
@@ -45,13 +56,7 @@ def render_html(
     Nothing is loaded from elsewhere: styles and pictures are inside, and there are no scripts.
     Every text of the report is escaped.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = make_environment(Path(__file__).parent)
     environment.filters["number"] = _number
     environment.filters["fixed"] = _format_fixed
     environment.filters["percent"] = _percent
