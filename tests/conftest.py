@@ -1,9 +1,23 @@
 """What all tests share: the locale, and how they are dealt out to several workers."""
 
 import locale
+import signal
 from collections.abc import Iterator
 
 import pytest
+from kept_validators import keep_validators
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _keep_validators() -> Iterator[None]:
+    with keep_validators():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _heed_interrupts() -> None:
+    """A command begun in the background of a shell ignores Ctrl-C, and so would all that it starts."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

@@ -79,7 +79,7 @@ def too_fine(
         pixels: width and height of the picture. why: what was found.
     """
     width, longer = pixels[0], max(pixels)
-    px = view.magnification * width / view.frame_width_mm  # of the picture to a mm of the piece
+    px = view.px_per_mm(width)
     least = printer.min_tube_radius_mm * px
     drawn = thickest_radius(polygon, DRAWN, least / 64, least)
     remedies = [

@@ -17,13 +17,8 @@ __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 COUPON = "coupon.3mf"
-PLAYS_MM = (
-    0.1,
-    0.2,
-    0.3,
-    0.4,
-    0.5,
-)  # by which the holes are wider than the pin: as many dots as tenths
+# by which the holes are wider than the pin: as many dots as tenths
+PLAYS_MM = (0.1, 0.2, 0.3, 0.4, 0.5)
 LONGEST_MM = 20.0  # of the peg that stands on the strip
 KNOB_MM = 4.0
 LEAST_STRIP_MM = 3.0

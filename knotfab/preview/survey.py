@@ -47,7 +47,7 @@ class ViewSurvey:
     @property
     def px_per_mm(self) -> float:
         """px of the picture to a mm of a piece in the middle of the scene."""
-        return self.view.magnification * self.target.width / self.view.frame_width_mm
+        return self.view.px_per_mm(self.target.width)
 
     @property
     def wall_mm_per_px(self) -> float:
@@ -117,7 +117,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
         tried = [asked]
     found = []
     for view, target in zip(views, targets, strict=True):
-        px = view.magnification * target.width / view.frame_width_mm
+        px = view.px_per_mm(target.width)
         polygon = _trace(target)
         feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
         found.append(

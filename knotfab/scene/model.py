@@ -231,6 +231,10 @@ class ResolvedView(View):
         """The frame's longer side."""
         return max(self.frame_mm)
 
+    def px_per_mm(self, width_px: int) -> float:
+        """px of a picture so wide to a mm of a piece in the middle of the scene."""
+        return self.magnification * width_px / self.frame_width_mm
+
 
 class ResolvedAccuracy(Accuracy):
     """What the verified part must reach, as a number."""

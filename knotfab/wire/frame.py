@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from knotfab.arrays import Mask
-from knotfab.scene.model import Material, View
+from knotfab.scene.model import Material, ResolvedView
 from knotfab.target.opening import opening_iou, thickest_radius
 from knotfab.target.silhouette import trace_polygon
 
@@ -47,7 +47,7 @@ class WireFrame:
         return check.to_dict()
 
 
-def measure_frame(mask: Mask, view: View, material: Material) -> WireFrame:
+def measure_frame(mask: Mask, view: ResolvedView, material: Material) -> WireFrame:
     """How much of the silhouette strands as thick as the wire can fill at most.
 
     Where a stroke of the picture is thinner than the wire's shadow no strand can lie in it: the
@@ -55,12 +55,10 @@ def measure_frame(mask: Mask, view: View, material: Material) -> WireFrame:
     wire s times as thin.
 
     Args:
-        mask: (H, W) the picture's silhouette. view: with its frame's width as a number.
+        mask: (H, W) the picture's silhouette.
     """
-    assert view.frame_width_mm is not None
     polygon = trace_polygon(mask)
-    spread = view.magnification
-    shadow = 0.5 * material.wire_diameter_mm * spread * mask.shape[1] / view.frame_width_mm
+    shadow = 0.5 * material.wire_diameter_mm * view.px_per_mm(mask.shape[1])
     drawn = thickest_radius(polygon, ENOUGH_IOU, shadow / LARGEST, shadow * LARGEST)
     enough = None if drawn is None else view.frame_width_mm * shadow / drawn
     return WireFrame(view.name, view.frame_width_mm, opening_iou(polygon, shadow), enough)

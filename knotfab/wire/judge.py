@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, View
+from knotfab.scene.model import Material, ResolvedView
 from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
     Deviation,
@@ -75,7 +75,7 @@ class ViewShadow:
     receiver.
     """
 
-    view: View
+    view: ResolvedView
     mask: Mask
     geometry: ViewGeometry
     target: Mask
@@ -97,12 +97,12 @@ class ViewShadow:
 
 
 def cast_shadows(
-    views: Sequence[View], pictures: Sequence[Path], knots: Knots
+    views: Sequence[ResolvedView], pictures: Sequence[Path], knots: Knots
 ) -> tuple[ViewShadow, ...]:
     """The shadow of a piece in each view, beside that view's picture.
 
     Args:
-        views: with their frames as numbers. pictures: the file of each. knots: in scene coordinates.
+        pictures: the file of each view. knots: in scene coordinates.
     """
     from scipy.ndimage import distance_transform_edt
 

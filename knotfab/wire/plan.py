@@ -13,7 +13,7 @@ from knotfab import __version__
 from knotfab.drawing.pages import PAPERS
 from knotfab.errors import InputError
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, Scene
+from knotfab.scene.model import Material, ResolvedScene
 from knotfab.wire.arcs import Wire
 from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
@@ -85,7 +85,7 @@ def bend_radius_mm(material: Material) -> float:
 def write_bending_plan(
     folder: Path,
     knots: Knots,
-    scene: Scene,
+    scene: ResolvedScene,
     pictures: Sequence[Path],
     *,
     iou_floor: float | None = None,
@@ -127,8 +127,7 @@ def write_bending_plan(
     tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
     floor = iou_floor
     if floor is None:
-        wanted = scene.accuracy.iou_floor
-        floor = 0.0 if isinstance(wanted, str) else max(0.0, wanted - IOU_LOSS)
+        floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
     curves = [k.points for k in knots.knots]
     shadows = cast_shadows(scene.views, pictures, knots)
     # what runs along the rays of one view lies across those of another

@@ -8,7 +8,7 @@ import pytest
 from knotfab.design.free_view import start_pose
 from knotfab.design.question import ask
 from knotfab.scene.catalogue import materials, resolve
-from knotfab.scene.model import Material, Piece, Scene, View
+from knotfab.scene.model import Material, Piece, ResolvedView, Scene
 from knotfab.scene.settings import search_settings
 from knotfab.target.read import read_target
 from knotfab.wire.frame import ENOUGH_IOU, measure_frame
@@ -24,8 +24,13 @@ def bars(thin: int) -> np.ndarray:
     return mask
 
 
-def view(width: float, wall: float = 0.001) -> View:
-    return View(frame_width_mm=width, light_distance_mm=500.0, wall_distance_mm=wall)
+def view(width: float, wall: float = 0.001) -> ResolvedView:
+    return ResolvedView(
+        frame_width_mm=width,
+        frame_height_mm=width,
+        light_distance_mm=500.0,
+        wall_distance_mm=wall,
+    )
 
 
 def test_what_is_thinner_than_the_wire_is_lost() -> None:

@@ -15,7 +15,7 @@ from knotfab.drawing.pages import PAPERS
 from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
 from knotfab.scene.catalogue import materials
-from knotfab.scene.model import Accuracy, Scene, View
+from knotfab.scene.model import ResolvedAccuracy, ResolvedScene, ResolvedView
 from knotfab.wire.csv_file import read_bends
 from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
@@ -30,15 +30,17 @@ STEEL = materials()["steel-wire-2mm"]
 POINT = 72 / 25.4
 
 
-def ring_scene(folder: Path, count: int) -> tuple[Knots, Scene, Path]:
+def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
     """Polylines of 2 mm wire before a far light, and their own shadow as the picture."""
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 3 * np.cos(2 * t)])
-    view = View(
+    view = ResolvedView(
         frame_width_mm=60.0 * count, frame_height_mm=60.0, light_distance_mm=5000.0,
         wall_distance_mm=10.0, picture="p.png",
     )  # fmt: skip
-    scene = Scene(material=STEEL, views=(view,), accuracy=Accuracy(iou_floor=0.9))
+    scene = ResolvedScene.model_construct(
+        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.9)
+    )
     shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
     knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
     y, x = np.mgrid[0:600, 0 : 600 * count]
@@ -79,7 +81,7 @@ def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     assert [c["name"] for c in bad.checks if c["status"] == "fail"] == ["wire_shadow"]
 
 
-def two_view_scene(folder: Path) -> tuple[Knots, Scene, list[Path]]:
+def two_view_scene(folder: Path) -> tuple[Knots, ResolvedScene, list[Path]]:
     """A bent ring of 2 mm wire in two views at right angles, the second from above by 20 degrees.
 
     Each picture is the ring's own shadow, so that a wire which follows it is right in both.
@@ -90,8 +92,8 @@ def two_view_scene(folder: Path) -> tuple[Knots, Scene, list[Path]]:
     common = dict(frame_width_mm=60.0, frame_height_mm=60.0, light_distance_mm=900.0,
                   wall_distance_mm=40.0)  # fmt: skip
     views = (
-        View(name="front", **common),
-        View(name="side", azimuth_deg=90.0, elevation_deg=20.0, **common),
+        ResolvedView(name="front", **common),
+        ResolvedView(name="side", azimuth_deg=90.0, elevation_deg=20.0, **common),
     )
     pictures = []
     for view in views:
@@ -99,7 +101,9 @@ def two_view_scene(folder: Path) -> tuple[Knots, Scene, list[Path]]:
         shadow = tube_field([ring], 1.0, geometry).mask
         pictures.append(folder / f"{view.name}.png")
         Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(pictures[-1])
-    scene = Scene(material=STEEL, views=views, accuracy=Accuracy(iou_floor=0.8))
+    scene = ResolvedScene.model_construct(
+        material=STEEL, views=views, accuracy=ResolvedAccuracy(iou_floor=0.8)
+    )
     return knots, scene, pictures
 
 
