@@ -40,6 +40,7 @@ fine_iterations = 20
 settle_iterations = 20
 depth_candidates = 8
 """
+RADIUS = 4.0  # mm: thick, so that a build is short
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -64,7 +65,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
     original = building.design_knots
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(building, "design_knots", design)
-        call = ["build", "text:♥", "--tube-radius", "2.5", "--accuracy", "draft"]
+        call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
         done = knotfab(*call, "--print", "--skip", "slicer", "--out", folder)
     assert done.code == 0, done
@@ -141,10 +142,10 @@ def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
     assert knot["type"] == "unknot" and knot["vertices"] == len(good.knots["knots"][0]["points"])
     piece, settings = report["print"], report["settings"]
     assert piece["printer"] == "prusa-mk4" and piece["depth_ratio"] >= 0.6
-    volume = np.pi * 2.5**2 * knot["length_mm"]
+    volume = np.pi * RADIUS**2 * knot["length_mm"]
     assert piece["volume_mm3"] == pytest.approx(volume, rel=1e-3)
     assert piece["mass_g"] == pytest.approx(volume * 1.24e-3, rel=1e-3)
-    assert settings["tube_radius_mm"] == 2.5 and settings["accuracy"] == "draft"
+    assert settings["tube_radius_mm"] == RADIUS and settings["accuracy"] == "draft"
     assert {"seed", "versions", "command", "search"} <= set(settings)
 
 
@@ -156,7 +157,7 @@ def test_reported_knots_are_those_of_the_file(good: Good) -> None:
     checks = checks_of(good.folder)
     assert knot["thickness_mm"] == pytest.approx(checks["thickness"]["measured"], rel=1e-6)
     assert knot["min_bend_radius_mm"] == pytest.approx(checks["bend"]["measured"], rel=1e-6)
-    assert good.knots["radius_mm"] == 2.5 and good.knots["unit"] == "mm"
+    assert good.knots["radius_mm"] == RADIUS and good.knots["unit"] == "mm"
 
 
 def test_the_projection_takes_the_knots_into_the_silhouette(good: Good) -> None:
@@ -170,8 +171,8 @@ def test_the_projection_takes_the_knots_into_the_silhouette(good: Good) -> None:
     at = np.rint(np.stack([v / w, u / w])).astype(int)
     assert ink[tuple(at)].mean() > 0.99
     # not merely somewhere inside: the strands come within a tube's width of the whole outline
-    assert at.min(axis=1) == pytest.approx(np.argwhere(ink).min(axis=0), abs=60)
-    assert at.max(axis=1) == pytest.approx(np.argwhere(ink).max(axis=0), abs=60)
+    assert at.min(axis=1) == pytest.approx(np.argwhere(ink).min(axis=0), abs=100)
+    assert at.max(axis=1) == pytest.approx(np.argwhere(ink).max(axis=0), abs=100)
     assert (points @ np.array(view["receiver"]) > 0).all()
     assert np.linalg.norm(view["receiver"][:3]) == pytest.approx(1.0)
 
@@ -182,7 +183,7 @@ def test_the_part_stands_on_the_bed_in_millimetres(good: Good) -> None:
     assert low == pytest.approx([0, 0, 0], abs=1e-4)
     assert high == pytest.approx(good.report["print"]["bounding_box_mm"], abs=1e-3)
     points = np.concatenate([k["points"] for k in good.knots["knots"]])
-    assert points.min(axis=0) - low == pytest.approx([2.5] * 3, abs=0.1)
+    assert points.min(axis=0) - low == pytest.approx([RADIUS] * 3, abs=0.1)
 
 
 def test_the_report_page_opens_offline(good: Good) -> None:
@@ -198,7 +199,7 @@ def test_the_scene_is_resolved(good: Good) -> None:
     scene = tomllib.loads(text)
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
     assert text.count('"auto"') == 1
-    assert scene["piece"]["tube_radius_mm"] == 2.5 and scene["piece"]["knots"] == 1
+    assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
     assert np.array(scene["pose"]["matrix"]).shape == (4, 4)
@@ -288,7 +289,7 @@ def test_validate_rejects_a_part_that_was_changed(
 
 def test_validate_rejects_knots_said_to_be_thicker(good: Good, tmp_path: Path) -> None:
     path = tmp_path / "knots.json"
-    path.write_text(json.dumps({**good.knots, "radius_mm": 3.0}))
+    path.write_text(json.dumps({**good.knots, "radius_mm": 1.2 * RADIUS}))
     done = knotfab("validate", "--knots", path, "--json")
     answer = json.loads(done.out)
     checks = {c["name"]: c for c in answer["checks"]}
@@ -422,7 +423,7 @@ def quick(tmp_path: Path) -> list[str | Path]:
     """A scene that searches for a second."""
     scene = tmp_path / "quick.toml"
     scene.write_text(QUICK)
-    return ["--scene", scene, "--skip", "shadow-render", "--tube-radius", "2.5"]
+    return ["--scene", scene, "--skip", "shadow-render"]
 
 
 def two_pieces(size: int = 96) -> NDArray[np.bool_]:
@@ -441,7 +442,7 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
         '<path d="M12 16h28v64h-28z M56 16h28v64h-28z"/></svg>'
     )
     out = tmp_path / "out"
-    done = knotfab("build", svg, *quick, "--depth", "flat", "--out", out)
+    done = knotfab("build", svg, *quick, "--tube-radius", "3", "--depth", "flat", "--out", out)
     assert done.code == 0, done
     knots = json.loads((out / "knots.json").read_text())["knots"]
     report = json.loads((out / "report.json").read_text())
@@ -460,7 +461,9 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     png = tmp_path / "deep.png"
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"
-    done = knotfab("build", png, *quick, "--knots", "1", "--depth", "40", "--out", out)
+    done = knotfab(
+        "build", png, *quick, "--tube-radius", "4", "--knots", "1", "--depth", "40", "--out", out
+    )
     assert done.code == 0, done
     (knot,) = json.loads((out / "knots.json").read_text())["knots"]
     scene = tomllib.loads((out / "scene.toml").read_text())
@@ -476,7 +479,7 @@ def test_a_very_wide_picture_turned_inside_out(tmp_path: Path, quick: list[str |
     middle[:, 250:350] = True
     out = tmp_path / "out"
     png = picture(tmp_path / "wide.png", middle)
-    done = knotfab("build", png, *quick, "--invert", "--out", out)
+    done = knotfab("build", png, *quick, "--tube-radius", "2.5", "--invert", "--out", out)
     assert done.code == 0, done
     (view,) = tomllib.loads((out / "scene.toml").read_text())["views"]
     assert (view["frame_width_mm"], view["frame_height_mm"]) == (180.0, 18.0)

@@ -32,13 +32,13 @@ class RadiusRange:
     thinner: int  # of these
     hopeless: float  # score behind the best that nothing makes up for
     trials: int
-    give: float  # IoU of the trial
+    give: float  # IoU of the template, or of the start
 
 
-# A start for several views is drawn already (start.views): its own pictures tell what a short search would.
+# A start for several views is drawn already (start.views): its own pictures tell.
 # With three views or more the pictures ask so much of every strand that only a thin tube serves.
 _RANGES = {
-    1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.06, 5, 0.004),
+    1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.0, 1, 0.004),
     2: RadiusRange(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
     3: RadiusRange(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
 }

@@ -97,7 +97,7 @@ def design_knots(
         scene, settings = place_start(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
-    question, radius, start, choice = choose_tube(question, settings, progress, device)
+    question, radius, start, choice = choose_tube(question, settings, progress)
     problem = question.problem
     settings = refine_settings(question, settings, radius)
     pose: Pose | None = None
@@ -194,7 +194,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
 
 
 def choose_tube(
-    question: Question, settings: SearchSettings, progress: Progress, device: str = "cpu"
+    question: Question, settings: SearchSettings, progress: Progress
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
     """The tube's radius, mm, the one that the scene gives or the best, and the start with it.
 
@@ -209,7 +209,7 @@ def choose_tube(
     choice: RadiusChoice | None = None
     if isinstance(piece.tube_radius_mm, str):
         with progress.stage("radius"):
-            choice = choose_radius(question, settings, knots, progress.update, device)
+            choice = choose_radius(question, settings, knots, progress.update)
         radius = choice.radius_mm
     else:
         radius = piece.tube_radius_mm

@@ -228,16 +228,16 @@ def _penumbra_line(effect: Record, verdict: Record) -> None:
 
 
 def _radius_note(made: Design) -> Record:
-    """What the radius costs: every radius tried, with the IoU of its short search."""
+    """What the radius costs: every radius tried, with the IoU of its template and of its start."""
     if made.radius is None:
         return {"chosen_by": "the scene", "trials": []}
     return {
-        "chosen_by": "trying: the thickest whose short search comes near the best",
+        "chosen_by": "trying: the thickest whose template, or start, comes near the best",
         "trials": [
             {
                 "radius_mm": t.radius_mm,
                 "template_iou": t.template_iou,
-                "search_iou": None if np.isnan(t.trial_iou) else t.trial_iou,
+                "start_iou": None if np.isnan(t.trial_iou) else t.trial_iou,
             }
             for t in made.radius.trials
         ],

@@ -65,7 +65,7 @@ def tradeoff(
         raise InputError(f"--out {out}", "it may not be written", "Name another folder")
     target = read_target(source, scene.views[0], base=base)
     settings = search_settings(scene.accuracy.name, scene.search)
-    question, radius, _, choice = choose_tube(ask(scene, [target]), settings, progress, device)
+    question, radius, _, choice = choose_tube(ask(scene, [target]), settings, progress)
     problem, template = question.problem, None if choice is None else choice.template
 
     def make(point: SearchSettings) -> Start:

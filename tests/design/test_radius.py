@@ -1,0 +1,81 @@
+"""The choice of the tube radius: the largest that draws the picture nearly as well as any."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from knotfab.design import radius as module
+from knotfab.design.candidates import range_of
+from knotfab.design.question import Question, ask
+from knotfab.design.radius import choose_radius
+from knotfab.errors import SceneError
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import PRESETS
+from knotfab.target.read import read_target
+
+DRAFT = PRESETS["draft"]
+
+
+@pytest.fixture(scope="module")
+def question() -> Question:
+    return ask(Scene(), [read_target("text:♥")])
+
+
+def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> None:
+    choice = choose_radius(question, DRAFT)
+    drawn = {t.radius_mm: t.template_iou for t in choice.trials}
+    well = max(drawn.values()) - range_of(1).give
+    assert len(drawn) > 4 and choice.radius_mm == max(r for r, iou in drawn.items() if iou >= well)
+    assert choice.template is not None and choice.template.radius == choice.radius_mm
+
+
+def test_a_radius_without_a_place_for_the_knot_is_passed_over(
+    question: Question, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = choose_radius(question, DRAFT).radius_mm
+    tried: list[float] = []
+
+    def make(problem: Any, radius: float, *others: Any, **more: Any) -> object:
+        tried.append(radius)
+        if radius == first:
+            raise SceneError("the knot", "there is no place for it", "Take a thinner tube.")
+        return object()
+
+    monkeypatch.setattr(module, "make_start", make)
+    choice = choose_radius(question, DRAFT)
+    assert tried == [first, choice.radius_mm] and choice.radius_mm != first
+
+    def refuse(*others: Any, **more: Any) -> object:
+        raise SceneError("the knot", "there is no place for it", "Take a thinner tube.")
+
+    monkeypatch.setattr(module, "make_start", refuse)
+    with pytest.raises(SceneError, match="no place for it"):
+        choose_radius(question, DRAFT)
+
+
+def test_of_radii_that_draw_a_picture_less_well_the_better_comes_first(
+    question: Question, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ious = iter([0.97, 0.98, 0.979, 0.96, 0.99, 0.991, 0.95, 0.94, 0.9, 0.9, 0.9, 0.9])
+    known: dict[float, float] = {}
+
+    def score(self: Any, radius: float) -> float:
+        known[radius] = known.get(radius) or next(ious)
+        return known[radius]
+
+    order: list[float] = []
+
+    def begin(self: Any, radius: float) -> float:
+        order.append(radius)
+        return 0.0 if len(order) < len(known) else 1.0
+
+    monkeypatch.setattr(module._Trials, "score", score)
+    monkeypatch.setattr(module._Trials, "begin", begin)
+    monkeypatch.setattr(module, "_WORKERS", 1)
+    choose_radius(question, DRAFT)
+    well = [r for r in order if known[r] >= 0.991 - range_of(1).give]
+    assert order[: len(well)] == sorted(well, reverse=True)
+    rest = [known[r] for r in order[len(well) :]]
+    assert rest == sorted(rest, reverse=True) and len(order) == len(known)
