@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal, TextIO
 
 if TYPE_CHECKING:
     import rich.progress
+    import rich.text
 
 __all__ = ["Mode", "Progress"]
 
 Mode = Literal["auto", "quiet", "verbose"]
+_log = logging.getLogger("knotfab")
 
 
 class Progress:
@@ -22,6 +25,7 @@ class Progress:
     `auto` draws on `stream` where that is a terminal, and says nothing where it is piped; `quiet`
     never says anything; `verbose` writes a plain line with the time of each finished stage, piped
     or not, and draws on a terminal as well. `timings` collects seconds per stage in every mode.
+    Those lines are records of the logger "knotfab", at level INFO in every mode: `verbose` shows them.
 
     Use it as a context manager, so that the terminal is left clean whatever happens:
 
@@ -37,6 +41,7 @@ class Progress:
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None
         self._began = time.perf_counter()
+        self._shown, self._level = _Lines(self._say), logging.NOTSET
 
     @property
     def draws(self) -> bool:
@@ -52,9 +57,16 @@ class Progress:
         if self.draws:
             self._bar = _bar(self._stream)
             self._bar.start()
+        if self.mode == "verbose":
+            _log.addHandler(self._shown)
+            self._level = _log.level
+            _log.setLevel(min(_log.getEffectiveLevel(), logging.INFO))
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self.mode == "verbose":
+            _log.removeHandler(self._shown)
+            _log.setLevel(self._level)
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -77,8 +89,18 @@ class Progress:
             if self._bar is not None and self._task is not None:
                 self._bar.remove_task(self._task)
             self._task = before
-            if self.mode == "verbose":
-                self._say(f"{name}: {seconds:.2f} s")
+            _log.info("%s: %.2f s", name, seconds)
+
+    @contextmanager
+    def line(self, name: str) -> Iterator[None]:
+        """A line of its own for one of several things that run side by side, from any thread."""
+        bar = self._bar
+        line = None if bar is None else bar.add_task(name, total=None, iou="")
+        try:
+            yield
+        finally:
+            if bar is not None and line is not None:
+                bar.remove_task(line)
 
     def update(self, fraction: float, iou: float | None = None) -> None:
         """Say how far the running stage is (0 to 1), and the IoU it has reached."""
@@ -89,9 +111,8 @@ class Progress:
             self._bar.update(self._task, iou=f"IoU {iou:.3f}")
 
     def note(self, text: str) -> None:
-        """A plain line for `verbose`; nothing in the other modes."""
-        if self.mode == "verbose":
-            self._say(text)
+        """A plain line for the log, which `verbose` shows."""
+        _log.info("%s", text)
 
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end; nothing where quiet."""
@@ -106,16 +127,42 @@ class Progress:
             print(text, file=self._stream, flush=True)
 
 
+class _Lines(logging.Handler):
+    """Hands each record's message on."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self._tell = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
+
+
 def _bar(stream: TextIO) -> rich.progress.Progress:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    class Time(TimeRemainingColumn):
+        """What is left, where that is known, else what has passed."""
+
+        def render(self, task: rich.progress.Task) -> rich.text.Text:
+            passed = task.total is None
+            return TimeElapsedColumn().render(task) if passed else super().render(task)
 
     return Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=32),
-        TimeRemainingColumn(compact=True),
+        Time(compact=True),
         TextColumn("{task.fields[iou]}"),
         console=Console(file=stream),
+        speed_estimate_period=3600.0,  # pictures of a batch end minutes apart
         transient=True,
     )

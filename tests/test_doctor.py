@@ -98,12 +98,17 @@ def test_libraries_that_break_on_import(monkeypatch: pytest.MonkeyPatch, tmp_pat
 def test_scarce_things_are_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9, 10**6))
-    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name, path=None: None)
     monkeypatch.setattr(doctor, "LEAST_MEMORY_GB", 1e6)
     monkeypatch.setattr(doctor, "GLYPH_FONTS", ("NoSuchFont.ttf",))
     for look in (doctor._disk, doctor._slicer, doctor._memory, doctor._fonts):
         finding = look()
         assert finding.status == "warning" and finding.remedy
+
+
+def test_memory_that_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "measure_memory_gb", lambda: None)
+    assert doctor._memory().status == "warning"
 
 
 def test_examining_loads_nothing_heavy() -> None:

@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
@@ -23,9 +23,6 @@ from knotfab.options import (
     Names,
     PictureOptions,
 )
-
-if TYPE_CHECKING:
-    from knotfab.progress import Mode
 
 __all__ = ["app", "main"]
 
@@ -57,9 +54,8 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
 
-    mode: Mode = "quiet" if options.quiet else "verbose" if options.verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
-    with Progress(mode) as progress:
+    with Progress(options.mode) as progress:
         request = prepare_build(pictures, options, command, progress)
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
@@ -220,6 +216,7 @@ def tradeoff(
     accuracy: Literal["draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
     repeats: int = 1,
+    jobs: int = 1,
     device: Literal["cpu", "cuda"] = "cpu",
     quiet: Flag = False,
 ) -> int:
@@ -239,6 +236,9 @@ def tradeoff(
         mm, or auto (default), the same for all points.
     repeats
         Runs a point; the seconds are medians of them.
+    jobs
+        Points measured side by side. They slow each other down, all alike: for seconds as a build has them
+        leave it at 1.
     device
         Where the search runs.
     quiet
@@ -251,6 +251,8 @@ def tradeoff(
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
+    if jobs < 1:
+        raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
     chosen, _ = read_scene(options)
     check_names(chosen)
@@ -258,7 +260,7 @@ def tradeoff(
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
-        found = run(chosen, picture, out, None, repeats, device, progress)
+        found = run(chosen, picture, out, None, repeats, device, progress, jobs=jobs)
     if not quiet:
         from knotfab.cli.summary import print_tradeoff
 
@@ -289,6 +291,18 @@ def printers() -> int:
     return 0
 
 
+@app.command
+def schema() -> int:
+    """Print the JSON schema of scene.toml, for editors that check it as it is written."""
+    from knotfab.scene.json_schema import dump_schema
+
+    print(dump_schema(), end="")
+    return 0
+
+
+app.register_install_completion_command()
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
     # many small products: threads that wait for each other cost more than they bring, and up to
@@ -310,7 +324,8 @@ def main(arguments: list[str] | None = None) -> None:
     except (Exception, KeyboardInterrupt) as error:
         # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
         if asked or isinstance(error, KeyboardInterrupt):
-            print("knotfab: interrupted; nothing was changed", file=sys.stderr)
+            stays = str(error) if isinstance(error, KeyboardInterrupt) else ""
+            print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
             code = 130
         elif isinstance(error, KnotfabError):
             print(f"knotfab: {error}", file=sys.stderr)
