@@ -23,6 +23,8 @@ __all__ = [
     "ResolvedScene",
     "ResolvedView",
     "Scene",
+    "Switch",
+    "Switches",
     "View",
 ]
 
@@ -37,6 +39,7 @@ Whole = Annotated[int, Strict(), Field(ge=0)]
 Side = Annotated[int, Strict(), Field(ge=1)]
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+Switch = Literal["auto", "on", "off"]
 
 
 class _Table(BaseModel):
@@ -130,9 +133,20 @@ class View(Reading):
     )
 
     @property
+    def light_size_mm(self) -> float:
+        """The longest line within the lamp; 0 of a point, and of an eye."""
+        return 0.0 if self.kind == "eye" else self.light_diameter_mm
+
+    @property
     def magnification(self) -> float:
         """By how much the shadow is larger than what stands in the middle of the piece."""
         return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
+
+
+class Switches(_Table):
+    """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
+
+    penumbra: Switch = "auto"
 
 
 class Accuracy(_Table):
@@ -188,6 +202,7 @@ class Scene(_Table):
     printer: Printer = Printer()
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
+    effects: Switches = Switches()
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None

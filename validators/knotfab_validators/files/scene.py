@@ -18,6 +18,7 @@ from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = [
     "Accuracy",
+    "Effects",
     "Material",
     "Mount",
     "Piece",
@@ -36,6 +37,7 @@ Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
 DEFAULT_PRINTER = "prusa-mk4"
 MOST_BYTES = 1_000_000
 MOST_DOTS = 200
+SWITCH = ("auto", "on", "off")
 INKS = ("auto", "dark", "light", "alpha", "flood")
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
@@ -134,6 +136,14 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
+class Effects:
+    """Whether effects are simulated: "on", "off", or "auto", where they exceed a threshold, px."""
+
+    penumbra: str = "auto"
+    tolerance_px: float = 0.25
+
+
+@dataclass(frozen=True)
 class Mount:
     """What holds the piece; `pegs` says how many hold each knot, where the scene says it."""
 
@@ -159,6 +169,7 @@ class Scene:
     mount: Mount
     pose: Pose | None
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
+    effects: Effects = Effects()
 
 
 def read_scene(path: Path) -> Scene:
@@ -202,6 +213,8 @@ def parse_scene(
     material = Table(data.get("material", {}), f"{name}: [material]")
     printer = Table(data.get("printer", {}), f"{name}: [printer]")
     accuracy = Table(data.get("accuracy", {}), f"{name}: [accuracy]")
+    effects = Table(data.get("effects", {}), f"{name}: [effects]")
+    search = Table(data.get("search", {}), f"{name}: [search]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
         raise BadFile(f"{name}: [[views]] must name at least one view")
@@ -235,6 +248,10 @@ def parse_scene(
         mount=_mount(data.get("mount", {}), f"{name}: [mount]"),
         pose=_pose(data.get("pose"), name),
         plates=_plates(data.get("pose"), name),
+        effects=Effects(
+            penumbra=effects.word("penumbra", "auto", SWITCH),
+            tolerance_px=search.number("tolerance_px", 0.25, above=0),
+        ),
     )
 
 

@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Penumbra", "blur_px", "measure_penumbra"]
+__all__ = ["Penumbra", "averages_lamp", "blur_px", "measure_penumbra"]
 
 
 SAMPLES = 9
+BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is taken as a point
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -30,6 +32,7 @@ class Penumbra:
     widest_px: float
     iou: float
     soft: NDArray[np.float32]
+    samples: int
 
 
 def blur_px(vertices: Array, geometry: ViewGeometry, diameter_mm: float) -> float:
@@ -37,6 +40,15 @@ def blur_px(vertices: Array, geometry: ViewGeometry, diameter_mm: float) -> floa
     height = (vertices - geometry.origin) @ geometry.normal
     nearest = min(float(height.max()), 0.999 * geometry.light_height)
     return diameter_mm * nearest / (geometry.light_height - nearest) / geometry.pixel_mm
+
+
+def averages_lamp(
+    effects: Effects, vertices: Array, geometry: ViewGeometry, diameter_mm: float
+) -> bool:
+    """Whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
+    if effects.penumbra != "auto" or diameter_mm == 0:
+        return effects.penumbra == "on" and diameter_mm > 0
+    return blur_px(vertices, geometry, diameter_mm) > BLUR_TOLERANCES * effects.tolerance_px
 
 
 def measure_penumbra(
@@ -60,5 +72,5 @@ def measure_penumbra(
         soft += renderer.render(lamp)
     soft /= SAMPLES
     return Penumbra(
-        blur_px(vertices, geometry, diameter_mm), overlap(soft >= 0.5, target).iou, soft
+        blur_px(vertices, geometry, diameter_mm), overlap(soft >= 0.5, target).iou, soft, SAMPLES
     )
