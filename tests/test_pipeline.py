@@ -203,7 +203,8 @@ def test_the_scene_is_resolved(good: Good) -> None:
     text = (good.folder / "scene.toml").read_text(encoding="utf-8")
     scene = tomllib.loads(text)
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
-    assert text.count('"auto"') == 1
+    assert set(scene["effects"].values()) == {"auto"}  # so are these
+    assert text.count('"auto"') == 1 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == 2.5 and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
