@@ -104,10 +104,17 @@ def verify_shadows(
                 recognised[view.name] = judged.to_dict()
             soft = None
             fine = geometry.resample(found.frame)
-            lamp = view.light_diameter_mm if view.kind == "shadow" else 0.0
-            if renderer is not None and averages_lamp(scene.effects, vertices, fine, lamp):
+            if renderer is not None and averages_lamp(scene.effects, vertices, fine, view):
                 with time_stage(seconds, "penumbra"):
-                    soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
+                    soft = measure_penumbra(
+                        renderer,
+                        vertices,
+                        fine,
+                        found.target,
+                        found.frame,
+                        view,
+                        scene.effects.tolerance_px,
+                    )
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
             if view.name in drawn:
@@ -125,15 +132,13 @@ def verify_shadows(
                         turns=scene.mount.kind != "wall",
                     )
             if soft is not None:
-                views[-1]["penumbra"] = {
-                    "widest_px": soft.widest_px,
-                    "iou": soft.iou,
-                    "samples": soft.samples,
-                }
+                views[-1]["penumbra"] = soft.to_dict()
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)
                     write_shadow(into / f"shadow-{view.name}.png", found.shadow, found.frame)
+                    if soft is not None:
+                        write_shadow(into / f"soft-{view.name}.png", soft.soft, found.frame)
                     write_compare(
                         into / f"compare-{view.name}.png", found.target, found.shadow, found.frame
                     )
