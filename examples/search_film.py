@@ -22,8 +22,8 @@ from torch import Tensor
 from examples.measurement import paint_comparison, read_question
 from examples.side_view import beside, side_view
 from knotfab.arrays import Array
-from knotfab.effects.base import State
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.limits.base import State
 from knotfab.problem import Problem
 from knotfab.render.frame import Frame
 from knotfab.render.picture import picture_at

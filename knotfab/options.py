@@ -149,6 +149,9 @@ class BuildOptions(PictureOptions):
     search: Annotated[Literal["flow", "inn", "inn+flow"] | None, Parameter(group=_SEARCH)] = None
     """flow (default: the certified flow), inn (the paper's invertible network), or inn+flow, the
     one after the other."""
+    effect: Annotated[Names, Parameter(group=_SEARCH)] = ()
+    """NAME=on, off or auto (default: on where the scene calls for it), such as penumbra=off; may be
+    repeated."""
     seed: Annotated[int | None, Parameter(group=_SEARCH)] = None
     """Of the random depth profiles."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
@@ -191,7 +194,7 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             value = str(value)
         elif value is not None and "Path" in known[key]:
             value = Path(value)
-        elif key == "skip":
+        elif key in ("skip", "effect"):
             value = (value,) if isinstance(value, str) else tuple(value)
         values[key] = value
     return BuildOptions(**values)

@@ -30,6 +30,7 @@ from knotfab.report.of_build import (
     check_limits,
     report_of,
 )
+from knotfab.report.of_effects import add_warnings
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
@@ -145,6 +146,7 @@ def report_piece(
         report = report_of(request, made, piece.knots, [], verdict, progress)
         add_silhouettes(report, piece.targets)
         add_binding(report, made)
+        add_warnings(report, made.result.effects)
         return report
     sag = part.mounted.check_sag()
     verdict["checks"] += [check_3mf(_read_back(folder, piece)), *own]
@@ -168,6 +170,7 @@ def report_piece(
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
         add_binding(report, made)
+        add_warnings(report, made.result.effects)
         add_bounds(report, made)
         add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)
     return report

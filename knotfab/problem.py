@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array, Mask
-from knotfab.effects.base import Decision, Limits
-from knotfab.effects.feasibility import Feasibility
+from knotfab.effects.base import Decision
 from knotfab.knots import Knots
+from knotfab.limits.base import Guard, Limits
+from knotfab.limits.feasibility import Feasibility
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedRegion, ResolvedView
+from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch
 
 __all__ = [
     "CertificateLog",
@@ -71,6 +72,7 @@ class Problem:
     )
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
+    switches: Mapping[str, Switch] = field(default_factory=dict)  # of effects, by name
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""
@@ -171,6 +173,7 @@ class SearchResult:
     feasibility: Feasibility
     log: CertificateLog
     effects: dict[str, Decision]
+    guards: dict[str, Guard]
     depth: DepthChoice | None
     ious: tuple[float, ...]  # one a view, as the search itself saw them
     views: tuple[ResolvedView, ...] = ()

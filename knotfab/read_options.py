@@ -6,11 +6,11 @@ import math
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Scene, Switch, Switches
 from knotfab.verify.checks import CHECKS
 
 __all__ = ["read_scene", "read_seconds", "read_skips"]
@@ -107,11 +107,29 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
         update["material"] = material_of(options.material)
     if options.mount is not None:
         update["mount"] = scene.mount.model_copy(update={"kind": options.mount})
+    if options.effect:
+        update["effects"] = scene.effects.model_copy(update=_switches(options.effect))
     if keys := _view_keys(options):
         update["views"] = tuple(v.model_copy(update=keys) for v in scene.views)
     scene = scene.model_copy(update=update)
     check_scene(scene, "the command line" if path is None else str(path))
     return scene, None if path is None else path.resolve().parent
+
+
+def _switches(texts: Collection[str]) -> dict[str, Any]:
+    """The keys of [effects] that `--effect NAME=on|off|auto` gives; of a name twice the last counts."""
+    known, keys = list(Switches.model_fields), {}
+    for text in texts:
+        name, _, word = (part.strip().lower() for part in text.partition("="))
+        if name not in known:
+            raise InputError(
+                f"--effect {text}", "there is no such effect", f"Known: {', '.join(known)}."
+            )
+        if word not in get_args(Switch):
+            remedy = f"Write --effect {name}=on, {name}=off or {name}=auto."
+            raise InputError(f"--effect {text}", "it is neither on, off nor auto", remedy)
+        keys[name] = word
+    return keys
 
 
 def _view_keys(options: BuildOptions) -> dict[str, Any]:

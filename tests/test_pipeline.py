@@ -129,12 +129,18 @@ def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
         }  # fmt: skip
     for effect in report["effects"]:
         assert set(effect) >= {
-            "name", "simulated", "magnitude", "threshold", "unit", "seconds", "reason",
+            "name", "simulated", "forced", "where", "magnitude", "threshold", "unit", "calls",
+            "seconds", "reason",
         }  # fmt: skip
-        assert effect["simulated"] == (effect["magnitude"] > effect["threshold"])
-    assert {"clearance", "bend", "region", "length", "penumbra"} <= {
-        e["name"] for e in report["effects"]
-    }
+        assert effect["simulated"] == (effect["calls"] > 0) == bool(effect["where"])
+    limits = {limit["name"]: limit for limit in report["limits"]}
+    assert set(limits) == {"clearance", "bend", "region", "length"}
+    assert {*limits, "penumbra"} <= {e["name"] for e in report["effects"]}
+    assert min(limits["clearance"]["calls"], limits["bend"]["calls"]) > 0
+    assert limits["length"]["calls"] == 0  # 50 m are never near
+    for name, limit in limits.items():
+        beyond = limit["measured"] - limit["limit"]
+        assert beyond >= 0 if name in ("clearance", "bend") else beyond <= 0
     timings = report["timings"]
     assert {"picture", "search", "part", "verify", "total"} <= set(timings)
     assert timings["total"] >= sum(v for k, v in timings.items() if k != "total") - 0.01
@@ -198,7 +204,8 @@ def test_the_scene_is_resolved(good: Good) -> None:
     text = (good.folder / "scene.toml").read_text(encoding="utf-8")
     scene = tomllib.loads(text)
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
-    assert text.count('"auto"') == 1
+    assert set(scene["effects"].values()) == {"auto"}  # so are these
+    assert text.count('"auto"') == 1 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])

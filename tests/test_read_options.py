@@ -56,3 +56,28 @@ def test_one_side_of_a_frame_frees_the_other(tmp_path: Path, key: str) -> None:
 def test_what_makes_no_sense_is_refused_by_the_options_name(name: str, value: object) -> None:
     with pytest.raises(InputError, match="--" + name.replace("_", "-")):
         read_scene(options_from({name: value}))
+
+
+def test_effects_are_switched_by_name_and_the_last_word_counts(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("[effects]\npenumbra = 'off'\n")
+    scene, _ = read_scene(options_from({"scene": tmp_path / "a.toml"}))
+    assert scene.effects.penumbra == "off"
+    given = {"scene": tmp_path / "a.toml", "effect": ["penumbra=on", "Penumbra = auto"]}
+    scene, _ = read_scene(options_from(given))
+    assert scene.effects.penumbra == "auto"
+    scene, _ = read_scene(options_from({"effect": "penumbra=on"}))
+    assert parse_scene(dump_scene(scene)).effects.penumbra == "on"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("perspective=off", "--effect perspective=off: there is no such effect. Known: penumbra"),
+        ("penumbra", "--effect penumbra: it is neither on, off nor auto"),
+        ("penumbra=yes", "Write --effect penumbra=on, penumbra=off or penumbra=auto"),
+    ],
+)
+def test_an_effect_that_there_is_not_is_refused_in_one_sentence(text: str, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        read_scene(options_from({"effect": (text,)}))
+    assert words in str(refused.value) and refused.value.exit_code == 2

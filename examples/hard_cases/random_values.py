@@ -19,7 +19,7 @@ from examples.paper.losses import (
     squared_curvature,
 )
 from knotfab.arrays import Array
-from knotfab.effects.region import outside
+from knotfab.limits.region import outside
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 

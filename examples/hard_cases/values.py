@@ -21,7 +21,7 @@ from examples.paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
-from knotfab.effects.region import outside
+from knotfab.limits.region import outside
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.network.rigid import rotation

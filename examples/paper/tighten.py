@@ -8,14 +8,14 @@ import numpy as np
 import torch
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Limits, State
-from knotfab.effects.bend import BEND
-from knotfab.effects.clearance import CLEARANCE
 from knotfab.errors import SceneError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
+from knotfab.limits.base import Limits, State
+from knotfab.limits.bend import BEND
+from knotfab.limits.clearance import CLEARANCE
 from knotfab.render.threads import one_thread
 from knotfab.scene.model import Region
 from knotfab.search.flow import FlowSettings, flow
@@ -52,7 +52,6 @@ def tighten(points: Array) -> Tight:
     """
     limits = Limits(1.0, 0.0, 1.0, np.inf, Region())
     clearance, bend = CLEARANCE.term, BEND.term
-    assert clearance is not None and bend is not None
     rings = polylines_of_sizes((len(points),))
 
     def shorten(n: int, first: float, last: float, edge: float, pull: float) -> float:

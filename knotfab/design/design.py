@@ -15,9 +15,9 @@ from knotfab.design.prices import LimitPrice, price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
-from knotfab.effects.feasibility import Feasibility
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
+from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
 from knotfab.scene.model import (

@@ -111,14 +111,21 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         None if isinstance(bend, str) else bend,
         scene.material.max_length_mm,
         resolve_region(scene.region, views, bounds, thinnest),
-        overhang_deg=scene.printer.max_overhang_deg
-        if scene.printer.max_overhang_deg < 90
-        else None,
+        overhang_deg=_overhang_deg(scene),
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
+        switches=scene.effects.model_dump(),
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
+
+
+def _overhang_deg(scene: Scene) -> float | None:
+    """The steepest from the vertical that prints without supports; None where none are ever printed."""
+    unsupported = "powder" in (scene.printer.process, scene.material.process)
+    if unsupported or scene.material.process == "wire" or scene.printer.max_overhang_deg >= 90:
+        return None
+    return scene.printer.max_overhang_deg
 
 
 def _likeness(targets: Sequence[Target]) -> float:

@@ -9,8 +9,8 @@ from shapely import MultiPolygon
 
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
-from knotfab.effects.region_mesh import region_mesh
 from knotfab.errors import SceneError
+from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["depth_extent", "resolve_region"]

@@ -1,109 +1,150 @@
-"""What an effect is: a cheap a-priori bound, a threshold, and a term run only above it."""
+"""What an effect is: a bound known beforehand, a threshold, and what is done only above it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-
-from torch import Tensor
+from typing import Any
 
 from knotfab.arrays import Array
-from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Polylines
-from knotfab.scene.model import ResolvedRegion, ResolvedView
+from knotfab.scene.model import ResolvedView, Switch
 
-__all__ = ["Decision", "Effect", "EffectContext", "Limits", "State"]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the finished knots must keep to, in mm, all resolved to numbers."""
-
-    radius: float
-    clearance: float
-    bend_radius: float
-    length: float
-    region: ResolvedRegion
-
-    @property
-    def separation(self) -> float:
-        """Least distance of centre lines: two radii and the clearance."""
-        return 2 * self.radius + self.clearance
+__all__ = ["Decision", "Effect", "EffectContext", "decide"]
 
 
 @dataclass(frozen=True)
 class EffectContext:
-    """What an effect's magnitude is judged from: views, limits and the curves at the start."""
+    """What an effect's magnitude is judged from: the views, and the curves that stand before them.
+
+    `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
+    than. `tolerance_px`: of the accuracy setting.
+    """
 
     views: tuple[ResolvedView, ...]
-    limits: Limits
-    points: Array  # (N, 3) mm
-    rings: Polylines
-    tolerance_px: float  # of the accuracy setting
-
-
-@dataclass
-class State:
-    """One iteration of the search, as the terms see it."""
-
-    points: Tensor  # [N, 3] mm
-    edge: Tensor  # [N, 3] to the next vertex
-    after: Tensor  # [N, 3] the next vertex's edge
-    following: Tensor  # [N] index of the next vertex
-    rings: Polylines
-    near: Neighbours
-    spacing: float  # mean edge, mm
-
-    @classmethod
-    def at(cls, points: Tensor, following: Tensor, rings: Polylines, near: Neighbours) -> State:
-        """The state of closed polylines whose vertices are `points` [N, 3]."""
-        edge = points[following] - points
-        spacing = float(edge.detach().norm(dim=-1).mean())
-        return cls(points, edge, edge[following], following, rings, near, spacing)
-
-
-Term = Callable[[State, Limits], Tensor]
+    points: Array
+    radius: float  # of the tube, mm
+    tolerance_px: float
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect; `term` is its part of the objective, None where it acts otherwise."""
+    """One effect of the world that a scene may or may not call for.
+
+    `magnitude` bounds what it does, in `unit`, before anything is simulated; it is simulated above
+    `tolerances` times the tolerance of the accuracy setting.
+    """
 
     name: str
     unit: str
     magnitude: Callable[[EffectContext], float]
-    threshold: Callable[[EffectContext], float]
+    tolerances: float
     reason: str  # of its being simulated
-    term: Term | None = None
+
+    def threshold(self, tolerance_px: float) -> float:
+        """What is more than this is simulated."""
+        return self.tolerances * tolerance_px
 
 
 @dataclass
 class Decision:
-    """Whether an effect was simulated, and what that cost."""
+    """Whether an effect is simulated and why, and what that cost.
+
+    `forced`: "on" or "off" by the scene's own word; "auto": by its magnitude.
+    """
 
     effect: Effect
     magnitude: float
     threshold: float
-    simulated: bool
-    seconds: float = field(default=0.0)
+    forced: Switch = "auto"
+    calls: int = 0
+    seconds: float = 0.0
+    where: list[str] = field(default_factory=list)  # the stages that called it
 
-    def to_dict(self) -> dict[str, str | float | bool]:
-        """The effect's line in report.json."""
-        name = self.effect.name
-        unit = self.effect.unit
-        reason = (
-            self.effect.reason
-            if self.simulated and self.magnitude > self.threshold
-            else f"{name}: the search ended beyond the limit, so a repair simulated it"
-            if self.simulated
-            else f"{name}: {self.magnitude:.3g} {unit} stays below {self.threshold:.3g} {unit}"
+    @property
+    def called_for(self) -> bool:
+        """Whether the magnitude exceeds the threshold."""
+        return self.magnitude > self.threshold
+
+    @property
+    def simulated(self) -> bool:
+        """Whether its code runs."""
+        return self.forced == "on" or (self.forced == "auto" and self.called_for)
+
+    @property
+    def excess(self) -> float:
+        """From 0 at the threshold to 1 far above it: what the effect does in a design grows by this.
+
+        1 - threshold / magnitude; of one that is forced on below its threshold 0: it is measured, and
+        changes nothing.
+        """
+        if not self.simulated or not self.called_for:
+            return 0.0
+        return 1.0 - self.threshold / self.magnitude
+
+    def count(self, stage: str, calls: int, seconds: float) -> None:
+        """Enter so many calls of the effect's code in a stage, and the seconds that they took."""
+        self.calls += calls
+        self.seconds += seconds
+        if calls and stage not in self.where:
+            self.where.append(stage)
+
+    @contextmanager
+    def called(self, stage: str) -> Iterator[None]:
+        """Count one call, and the time that it takes."""
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.count(stage, 1, time.perf_counter() - begun)
+
+    def keep_largest(self, fresh: Decision) -> None:
+        """Judged anew: the larger magnitude counts, for nothing that was simulated is taken back."""
+        if fresh.magnitude > self.magnitude:
+            self.magnitude, self.threshold = fresh.magnitude, fresh.threshold
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence where the scene's own word goes against the magnitude; None where it does not."""
+        if self.forced != "off" or not self.called_for:
+            return None
+        return (
+            f"The effect {self.effect.name} is switched off, though its {self._words}: what is printed "
+            "will show it, and nothing here says how much."
         )
+
+    @property
+    def _words(self) -> str:
+        unit, side = self.effect.unit, "exceeds" if self.called_for else "stays below"
+        return f"{self.magnitude:.3g} {unit} {side} {self.threshold:.3g} {unit}"
+
+    @property
+    def reason(self) -> str:
+        """Why it is simulated or not, in a line."""
+        if self.forced != "auto":
+            return f"{self.effect.name}: {self.forced} by the scene's own word; {self._words}"
+        why = self.effect.reason if self.simulated else self.effect.name
+        return f"{why}: {self._words}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The effect's line in report.json."""
         return {
-            "name": name,
+            "name": self.effect.name,
             "simulated": self.simulated,
+            "forced": self.forced != "auto",
+            "where": list(self.where),
             "magnitude": self.magnitude,
             "threshold": self.threshold,
-            "unit": unit,
+            "unit": self.effect.unit,
+            "calls": self.calls,
             "seconds": round(self.seconds, 4),
-            "reason": reason,
+            "reason": self.reason,
         }
+
+
+def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch]) -> Decision:
+    """Whether an effect is simulated; `switches` are the scene's own words, by name."""
+    threshold = effect.threshold(context.tolerance_px)
+    forced = switches.get(effect.name, "auto")
+    return Decision(effect, effect.magnitude(context), threshold, forced)

@@ -11,11 +11,11 @@ import numpy as np
 
 from knotfab import __version__
 from knotfab.design.design import Design
-from knotfab.effects.penumbra import PENUMBRA
 from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.progress import Progress
+from knotfab.report.of_effects import list_effects, list_limits
 from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
 from knotfab.request import Request
@@ -121,15 +121,12 @@ def report_of(
     sized = None
     if bodies:
         sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
-    effects = [d.to_dict() for d in result.effects.values()]
-    for effect in effects:
-        if effect["name"] == PENUMBRA.name:
-            _penumbra_line(effect, verdict)
     ratios = [v["depth_ratio"] for v in verdict["views"] if v.get("depth_ratio") is not None]
     return assemble(
         views=verdict["views"],
         checks=verdict["checks"],
-        effects=effects,
+        effects=list_effects(result, verdict),
+        limits=list_limits(result),
         timings={**progress.timings, "total": progress.total},
         knots=knots,
         print_={
@@ -213,18 +210,6 @@ def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
         each = " Each knot has its own." if knots > 1 else ""
         return [f"Its {mount['pegs']} pegs go into holes drilled in the wall.{each}"]
     return []
-
-
-def _penumbra_line(effect: Record, verdict: Record) -> None:
-    """What the verification, which simulates this effect, did and found in the views."""
-    found = [view["penumbra"]["widest_px"] for view in verdict["views"] if view.get("penumbra")]
-    if found:
-        effect.update(simulated=True, magnitude=max(found))
-        effect["seconds"] = round(float(verdict["seconds"].get("penumbra", 0.0)), 4)
-    elif effect["simulated"]:
-        effect.update(
-            simulated=False, reason="nothing was rendered, so the lamp was not averaged over"
-        )
 
 
 def _radius_note(made: Design) -> Record:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from knotfab.report.of_effects import limits_as_effects
 from knotfab.verify.checks import exit_code
 from knotfab_validators.shadows.recognition import worst_verdict
 
@@ -23,7 +24,8 @@ KEYS = {
     "views": "name kind picture width height projection receiver iou iou_tube precision recall"
     " outline_error_px outline_error_mm legibility",
     "checks": "name status required measured limit unit detail",
-    "effects": "name simulated magnitude threshold unit seconds reason",
+    "effects": "name simulated forced where magnitude threshold unit calls seconds reason",
+    "limits": "name limit measured unit calls seconds",
     "knots": "type vertices length_mm thickness_mm min_bend_radius_mm",
     "print": "volume_mm3 mass_g bounding_box_mm depth_ratio printer",
     "settings": "accuracy seed versions command tube_radius_mm",
@@ -35,6 +37,7 @@ def assemble(
     views: Sequence[Record],
     checks: Sequence[Record],
     effects: Sequence[Record],
+    limits: Sequence[Record],
     timings: Mapping[str, float],
     knots: Sequence[Record],
     print_: Record,
@@ -43,9 +46,9 @@ def assemble(
 ) -> dict[str, Any]:
     """The report as plain data: finite numbers, None for what could not be measured.
 
-    `status` follows from the checks, `verdict` from the views; `total` of the timings is their sum unless it
-    is given. `notes` are sentences that a reader must not miss. Numpy scalars and arrays become
-    numbers and lists.
+    `status` follows from the checks, `verdict` from the views; `limits` stand among the effects as well;
+    `total` of the timings is their sum unless it is given. `notes` are sentences that a reader must
+    not miss. Numpy scalars and arrays become numbers and lists.
 
     Raises:
         ValueError: a record lacks a key of the contract, or a check has no known status.
@@ -54,6 +57,7 @@ def assemble(
         "views": views,
         "checks": checks,
         "effects": effects,
+        "limits": limits,
         "knots": knots,
         "print": print_,
         "settings": settings,
@@ -71,7 +75,8 @@ def assemble(
         "verdict": worst_verdict(views),
         "views": views,
         "checks": checks,
-        "effects": effects,
+        "effects": [*effects, *limits_as_effects(limits)],
+        "limits": limits,
         "timings": times,
         "knots": knots,
         "print": print_,

@@ -141,6 +141,24 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
                 f"wall_distance_mm is {view.wall_distance_mm:g}",
                 "Move the wall away, or make the piece flatter or its tube thinner.",
             )
+        room = view.light_distance_mm - reach
+        if 0.5 * view.light_size_mm >= room:
+            raise InputError(
+                what,
+                f"{where}: a lamp of {view.light_size_mm:g} mm reaches the piece, {room:g} mm from its "
+                "middle",
+                "Use a smaller lamp, or move it away.",
+            )
+        height = math.cos(math.radians(view.wall_tilt_deg)) * (
+            view.light_distance_mm + view.wall_distance_mm
+        )
+        if 0.5 * view.light_size_mm >= height:
+            raise InputError(
+                what,
+                f"{where}: a lamp of {view.light_size_mm:g} mm whose middle is {height:g} mm before the "
+                "tilted wall is partly behind it",
+                "Use a smaller lamp, move it away, or tilt the wall less.",
+            )
         frame = [s for s in (view.frame_width_mm, view.frame_height_mm) if s is not None]
         if frame and 2.0 * radius >= min(frame):
             raise InputError(

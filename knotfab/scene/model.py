@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, StrictStr
@@ -23,6 +24,8 @@ __all__ = [
     "ResolvedScene",
     "ResolvedView",
     "Scene",
+    "Switch",
+    "Switches",
     "View",
 ]
 
@@ -35,8 +38,10 @@ Extent = tuple[Positive, Positive, Positive]
 Row = tuple[Number, Number, Number, Number]
 Whole = Annotated[int, Strict(), Field(ge=0)]
 Side = Annotated[int, Strict(), Field(ge=1)]
+Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+Switch = Literal["auto", "on", "off"]
 
 
 class _Table(BaseModel):
@@ -119,7 +124,11 @@ class View(Reading):
     frame_width_mm: Positive | None = None
     frame_height_mm: Positive | None = None
     light_distance_mm: Positive = 500.0
-    light_diameter_mm: NotNegative = 5.0
+    light_diameter_mm: NotNegative = 5.0  # of a disc, a ball, or each LED
+    light_shape: Literal["disc", "ball", "rectangle", "leds"] = "disc"
+    light_width_mm: NotNegative = 0.0  # of a rectangle; of an array between its outer LEDs
+    light_height_mm: NotNegative = 0.0
+    light_leds: tuple[Leds, Leds] = (1, 1)  # columns and rows
     wall_distance_mm: Positive = 100.0
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
     azimuth_deg: Number = 0.0
@@ -130,9 +139,25 @@ class View(Reading):
     )
 
     @property
+    def light_size_mm(self) -> float:
+        """The longest line within the lamp; 0 of a point, and of an eye."""
+        if self.kind == "eye":
+            return 0.0
+        across = hypot(self.light_width_mm, self.light_height_mm)
+        if self.light_shape == "rectangle":
+            return across
+        return self.light_diameter_mm + (across if self.light_shape == "leds" else 0.0)
+
+    @property
     def magnification(self) -> float:
         """By how much the shadow is larger than what stands in the middle of the piece."""
         return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
+
+
+class Switches(_Table):
+    """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
+
+    penumbra: Switch = "auto"
 
 
 class Accuracy(_Table):
@@ -188,6 +213,7 @@ class Scene(_Table):
     printer: Printer = Printer()
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
+    effects: Switches = Switches()
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.effects.base import State
+from knotfab.limits.base import State
 from knotfab.problem import TargetView
 from knotfab.scene.camera import camera_of
 from knotfab.search.objective import Term, Weights

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from knotfab.effects.base import State
+from knotfab.limits.base import State
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Grace"]

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Decision, Limits
 from knotfab.geometry.carry import (
     Curves,
     Parameters,
@@ -19,12 +18,13 @@ from knotfab.geometry.carry import (
 )
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
+from knotfab.limits.base import Limits
 from knotfab.problem import Report
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
 from knotfab.search.state import SearchState
 
-__all__ = ["keep_largest", "search_network"]
+__all__ = ["search_network"]
 
 _REFRESH = 40  # iterations between even samplings of the curves
 _EDGE = 0.8  # vertex spacing of these in tube radii: coarser than the flow's, which has each vertex free
@@ -102,18 +102,6 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     )
 
 
-def keep_largest(effects: dict[str, Decision], fresh: dict[str, Decision]) -> None:
-    """Judge `effects` anew: the larger magnitude counts, and what was simulated once stays so.
-
-    The network goes further than any bound from the template covers.
-    """
-    for name, decision in fresh.items():
-        old = effects[name]
-        if decision.magnitude > old.magnitude:
-            old.magnitude, old.threshold = decision.magnitude, decision.threshold
-            old.simulated |= decision.simulated
-
-
 def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:
     """Adam on the network's weights; the parameters of even samples at the end."""
     network, settings, limits = mapped.network, state.settings, state.limits
@@ -134,7 +122,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
             start = torch.as_tensor(
                 np.concatenate(curves.at(where)) / mapped.size, device=state.device
             )
-            keep_largest(state.effects, state.survey())
+            state.judge_effects()
             phase = phases[number]
             objective = state.objective(phase)
             update, since = state.between(objective, phase), iteration
@@ -158,7 +146,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if report is not None and iteration % 10 == 0:
             report(progress, min(objective.ious(x)))
     where = _sample(state, curves, mapped, where, edge)
-    keep_largest(state.effects, state.survey())
+    state.judge_effects()
     if report is not None:
         report(1.0, min(state.ious()))
     return where

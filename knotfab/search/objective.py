@@ -1,8 +1,7 @@
-"""The objective of a search: the pictures of all views, limits, effects that are called for, more terms."""
+"""The objective of a search: the pictures of all views, the limits that can be felt, more terms."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Decision, Limits, State
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
+from knotfab.limits.base import Guard, Limits, State
 from knotfab.render.frame import Frame, Number
 from knotfab.render.picture import CUTOFF, ViewImage
 from knotfab.render.silhouette import Winners, squared_error, winners
@@ -50,8 +49,8 @@ class Term:
 class Objective:
     """Callable loss: (points [N, 3], near, progress) -> scalar, without side effects.
 
-    It sums the pictures of all views, shared out by `shares` (their mean is 1), the limits and effects that
-    are simulated, and `terms`. tau grows geometrically from `tau[0]` to `tau[1]`, in units of one over
+    It sums the pictures of all views, shared out by `shares` (their mean is 1), the limits that can be
+    felt, and `terms`. tau grows geometrically from `tau[0]` to `tau[1]`, in units of one over
     the projected tube radius. What changes while a phase runs is changed between calls, by the loop:
     the winning capsules (`find_winners`), the shares, and the pose (`look_from`).
     """
@@ -59,7 +58,7 @@ class Objective:
     images: tuple[ViewImage, ...]
     rings: Polylines
     limits: Limits
-    effects: dict[str, Decision]
+    guards: dict[str, Guard]
     weights: Weights
     tau: tuple[float, float]
     terms: tuple[Term, ...] = ()
@@ -85,7 +84,7 @@ class Objective:
                 loss = loss + self.weights.image * share * image
         state = State.at(points, self.following, self.rings, near)
         if self._turn is None:
-            loss = loss + add_limits(state, self.limits, self.effects, self.weights)
+            loss = loss + add_limits(state, self.limits, self.guards, self.weights)
         else:
             loss = loss + self.limit_terms(points, near, self.limits, self.weights, self._turn)
         for term in self.terms:
@@ -131,10 +130,10 @@ class Objective:
         weights: Weights,
         turn: Tensor | None = None,
     ) -> Tensor:
-        """The weighted terms of all limits and effects that are simulated, in the axes of `turn` [3, 3]."""
+        """The weighted terms of all limits that can be felt, in the axes of `turn` [3, 3]."""
         turned = points if turn is None else points @ turn
         state = State.at(turned, self.following, self.rings, near)
-        return add_limits(state, limits, self.effects, weights)
+        return add_limits(state, limits, self.guards, weights)
 
     def find_winners(self, points: Array, progress: float) -> None:
         """Find each pixel's winning capsule anew; until the next call others do not colour it."""
@@ -156,14 +155,11 @@ class Objective:
         return tuple(i.iou(points, self.rings, self.limits.radius) for i in self.images)
 
 
-def add_limits(
-    state: State, limits: Limits, effects: dict[str, Decision], weights: Weights
-) -> Tensor:
-    """The weighted sum of the terms of all effects that are simulated; their seconds are counted."""
+def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: Weights) -> Tensor:
+    """The weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
     total = state.points.new_zeros(())
-    for name, decision in effects.items():
-        if decision.simulated and decision.effect.term is not None:
-            begun = time.perf_counter()
-            total = total + getattr(weights, name) * decision.effect.term(state, limits)
-            decision.seconds += time.perf_counter() - begun
+    for name, guard in guards.items():
+        term = guard.term(state, limits)
+        if term is not None:
+            total = total + getattr(weights, name) * term
     return total

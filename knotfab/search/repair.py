@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
-from knotfab.effects.feasibility import Feasibility
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines
 from knotfab.geometry.resample import subdivide
+from knotfab.limits.feasibility import Feasibility
 from knotfab.search.flow import FlowSettings
 from knotfab.search.phases import Phase, Plan
 from knotfab.search.state import SearchState, resample_state, run_phase
@@ -35,10 +35,8 @@ def repair(state: SearchState, plan: Plan) -> None:
     if plan.repairs == 0 or not state.wanting(state.points):
         return
     # most often a few bends are left, and the whole curve need not give way for them
-    state.simulate(state.feasibility().broken)
     mended = mend_stretches(state, plan.repair(0), plan.mendings)
     while state.log.repairs < plan.repairs and state.wanting(state.points):
-        state.simulate(state.feasibility().broken)
         resample_state(state, state.settings.settle_edge_radii * state.radius)
         phase = plan.repair(state.log.repairs)
         state.log.repairs += 1

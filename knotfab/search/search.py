@@ -86,6 +86,7 @@ def search(
         state.feasibility(),
         state.log,
         state.effects,
+        state.guards,
         start.depth,
         state.ious(),
         tuple(v.view for v in state.problem.views),

@@ -12,7 +12,7 @@ import torch
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
-from knotfab.effects.base import State
+from knotfab.limits.base import State
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
 from knotfab.search.objective import Term, Weights

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Decision, EffectContext, Limits
-from knotfab.effects.feasibility import Feasibility, measure_feasibility
+from knotfab.effects.base import Decision, EffectContext
 from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
+from knotfab.limits.base import Guard, Limits
+from knotfab.limits.feasibility import Feasibility, measure_feasibility
+from knotfab.limits.guards import guard_limits
 from knotfab.problem import CertificateLog, Problem, Start
 from knotfab.render.picture import ViewImage
 from knotfab.scene.settings import SearchSettings
@@ -46,6 +48,7 @@ class SearchState:
     rings: Polylines
     log: CertificateLog
     effects: dict[str, Decision]
+    guards: dict[str, Guard]
     terms: tuple[Term, ...] = ()
     pose: Pose | None = None
     keep_vertices: bool = False
@@ -68,16 +71,15 @@ class SearchState:
             return True
         return bool(measure_feasibility(points, self.rings, self.limits).violations)
 
-    def survey(self) -> dict[str, Decision]:
-        """Every effect judged on the polylines as they are."""
+    def judge_effects(self) -> None:
+        """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
         views = tuple(v.view for v in self.problem.views)
-        tolerance = self.settings.tolerance_px
-        return survey(EffectContext(views, self.limits, self.points, self.rings, tolerance))
-
-    def simulate(self, broken: list[str]) -> None:
-        """A violation calls for what the bound beforehand did not: from here on these are simulated."""
-        for name in broken:
-            self.effects[name].simulated = True
+        context = EffectContext(views, self.points, self.radius, self.settings.tolerance_px)
+        for name, fresh in survey(context, self.problem.switches).items():
+            if name in self.effects:
+                self.effects[name].keep_largest(fresh)
+            else:
+                self.effects[name] = fresh
 
     def ious(self) -> tuple[float, ...]:
         """IoU of each view at the resolution of the fine phase."""
@@ -96,7 +98,7 @@ class SearchState:
             self._images(phase.pixels),
             self.rings,
             self.limits,
-            self.effects,
+            self.guards,
             phase.weights,
             phase.tau,
             terms,
@@ -144,13 +146,14 @@ def begin(
         polylines_of_sizes(tuple(len(c) for c in start.curves)),
         log or CertificateLog(start.why, start.types),
         {},
+        guard_limits(),
         terms,
         pose,
         keep_vertices,
         device,
         None if problem.goals is None else Balance(problem.goals),
     )
-    state.effects = state.survey()
+    state.judge_effects()
     return state
 
 

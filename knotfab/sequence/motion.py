@@ -15,7 +15,7 @@ from shapely import MultiPolygon
 from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.effects.base import State
+from knotfab.limits.base import State
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion"]

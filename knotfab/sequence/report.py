@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,6 +163,7 @@ def sequence_report(
         views=views,
         checks=[*_together([r["checks"] for r in reports]), *checks],
         effects=_effects(reports),
+        limits=_limits(reports),
         timings={**progress.timings, "total": progress.total},
         knots=[knot for r in reports for knot in r["knots"]],
         print_=print_,
@@ -238,10 +239,32 @@ def _room(check: Record) -> float:
 
 
 def _effects(reports: Sequence[Record]) -> list[Record]:
-    """Each effect at its largest magnitude, the seconds of all frames together."""
-    found = []
-    for name in dict.fromkeys(e["name"] for r in reports for e in r["effects"]):
-        lines = [e for r in reports for e in r["effects"] if e["name"] == name]
-        worst = max(lines, key=lambda e: (e["simulated"], e["magnitude"]))
-        found.append({**worst, "seconds": round(sum(e["seconds"] for e in lines), 4)})
-    return found
+    """Each effect at its largest magnitude, the calls and seconds of all frames together."""
+    limits = {line["name"] for r in reports for line in r["limits"]}
+    names = [e["name"] for r in reports for e in r["effects"] if e["name"] not in limits]
+    return [
+        _sum_lines(reports, "effects", name, lambda e: (e["simulated"], e["magnitude"]))
+        for name in dict.fromkeys(names)
+    ]
+
+
+def _limits(reports: Sequence[Record]) -> list[Record]:
+    """Each limit in the frame that comes nearest to it or goes furthest beyond."""
+    names = dict.fromkeys(line["name"] for r in reports for line in r["limits"])
+    least = ("bend", "clearance")
+
+    def beyond(line: Record) -> float:
+        over = float(line["measured"]) - float(line["limit"])
+        return -over if line["name"] in least else over
+
+    return [_sum_lines(reports, "limits", name, beyond) for name in names]
+
+
+def _sum_lines(
+    reports: Sequence[Record], section: str, name: str, worst: Callable[[Any], Any]
+) -> Record:
+    """The worst of all frames' lines of a name, with the calls and seconds of all."""
+    lines = [line for r in reports for line in r[section] if line["name"] == name]
+    seconds = round(sum(line["seconds"] for line in lines), 4)
+    calls = sum(line["calls"] for line in lines)
+    return {**max(lines, key=worst), "calls": calls, "seconds": seconds}

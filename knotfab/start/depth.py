@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
-from knotfab.geometry.overhang import Rules, estimate, strands_along
+from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.problem import DepthChoice
 from knotfab.start.legibility import legibility
@@ -147,7 +147,7 @@ class _Judge:
             return np.zeros(1)
         rules, rods = Rules(self.overhang_deg), strands_along(parts, self.radius, most=_RODS)
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
-        found = [estimate(rods, turn, rules).support_cm3 for turn in self.turns]
+        found = [support_cm3(rods, turn, rules) for turn in self.turns]
         return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.region import tube_outside
+from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.settings import SearchSettings

@@ -200,11 +200,8 @@ NEAR = find_neighbours(TIGHT, polylines_of_sizes((len(TIGHT),)), 40.0, 6)
 
 
 def _state(problem: Problem, points: np.ndarray, pose: Pose | None = None) -> SearchState:
-    """At the start of a search, every limit simulated."""
-    state = begin(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
-    for decision in state.effects.values():
-        decision.simulated = True
-    return state
+    """At the start of a search."""
+    return begin(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
 
 
 def _objective(state: SearchState) -> Objective:

@@ -17,7 +17,7 @@ ELSEWHERE = {
     "slicing": "tests/slicer",
     "network (inn)": "tests/search/test_network_search.py",
     "network, then flow (inn+flow)": "tests/search/test_network_search.py",
-    "region mesh": "tests/effects/test_region_mesh.py",
+    "region mesh": "tests/limits/test_region_mesh.py",
     "time budget": "tests/design/test_free_view.py",
     "limit prices": "tests/examples/test_hard_cases_values.py",
     "wire plan": "tests/wire/test_plan.py",

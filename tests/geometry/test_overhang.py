@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotfab.errors import SceneError
+from knotfab.geometry import overhang
 from knotfab.geometry.overhang import (
     EDGES,
     ROOF_GAP_MM,
@@ -19,6 +20,7 @@ from knotfab.geometry.overhang import (
     Rules,
     Strands,
     estimate,
+    support_cm3,
 )
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
@@ -96,6 +98,21 @@ def test_a_level_bar_above_a_lower_one() -> None:
     on_bed = 2 * half * 50 * below / 1000  # of the foot, above the first layer
     assert found.support_cm3 == pytest.approx(exact + on_bed, rel=0.03)
     assert found.height_mm == pytest.approx(30 + 2 * RADIUS)
+
+
+def test_the_columns_alone_are_the_estimates_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last digit, and without what only the estimate is asked for."""
+    strands, rules = strands_of(knots_of(wave(), ring(20.0))), Rules(40.0)
+    turns = Rotation.random(6, random_state=3).as_matrix()
+    whole = [estimate(strands, turn, rules).support_cm3 for turn in turns]
+
+    def explode(*_: object) -> None:
+        raise AssertionError("more than the columns was worked out")
+
+    for name in ("_tip", "_weigh_supports", "_over_air"):
+        monkeypatch.setattr(overhang, name, explode)
+    assert [support_cm3(strands, turn, rules) for turn in turns] == whole
+    assert min(whole) > 0
 
 
 def test_the_filament_of_a_wall_under_a_bar() -> None:

@@ -47,9 +47,12 @@ def sample(fail: bool = False) -> dict[str, Any]:
             check("slicer", "skipped", required=False, measured=None, limit=None, unit=None),
         ],
         "effects": [
-            {**effect, "unit": "px", "seconds": 0.0, "reason": "below the threshold"},
-            {**effect, "name": "clearance", "simulated": True, "unit": "mm", "seconds": 1.25,
-             "reason": "always"},
+            {**effect, "unit": "px", "seconds": 0.0, "calls": 0, "forced": False, "where": [],
+             "reason": "below the threshold"},
+        ],
+        "limits": [
+            {"name": "clearance", "limit": 4.4, "measured": 4.41, "unit": "mm", "calls": 160,
+             "seconds": 1.25},
         ],
         "timings": {"target": 0.21, "template": 0.92, "search": 8.4, "sweep": 0.3, "verify": 3.1},
         "knots": [
@@ -96,7 +99,8 @@ def test_keys_of_the_contract(tmp_path: Path) -> None:
     write_report_json(tmp_path / "report.json", assemble(**sample()))
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert set(report) == {
-        "schema", "status", "verdict", "views", "checks", "effects", "timings", "knots", "print", "settings",
+        "schema", "status", "verdict", "views", "checks", "effects", "limits", "timings", "knots", "print",
+        "settings",
     }  # fmt: skip
     assert report["schema"] == 1 and report["status"] == "pass" and report["verdict"] is None
     assert np.array(report["views"][0]["projection"]).shape == (3, 4)
@@ -130,6 +134,20 @@ def test_the_verdict_of_the_worst_view_stands_first(word: str) -> None:
     assert "a piece is lost &lt;here&gt;" in page and "<here>" not in page
 
 
+def test_limits_stand_apart_and_for_earlier_readers_among_the_effects() -> None:
+    report = assemble(**sample())
+    (limit,), effects = report["limits"], {e["name"]: e for e in report["effects"]}
+    assert list(effects) == ["penumbra", "clearance"]
+    old = effects["clearance"]
+    assert (old["magnitude"], old["threshold"]) == (limit["measured"], limit["limit"])
+    assert old["simulated"] and old["calls"] == limit["calls"] == 160
+    assert [set(e) for e in report["effects"]] == 2 * [set(old)]
+    page = render_html(report)
+    shown = page.split("<h2>Effects</h2>")[1]
+    one, two = shown.split("<h2>Limits</h2>")
+    assert "penumbra" in one and "clearance" not in one and "clearance" in two
+
+
 def test_what_is_not_required_warns_and_does_not_fail() -> None:
     data = sample()
     data["checks"] = [check("closing", "fail", required=False), check("shadow", "fail")]
@@ -143,7 +161,9 @@ def test_what_is_not_required_warns_and_does_not_fail() -> None:
         assert mark_of(check("a", status, required=False)) == status
 
 
-@pytest.mark.parametrize("section", ["views", "checks", "effects", "knots", "print_", "settings"])
+@pytest.mark.parametrize(
+    "section", ["views", "checks", "effects", "limits", "knots", "print_", "settings"]
+)
 def test_a_key_too_few_is_refused(section: str) -> None:
     data = sample()
     record = data[section] if isinstance(data[section], dict) else data[section][0]

@@ -7,10 +7,10 @@ import pytest
 from knot_judge import judge_type
 
 from examples.paper.curves import closed_braid
-from knotfab.effects.base import Limits
 from knotfab.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.base import Limits
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
 from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot

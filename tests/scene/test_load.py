@@ -72,6 +72,17 @@ REFUSED = {
     "[region]\nsize_mm = [1, 2]": ("size_mm is [1, 2]", "list"),
     "[region]\nsize_mm = [1, 2, -3]": ("greater than 0",),
     "[region]\nkind = 'ball'": ('"box", "cylinder", "sphere" or "mesh"',),
+    "[effects]\npenumbras = 'on'": ("[effects]", "'penumbras'", "Did you mean 'penumbra'?"),
+    "[effects]\npenumbra = true": ("penumbra is true", '"auto", "on" or "off"'),
+    "[[views]]\nlight_diameter_mm = 1000": ("number 1", "lamp of 1000 mm reaches the piece"),
+    "[piece]\ndepth = 200\n[[views]]\nwall_distance_mm = 150\nlight_diameter_mm = 800": (
+        "reaches the piece, 400 mm from its middle",
+        "smaller lamp",
+    ),
+    "[[views]]\nwall_tilt_deg = 70\nlight_diameter_mm = 450": (
+        "205.212 mm before the tilted wall is partly behind it",
+        "tilt the wall less",
+    ),
     "[[views]]\nwall_distance_mm = -1": ("wall_distance_mm is -1", "greater than 0"),
     "[[views]]\nwall_tilt_deg = 90": ("less than 80",),
     "[[views]]\nname = '../x'": ("letters, digits",),

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.effects.base import State
 from knotfab.geometry.measures import measure_curvature
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.base import State
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
 

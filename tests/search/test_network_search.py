@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from questions import ask_heart, start_and_search
 
-from knotfab.effects.base import Decision
-from knotfab.effects.bend import BEND
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.carry import (
     Carried,
@@ -22,7 +20,6 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, SearchResult
 from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.search import network_search
-from knotfab.search.network_search import keep_largest
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template
 
@@ -232,16 +229,6 @@ def test_a_circle_cannot_be_a_trefoil(problem: Problem) -> None:
     tied = replace(problem, knot="trefoil")
     with pytest.raises(SceneError, match="a trefoil is asked for"):
         _search(tied, settings)
-
-
-def test_effects_are_judged_again_but_never_forgotten() -> None:
-    effects = {"bend": Decision(BEND, 0.2, 0.25, False, 1.5)}
-    keep_largest(effects, {"bend": Decision(BEND, 0.1, 0.25, False)})
-    assert (effects["bend"].magnitude, effects["bend"].simulated) == (0.2, False)
-    keep_largest(effects, {"bend": Decision(BEND, 0.4, 0.25, True)})
-    keep_largest(effects, {"bend": Decision(BEND, 0.1, 0.25, False)})
-    assert (effects["bend"].magnitude, effects["bend"].simulated) == (0.4, True)
-    assert effects["bend"].seconds == 1.5
 
 
 def test_settings_of_the_network() -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from questions import ask_views
 from shapely import MultiPolygon, Point, box
 
-from knotfab.effects.base import State
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
+from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
@@ -56,10 +56,8 @@ def objective_of_one(points: Array) -> Objective:
 def objective_at(
     problem: Problem, points: Array, weights: Weights | None = None, spill: bool = False
 ) -> Objective:
-    """The objective of a coarse phase at one closed polyline, with every limit simulated."""
+    """The objective of a coarse phase at one closed polyline."""
     state = begin(problem, Start((points,), "for its slope alone"), RADIUS, DRAFT)
-    for decision in state.effects.values():
-        decision.simulated = True
     phase = Phase(96, FlowSettings(), weights or Weights(), (TAU, TAU), spill)
     return state.objective(phase)
 
@@ -98,10 +96,10 @@ def test_a_view_given_twice_counts_twice_and_its_limits_once(both: Problem, poin
     assert loss[2] - loss[1] == pytest.approx(image, rel=1e-6)
 
 
-def test_the_limits_are_those_of_the_effects(both: Problem, points: Array) -> None:
+def test_the_limits_are_those_under_guard(both: Problem, points: Array) -> None:
     objective = objective_at(both, points, Weights(image=0.0))
     state = State.at(torch.tensor(points), objective.following, objective.rings, near_of(points))
-    terms = float(add_limits(state, objective.limits, objective.effects, objective.weights))
+    terms = float(add_limits(state, objective.limits, objective.guards, objective.weights))
     assert value_and_slope(objective, points)[0] == pytest.approx(terms, rel=1e-12)
 
 
@@ -118,7 +116,6 @@ def test_what_stands_outside_adds_its_spill(both: Problem, points: Array) -> Non
 def test_a_call_changes_nothing(both: Problem, points: Array) -> None:
     objective = objective_at(both, points, spill=True)
     objective.find_winners(points, 0.0)
-    effects = {name: replace(d, seconds=0.0) for name, d in objective.effects.items()}
     before = vars(objective) | {"_won": deepcopy(objective._won)}
     shares = objective.shares.copy()
     first = value_and_slope(objective, points)
@@ -131,7 +128,6 @@ def test_a_call_changes_nothing(both: Problem, points: Array) -> None:
     for name in set(after) - {"_won"}:
         assert after[name] is before[name], name
     assert (objective.shares == shares).all()
-    assert {name: replace(d, seconds=0.0) for name, d in objective.effects.items()} == effects
     torch.testing.assert_close(before["_won"], after["_won"], rtol=0, atol=0)
 
 
@@ -144,7 +140,7 @@ def test_vertices_that_are_held_feel_nothing_and_the_others_what_they_felt(
         objective.images,
         objective.rings,
         objective.limits,
-        objective.effects,
+        objective.guards,
         objective.weights,
         objective.tau,
         loose=loose,

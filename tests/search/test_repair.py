@@ -10,7 +10,7 @@ from questions import ask_views
 from shapely import MultiPolygon, Point
 from torch import Tensor
 
-from knotfab.effects.base import State
+from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
 from knotfab.scene.model import ResolvedRegion
 from knotfab.scene.settings import PRESETS

@@ -1,24 +1,19 @@
-"""The search: feasible ends, effects only where called for, and clear verdicts where it cannot be."""
+"""The search: feasible ends, and clear verdicts where it cannot be."""
 
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from questions import ask_heart, start_and_search
 
 from knotfab.design.region import depth_extent
-from knotfab.effects import survey as survey_module
-from knotfab.effects.base import EffectContext, Limits
-from knotfab.effects.feasibility import measure_feasibility
-from knotfab.effects.penumbra import magnitude
-from knotfab.effects.survey import survey
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.feasibility import measure_feasibility
 from knotfab.problem import Problem
-from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
+from knotfab.scene.model import ResolvedRegion, Scene
 from knotfab.scene.settings import PRESETS, search_settings
 from knotfab.search.phases import plan_of
 from knotfab.start.start import make_start
@@ -73,69 +68,6 @@ def test_a_length_budget_below_need_is_told(problem: Problem) -> None:
     result = start_and_search(replace(problem, length=200.0), 4.0, QUICK, repairs=1)
     assert not result.feasible
     assert "exceeds the budget of 200 mm" in " ".join(result.feasibility.violations)
-
-
-@pytest.mark.slow
-def test_effects_not_called_for_run_no_code(
-    problem: Problem, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def explode(*_: object) -> None:
-        raise AssertionError("an effect that is not called for was simulated")
-
-    disarmed = tuple(
-        replace(e, term=explode) if e.name in ("region", "length") else e
-        for e in survey_module.EFFECTS
-    )
-    monkeypatch.setattr(survey_module, "EFFECTS", disarmed)
-    result = start_and_search(problem, 4.0, QUICK, repairs=0)
-    assert not result.effects["region"].simulated
-    assert not result.effects["length"].simulated
-    assert result.effects["region"].seconds == 0.0
-    # and where the scene calls for it, it does run
-    tight = replace(problem, region=ResolvedRegion(size_mm=(100.0, 100.0, 180.0)))
-    with pytest.raises(AssertionError, match="not called for"):
-        start_and_search(tight, 4.0, QUICK, repairs=0)
-
-
-def _situation(problem: Problem, **limits: Any) -> EffectContext:
-    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    points = np.column_stack([50 * np.cos(t), 50 * np.sin(t), 10 * np.sin(t)])
-    base = problem.limits(2.0)
-    views = tuple(v.view for v in problem.views)
-    return EffectContext(views, replace(base, **limits), points, polylines_of_sizes((200,)), 0.25)
-
-
-def test_magnitudes_follow_the_scene(problem: Problem) -> None:
-    near = survey(_situation(problem))
-    assert not near["clearance"].simulated  # one lone circle
-    near_view = problem.views[0].view
-    far_view = near_view.model_copy(update={"light_distance_mm": 1e7, "light_diameter_mm": 0.0})
-    far = survey(replace(_situation(problem), views=(far_view,)))
-    assert not far["penumbra"].simulated
-    # of several views the one counts where the blur is widest
-    both = survey(replace(_situation(problem), views=(far_view, near_view)))
-    assert both["penumbra"].magnitude == near["penumbra"].magnitude > far["penumbra"].magnitude
-    assert survey(_situation(problem, length=300.0))["length"].simulated
-    assert survey(_situation(problem, region=ResolvedRegion(size_mm=(100.0, 100.0, 40.0))))[
-        "region"
-    ].simulated
-    line = near["penumbra"].to_dict()
-    assert set(line) == {
-        "name", "simulated", "magnitude", "threshold", "unit", "seconds", "reason",
-    }  # fmt: skip
-
-
-def test_penumbra_is_the_makers_rule() -> None:
-    # 5 mm lamp at 1 m, wall 0.3 m behind a flat piece: 1.5 mm of blur
-    view = ResolvedView(
-        light_distance_mm=1000.0, wall_distance_mm=300.0, light_diameter_mm=5.0,
-        frame_width_mm=1024.0, frame_height_mm=500.0,
-    )  # fmt: skip
-    limits = Limits(2.0, 0.4, 2.2, 1e5, ResolvedRegion(size_mm=(200.0, 200.0, 200.0)))
-    flat = np.array([[10.0, 0, 0], [0, 10, 0], [-10, 0, 0]])
-    found = magnitude(EffectContext((view,), limits, flat, polylines_of_sizes((3,)), 0.25))
-    # the tube reaches its radius further towards the lamp
-    assert found == pytest.approx(5.0 * (300.0 + 2.0) / (1000.0 - 2.0))
 
 
 def test_bend_radius_of_a_regular_polygon_is_its_inradius() -> None:

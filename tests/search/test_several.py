@@ -17,11 +17,11 @@ from torch import Tensor
 
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
-from knotfab.effects.base import State
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.sampling import sample_evenly
+from knotfab.limits.base import State
 from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
 from knotfab.request import Request

@@ -7,9 +7,9 @@ import torch
 from shapely import MultiPolygon
 from torch import Tensor
 
-from knotfab.effects.base import State
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.limits.base import State
 from knotfab.search.objective import Term, Weights
 from knotfab.sequence.motion import Anchor, Tautness, measure, outline_motion
 

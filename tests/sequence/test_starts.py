@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from shapely import MultiPolygon, box
 
-from knotfab.effects.base import Limits
-from knotfab.effects.feasibility import Feasibility
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knot, Knots
+from knotfab.limits.base import Limits
+from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
 from knotfab.scene.model import ResolvedRegion, ResolvedView
 from knotfab.scene.settings import SearchSettings

@@ -18,6 +18,7 @@ from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = [
     "Accuracy",
+    "Effects",
     "Material",
     "Mount",
     "Piece",
@@ -36,6 +37,9 @@ Pose = tuple[tuple[float, ...], ...]  # 4 rows of 4
 DEFAULT_PRINTER = "prusa-mk4"
 MOST_BYTES = 1_000_000
 MOST_DOTS = 200
+LAMPS = ("disc", "ball", "rectangle", "leds")
+MOST_LEDS = 100  # across or up
+SWITCH = ("auto", "on", "off")
 INKS = ("auto", "dark", "light", "alpha", "flood")
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
@@ -113,6 +117,10 @@ class View:
     frame_height_mm: float | None
     light_distance_mm: float
     light_diameter_mm: float
+    light_shape: str
+    light_width_mm: float
+    light_height_mm: float
+    light_leds: tuple[int, int]
     wall_distance_mm: float
     wall_tilt_deg: float
     azimuth_deg: float
@@ -131,6 +139,14 @@ class Accuracy:
     iou_floor: float | None
     max_outline_error_px: float
     accept: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Whether effects are simulated: "on", "off", or "auto", where they exceed a threshold, px."""
+
+    penumbra: str = "auto"
+    tolerance_px: float = 0.25
 
 
 @dataclass(frozen=True)
@@ -159,6 +175,7 @@ class Scene:
     mount: Mount
     pose: Pose | None
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
+    effects: Effects = Effects()
 
 
 def read_scene(path: Path) -> Scene:
@@ -202,6 +219,8 @@ def parse_scene(
     material = Table(data.get("material", {}), f"{name}: [material]")
     printer = Table(data.get("printer", {}), f"{name}: [printer]")
     accuracy = Table(data.get("accuracy", {}), f"{name}: [accuracy]")
+    effects = Table(data.get("effects", {}), f"{name}: [effects]")
+    search = Table(data.get("search", {}), f"{name}: [search]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
         raise BadFile(f"{name}: [[views]] must name at least one view")
@@ -235,6 +254,10 @@ def parse_scene(
         mount=_mount(data.get("mount", {}), f"{name}: [mount]"),
         pose=_pose(data.get("pose"), name),
         plates=_plates(data.get("pose"), name),
+        effects=Effects(
+            penumbra=effects.word("penumbra", "auto", SWITCH),
+            tolerance_px=search.number("tolerance_px", 0.25, above=0),
+        ),
     )
 
 
@@ -329,12 +352,25 @@ def _view(data: Any, where: str) -> View:
         frame_height_mm=table.open_number("frame_height_mm", None, above=0),
         light_distance_mm=table.number("light_distance_mm", 500.0, above=0),
         light_diameter_mm=table.number("light_diameter_mm", 5.0, least=0),
+        light_shape=table.word("light_shape", "disc", LAMPS),
+        light_width_mm=table.number("light_width_mm", 0.0, least=0),
+        light_height_mm=table.number("light_height_mm", 0.0, least=0),
+        light_leds=_leds(table),
         wall_distance_mm=table.number("wall_distance_mm", 100.0, above=0),
         wall_tilt_deg=table.number("wall_tilt_deg", 0.0),
         azimuth_deg=table.number("azimuth_deg", 0.0),
         elevation_deg=table.number("elevation_deg", 0.0),
         frame_up_mm=table.number("frame_up_mm", 0.0),
     )
+
+
+def _leds(table: Table) -> tuple[int, int]:
+    """Columns and rows of an array of LEDs."""
+    value = table.data.get("light_leds", [1, 1])
+    whole = isinstance(value, list) and all(type(n) is int and 1 <= n <= MOST_LEDS for n in value)
+    if not whole or len(value) != 2:
+        raise BadFile(f"{table.where} light_leds must be two numbers from 1 to {MOST_LEDS}")
+    return value[0], value[1]
 
 
 def _pose(data: Any, name: str) -> Pose | None:

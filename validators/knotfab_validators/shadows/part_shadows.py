@@ -20,7 +20,7 @@ from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.misplacement import measure_misplacement
-from knotfab_validators.shadows.penumbra import blur_px, measure_penumbra
+from knotfab_validators.shadows.penumbra import averages_lamp, measure_penumbra
 from knotfab_validators.shadows.pictures import write_compare, write_shadow
 from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
@@ -31,7 +31,6 @@ from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 __all__ = ["SKIP_RENDER", "verify_shadows"]
 
 
-BLUR_PX = 1.0  # a lamp that blurs the outline by less is taken as a point
 MISPLACED_PX = 512  # losses of a few per cent are told apart as well
 SKIP_RENDER = "shadow-render"
 
@@ -105,10 +104,17 @@ def verify_shadows(
                 recognised[view.name] = judged.to_dict()
             soft = None
             fine = geometry.resample(found.frame)
-            lamp = view.light_diameter_mm if view.kind == "shadow" else 0.0
-            if renderer is not None and blur_px(vertices, fine, lamp) > BLUR_PX:
+            if renderer is not None and averages_lamp(scene.effects, vertices, fine, view):
                 with time_stage(seconds, "penumbra"):
-                    soft = measure_penumbra(renderer, vertices, fine, found.target, lamp)
+                    soft = measure_penumbra(
+                        renderer,
+                        vertices,
+                        fine,
+                        found.target,
+                        found.frame,
+                        view,
+                        scene.effects.tolerance_px,
+                    )
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
             if view.name in drawn:
@@ -126,11 +132,13 @@ def verify_shadows(
                         turns=scene.mount.kind != "wall",
                     )
             if soft is not None:
-                views[-1]["penumbra"] = {"widest_px": soft.widest_px, "iou": soft.iou}
+                views[-1]["penumbra"] = soft.to_dict()
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)
                     write_shadow(into / f"shadow-{view.name}.png", found.shadow, found.frame)
+                    if soft is not None:
+                        write_shadow(into / f"soft-{view.name}.png", soft.soft, found.frame)
                     write_compare(
                         into / f"compare-{view.name}.png", found.target, found.shadow, found.frame
                     )

@@ -1,22 +1,25 @@
-"""The shadow of a lamp that has a diameter: the average over points of the lamp."""
+"""The shadow of a lamp that has a size: the average over points of the lamp."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.frame import WorkingFrame
+from knotfab_validators.shadows.lamp import SceneLamp, lamp_points, lamp_size
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Penumbra", "blur_px", "measure_penumbra"]
+__all__ = ["Penumbra", "averages_lamp", "blur_px", "measure_penumbra"]
 
 
-SAMPLES = 9
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is taken as a point
 
 
 @dataclass(frozen=True)
@@ -24,19 +27,48 @@ class Penumbra:
     """What the lamp's size does to the shadow.
 
     `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
-    hidden; `soft` (H, W) is the share of the lamp that is hidden at each pixel.
+    hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
+    to dark, summed over all of the wall and spread over the picture's frame; `soft` (H, W) is the
+    share of the lamp that is hidden at each pixel.
     """
 
     widest_px: float
     iou: float
+    brightness_error: float
+    samples: int
     soft: NDArray[np.float32]
 
+    def to_dict(self) -> dict[str, Any]:
+        """The report's keys."""
+        return {
+            "widest_px": self.widest_px,
+            "iou": self.iou,
+            "brightness_error": self.brightness_error,
+            "samples": self.samples,
+        }
 
-def blur_px(vertices: Array, geometry: ViewGeometry, diameter_mm: float) -> float:
-    """Widest blur on the receiver: diameter x (strand to receiver) / (lamp to strand), pixels."""
+
+def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
+    """Widest blur on the receiver by a ball of `size_mm`, pixels, of any edge at vertices (n, 3).
+
+    An edge at height h over the receiver and distance D from a lamp at height H: the rays through it that
+    touch the ball, a cone, meet the receiver in an ellipse that is d h D / ((H - h)² - d²/4) long.
+    """
     height = (vertices - geometry.origin) @ geometry.normal
-    nearest = min(float(height.max()), 0.999 * geometry.light_height)
-    return diameter_mm * nearest / (geometry.light_height - nearest) / geometry.pixel_mm
+    below = np.maximum(geometry.light_height - height, 0.501 * size_mm + 1e-9)
+    away = np.linalg.norm(vertices - geometry.light, axis=1)
+    blur = size_mm * height * away / (below**2 - size_mm**2 / 4)
+    return max(float(blur.max()), 0.0) / geometry.pixel_mm
+
+
+def averages_lamp(
+    effects: Effects, vertices: Array, geometry: ViewGeometry, lamp: SceneLamp
+) -> bool:
+    """Whether the lamp is averaged over: the scene says so, or the blur exceeds the threshold."""
+    size = lamp_size(lamp)
+    if effects.penumbra != "auto" or size == 0:
+        return effects.penumbra == "on" and size > 0
+    return blur_px(vertices, geometry, size) > BLUR_TOLERANCES * effects.tolerance_px
 
 
 def measure_penumbra(
@@ -44,21 +76,23 @@ def measure_penumbra(
     vertices: Array,
     geometry: ViewGeometry,
     target: Mask,
-    diameter_mm: float,
+    frame: WorkingFrame,
+    lamp: SceneLamp,
+    tolerance_px: float,
 ) -> Penumbra:
-    """Average the shadows of points spread evenly over the lamp's disc (Vogel's spiral).
+    """Average the shadows of points of the lamp, which faces the piece.
 
     Args:
         renderer: of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
-        geometry: the view on the pixels of `target` (H, W).
+        geometry: the view on the pixels of `target` (H, W), the padded `frame`.
     """
-    soft = np.zeros(target.shape, dtype=np.float32)
-    for n in range(SAMPLES):
-        reach = 0.5 * diameter_mm * np.sqrt((n + 0.5) / SAMPLES)
-        across = np.cos(n * GOLDEN_ANGLE) * geometry.right + np.sin(n * GOLDEN_ANGLE) * geometry.up
-        lamp = replace(geometry, light=geometry.light + reach * across)
-        soft += renderer.render(lamp)
-    soft /= SAMPLES
-    return Penumbra(
-        blur_px(vertices, geometry, diameter_mm), overlap(soft >= 0.5, target).iou, soft
-    )
+    widest = blur_px(vertices, geometry, lamp_size(lamp))
+    points = lamp_points(lamp, widest, tolerance_px)
+    hidden = np.zeros(target.shape, dtype=np.int32)
+    for right, up in points:
+        light = geometry.light + right * geometry.right + up * geometry.up
+        hidden += renderer.render(replace(geometry, light=light))
+    soft = (hidden / len(points)).astype(np.float32)
+    error = float(np.abs(soft - target).sum(dtype=np.float64)) / (frame.width * frame.height)
+    dark = 2 * hidden >= len(points)
+    return Penumbra(widest, overlap(dark, target).iou, error, len(points), soft)

@@ -24,16 +24,17 @@ SPILL = (214, 94, 50)  # shadow where none should be
 MISSING = (38, 110, 168)  # none where shadow should be
 
 
-def write_shadow(path: Path, shadow: Mask, frame: WorkingFrame) -> None:
+def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingFrame) -> None:
     """The shadow inside the picture's frame, black on white, at the working resolution.
 
     Args:
-        shadow: (H, W), on the padded working frame.
+        shadow: (H, W), on the padded working frame; a soft one from 0 to 1.
     """
     inside = shadow[
         frame.pad_y : frame.pad_y + frame.height, frame.pad_x : frame.pad_x + frame.width
     ]
-    Image.fromarray(np.where(inside, 0, 255).astype(np.uint8)).save(path, optimize=True)
+    grey = np.rint(255.0 * (1.0 - inside)).astype(np.uint8)
+    Image.fromarray(grey).save(path, optimize=True)
 
 
 def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -> None:

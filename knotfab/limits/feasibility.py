@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Limits
-from knotfab.effects.region import tube_outside
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import Polylines
+from knotfab.limits.base import Limits
+from knotfab.limits.region import tube_outside
 
 __all__ = ["Feasibility", "measure_feasibility"]
 
@@ -29,16 +29,25 @@ class Feasibility:
     limits: Limits
 
     @property
-    def broken(self) -> list[str]:
-        """The effects whose limits are violated."""
+    def figures(self) -> dict[str, tuple[float, float]]:
+        """By the limit's name what was measured, and the limit, mm; bend and clearance are least values."""
         lim = self.limits
-        held = {
-            "bend": self.bend_mm >= lim.bend_radius,
-            "clearance": self.gap_mm >= lim.separation,
-            "region": self.outside_mm <= 0,
-            "length": self.length_mm <= lim.length,
+        return {
+            "bend": (self.bend_mm, lim.bend_radius),
+            "clearance": (self.gap_mm, lim.separation),
+            "region": (self.outside_mm, 0.0),
+            "length": (self.length_mm, lim.length),
         }
-        return [name for name, ok in held.items() if not ok]
+
+    @property
+    def broken(self) -> list[str]:
+        """The limits that are violated."""
+        least = ("bend", "clearance")
+        return [
+            name
+            for name, (measured, limit) in self.figures.items()
+            if not (measured >= limit if name in least else measured <= limit)
+        ]
 
     @property
     def violations(self) -> list[str]:

@@ -9,8 +9,10 @@ import torch
 from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Effect, EffectContext, Limits, State
-from knotfab.effects.region_mesh import beyond, region_mesh
+from knotfab.geometry.polylines import Polylines
+from knotfab.limits.base import Limit, Limits, State
+from knotfab.limits.region_mesh import beyond, region_mesh
+from knotfab.render.known import known
 from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
@@ -54,22 +56,32 @@ def tube_outside(
     return some, outside(torch.as_tensor(some), region, hypot(radius, longest / 4)).numpy()
 
 
-def magnitude(situation: EffectContext) -> float:
-    """How far the tube would stick out, mm, had the flow carried it its usual way further."""
-    limits = situation.limits
-    start = outside(torch.as_tensor(situation.points), limits.region, limits.radius)
-    return float(start.max()) + 2.0 * limits.radius
-
-
 def term(state: State, limits: Limits) -> Tensor:
     """Squared hinge of what sticks out, in squared tube radii (paper, occupancy loss)."""
+    points = state.points.detach().requires_grad_()
+    radius = _felt_radius(limits, state.spacing)
+    hinge = (outside(points, limits.region, radius) / limits.radius).clamp_min(0)
+    total = (hinge * hinge).sum() * (state.spacing / limits.radius)
+    (slope,) = torch.autograd.grad(total, points)
+    return known(float(total.detach()), (state.points, slope.cpu().numpy()))
+
+
+def slack(points: Array, rings: Polylines, limits: Limits) -> float:
+    """No vertex comes nearer to a boundary than it moves.
+
+    In a mesh the radius grows with the mean edge e as sqrt(r² + (e/2)²), which is at most half as fast as
+    e, and e at most twice as fast as vertices move: together they come nearer twice as fast.
+    """
+    spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
+    radius = _felt_radius(limits, spacing)
+    room = -float(outside(torch.as_tensor(points), limits.region, radius).max())
+    return room / 2 if limits.region.kind == "mesh" else room
+
+
+def _felt_radius(limits: Limits, spacing: float) -> float:
+    """That of the tube with a margin; into a mesh's tube a wall may poke between two vertices."""
     radius = limits.radius * 1.02
-    if limits.region.kind == "mesh":  # a wall may poke in between two vertices
-        radius = hypot(radius, state.spacing / 2)
-    hinge = (outside(state.points, limits.region, radius) / limits.radius).clamp_min(0)
-    return (hinge * hinge).sum() * (state.spacing / limits.radius)
+    return hypot(radius, spacing / 2) if limits.region.kind == "mesh" else radius
 
 
-REGION = Effect(
-    "region", "mm", magnitude, lambda s: 0.0, "the tube comes near the region's boundary", term
-)
+REGION = Limit("region", term, slack)

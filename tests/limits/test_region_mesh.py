@@ -12,10 +12,10 @@ import torch
 from command import knotfab
 from numpy.typing import NDArray
 
-from knotfab.effects.region import outside, tube_outside
-from knotfab.effects.region_mesh import beyond, region_mesh
 from knotfab.errors import InputError
 from knotfab.files.stl import write_stl
+from knotfab.limits.region import outside, tube_outside
+from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.load import load_scene, parse_scene
 from knotfab.scene.model import ResolvedRegion
 

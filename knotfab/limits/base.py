@@ -1,0 +1,109 @@
+"""What a limit is: a term of the objective, called only while it can be felt."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from torch import Tensor
+
+from knotfab.arrays import Array
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import Polylines
+from knotfab.scene.model import ResolvedRegion
+
+__all__ = ["Guard", "Limit", "Limits", "State"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the finished knots must keep to, in mm, all resolved to numbers."""
+
+    radius: float
+    clearance: float
+    bend_radius: float
+    length: float
+    region: ResolvedRegion
+
+    @property
+    def separation(self) -> float:
+        """Least distance of centre lines: two radii and the clearance."""
+        return 2 * self.radius + self.clearance
+
+
+@dataclass
+class State:
+    """One iteration of the search, as the terms see it."""
+
+    points: Tensor  # [N, 3] mm
+    edge: Tensor  # [N, 3] to the next vertex
+    after: Tensor  # [N, 3] the next vertex's edge
+    following: Tensor  # [N] index of the next vertex
+    rings: Polylines
+    near: Neighbours
+    spacing: float  # mean edge, mm
+
+    @classmethod
+    def at(cls, points: Tensor, following: Tensor, rings: Polylines, near: Neighbours) -> State:
+        """The state of closed polylines whose vertices are `points` [N, 3]."""
+        edge = points[following] - points
+        spacing = float(edge.detach().norm(dim=-1).mean())
+        return cls(points, edge, edge[following], following, rings, near, spacing)
+
+
+Term = Callable[[State, Limits], Tensor]
+# (vertices, polylines, limits) -> mm that every vertex may go before the term is more than nothing
+Slack = Callable[[Array, Polylines, Limits], float]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit: its term, a hinge that knows its own gradient, and how far it is from being felt.
+
+    Without a `slack` it is felt always: strands of a filling lie side by side, and every curve turns.
+    """
+
+    name: str
+    term: Term
+    slack: Slack | None = None
+
+
+@dataclass
+class Guard:
+    """A limit as one search watches it: how often its term was called, and what that cost.
+
+    A term is nothing, and so is its slope, until some vertex has gone as far as the slack that was
+    measured; then the slack is measured anew. To leave it out before that changes no step.
+    """
+
+    limit: Limit
+    calls: int = 0
+    seconds: float = 0.0  # value and gradient, and the watch
+    _seen: tuple[Array, Limits] | None = field(default=None, repr=False)
+    _slack: float = 0.0
+
+    def term(self, state: State, limits: Limits) -> Tensor | None:
+        """The limit's term, differentiable; None where it cannot be felt."""
+        begun = time.perf_counter()
+        found = None
+        if self._felt(state, limits):
+            found = self.limit.term(state, limits)
+            self.calls += 1
+        self.seconds += time.perf_counter() - begun
+        return found
+
+    def _felt(self, state: State, limits: Limits) -> bool:
+        if self.limit.slack is None:
+            return True
+        points = state.points.detach().cpu().numpy()
+        if self._seen is not None and self._seen[1] == limits:
+            before = self._seen[0]
+            if before.shape == points.shape:
+                moved = float(np.sqrt(((points - before) ** 2).sum(axis=1).max()))
+                if moved < self._slack:
+                    return False
+        self._seen = (points, limits)
+        self._slack = self.limit.slack(points, state.rings, limits)
+        return self._slack <= 0.0
