@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer clean
+.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer viewer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -101,6 +101,10 @@ frontier: $(DONE)
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)
 	$(BIN)/python -m examples.studies.hard_cases
+
+# the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
+viewer:
+	cd web && npm ci --no-audit --no-fund && npm run build
 
 clean:
 	rm -rf $(VENV) demo-out out
