@@ -102,11 +102,10 @@ export class Look {
       this.fromLamp(gliding);
       return;
     }
-    const { right, up, back, middle } = stage.cameraNow();
-    const size = Math.hypot(stage.view.frame_width_mm, stage.view.frame_height_mm);
-    const target = middle.clone().multiplyScalar(0.62);
+    const { right, up, back } = stage.cameraNow();
+    const { center, radius } = stage.ball();
     const from = back.clone().multiplyScalar(0.86).addScaledVector(right, 0.62).addScaledVector(up, 0.26).normalize();
-    this._go(target.clone().addScaledVector(from, this._distance(0.56 * size)), target, FOV, gliding);
+    this._go(center.clone().addScaledVector(from, this._distance(0.86 * radius)), center, FOV, gliding);
   }
 
   fromLamp(gliding = true) {

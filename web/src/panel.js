@@ -34,11 +34,11 @@ export function buildPanel(root, stage) {
   const hint = make("p", {
     className: "hint",
     textContent:
-      "Drag to turn, pinch or scroll to zoom. With the picture chosen, arrow keys turn, + and − zoom, 0 returns.",
+      "Drag to turn, pinch or scroll to zoom. Keys: arrows, + and −, 0.",
   });
   if (!stage.renderer) return { refresh() {}, dispose() {} };
-  stage.box.append(bar);
-  root.append(lower, foot, time, hint);
+  stage.box.append(bar, hint);
+  root.append(lower, foot, time);
   let playing = 0;
   let sliders = [];
 

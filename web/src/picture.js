@@ -28,13 +28,14 @@ export class Picture {
     this.image.src = source;
   }
 
-  /* IoU with a shadow on the frame padded by a quarter, rows from the top. */
-  iou(shadow, width, height) {
+  /* IoU with a shadow on the frame padded by a quarter, rows from the top; `desk`: not below the frame. */
+  iou(shadow, width, height, desk = false) {
     const { mask } = this;
     let [both, either] = [0, 0];
     for (let y = 0; y < height; y++) {
       const t = ((y + 0.5) / height) * 1.5 - 0.25;
       const v = Math.floor(t * mask.height);
+      if (desk && t >= 1) break;
       for (let x = 0; x < width; x++) {
         const u = Math.floor((((x + 0.5) / width) * 1.5 - 0.25) * mask.width);
         const within = u >= 0 && v >= 0 && u < mask.width && v < mask.height;

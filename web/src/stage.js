@@ -1,5 +1,6 @@
 /* The stage: part, lamp, wall and bed in one canvas, drawn only when something changed. */
 import {
+  Box3,
   BufferGeometry,
   Color,
   DirectionalLight,
@@ -17,6 +18,7 @@ import {
   PerspectiveCamera,
   PlaneGeometry,
   Scene,
+  Sphere,
   SphereGeometry,
   Vector3,
   WebGLRenderer,
@@ -140,6 +142,25 @@ export class Stage {
     return this.data.views[this.index];
   }
 
+  /* Whether it stands: what it darkens below the frame is then no fault. */
+  get onDesk() {
+    return !this.data.wall_mounted && (this.data.meshes ?? []).length > 0;
+  }
+
+  /* The ball about the piece and its frame, in scene coordinates. */
+  ball() {
+    const box = new Box3();
+    for (const { geometry } of [this.tube, ...this.mounts.children]) {
+      if (!geometry.attributes.position?.count) continue;
+      geometry.computeBoundingBox();
+      box.union(geometry.boundingBox);
+    }
+    const { corner, across, down } = this.cameraNow();
+    for (const [s, t] of [[0, 0], [1, 0], [1, 1], [0, 1]])
+      box.expandByPoint(corner.clone().addScaledVector(across, s).addScaledVector(down, t));
+    return box.getBoundingSphere(new Sphere());
+  }
+
   get lamp() {
     return this.setups[this.index];
   }
@@ -218,7 +239,7 @@ export class Stage {
     const picture = this.pictures[this.index];
     if (!this.renderer || !picture?.ready) return null;
     const { width, height, data } = this.readShadow(longer);
-    return picture.iou(data, width, height);
+    return picture.iou(data, width, height, this.onDesk);
   }
 
   _paint() {
@@ -298,6 +319,7 @@ export class Stage {
       u.shadow.value = target.texture;
       u.picture.value = picture?.texture ?? null;
       u.compare.value = this.compare && picture?.ready ? 1 : 0;
+      u.desk.value = this.onDesk ? 1 : 0;
       u.eye.value = eye ? 1 : 0;
       u.grown.value = 1 + 2 * WIDE;
       u.aspect.value = this.view.frame_width_mm / this.view.frame_height_mm;

@@ -6,7 +6,7 @@ export function wallMaterial() {
   const number = (value) => ({ value });
   return new ShaderMaterial({
     uniforms: {
-      shadow: number(null), picture: number(null), compare: number(0), eye: number(0), inset: number(0),
+      shadow: number(null), picture: number(null), compare: number(0), desk: number(0), eye: number(0), inset: number(0),
       grown: number(2), aspect: number(1),
       paper: colour(), wall: colour(), dark: colour(), spill: colour(), missing: colour(), line: colour(),
     },
@@ -20,7 +20,7 @@ export function wallMaterial() {
       void main() { at = uv; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`,
     fragmentShader: `varying vec2 at;
       uniform sampler2D shadow, picture;
-      uniform float compare, eye, inset, grown, aspect;
+      uniform float compare, desk, eye, inset, grown, aspect;
       uniform vec3 paper, wall, dark, spill, missing, line;
       void main() {
         float s = texture2D(shadow, at).r;
@@ -30,10 +30,11 @@ export function wallMaterial() {
         float far = length((at - 0.5) * 2.0);
         float lit = 1.0 - smoothstep(0.35, 1.0, far);
         vec3 ground = mix(paper, wall, inset > 0.5 ? 1.0 : lit);
-        vec3 plain = mix(ground, dark, s * 0.82);
+        vec3 plain = mix(ground, dark, s * 0.93);
         vec3 told = mix(ground, missing, p * (1.0 - s));
-        told = mix(told, mix(spill, dark, p), s * mix(0.82, 0.9, 1.0 - p));
-        vec3 c = mix(plain, told, compare);
+        told = mix(told, mix(spill, dark, p), s * 0.93);
+        // what a stand darkens below the frame is on its desk
+        vec3 c = mix(plain, told, compare * (1.0 - desk * step(f.y, 0.0)));
         vec2 wide = fwidth(f) * 1.2;
         vec2 edge = smoothstep(wide, vec2(0.0), abs(abs(f - 0.5) - 0.5));
         float near = step(abs(f.x - 0.5), 0.5 + wide.x) * step(abs(f.y - 0.5), 0.5 + wide.y);
