@@ -170,7 +170,7 @@ def report_piece(
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
-        report["print"]["setup"] = tell_setup(part.mounted, _cameras(piece))
+        report["print"]["setup"] = tell_setup(part.mounted, _cameras(piece), piece.knots.radius_mm)
         add_binding(report, made)
         add_bounds(report, made)
         add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)

@@ -27,7 +27,7 @@ DRAWING_DPI = 110.0
 _COLOURS = 32
 _PAPER = 250  # a grey that is as good as white
 _GAP_PX = 16  # of empty rows and columns that are kept beside what is drawn
-_MOST_DRAWINGS = 2  # of a sheet: the side and the front
+_FAR_PX = 24  # of empty rows beyond those, between two drawings: the side and the front
 _NO_WORDS = "#words { display: none }"  # they stand beside it
 
 # what a maker opens first comes first
@@ -51,13 +51,15 @@ FILES = (
 )
 
 
-def tell_setup(mounted: Mounted, cameras: Sequence[Camera]) -> list[dict[str, Any]]:
+def tell_setup(
+    mounted: Mounted, cameras: Sequence[Camera], tube_radius_mm: float
+) -> list[dict[str, Any]]:
     """The report's `print.setup`: for each view, what to do and what lamp to take, a sentence or two each."""
     return [
         {
             "view": view.name,
             "steps": steps_of(mounted, placement_of(mounted, camera), view),
-            "lamp": advise_lamp(view, mounted.scene.piece.tube_radius_mm),
+            "lamp": advise_lamp(view, tube_radius_mm),
         }
         for view, camera in zip(mounted.scene.views, cameras, strict=True)
     ]
@@ -102,7 +104,6 @@ def draw_setup(folder: Path) -> list[str]:
         return []
     import resvg_py
     from PIL import Image
-    from scipy.ndimage import find_objects, label
 
     png = bytes(
         resvg_py.svg_to_bytes(
@@ -110,12 +111,13 @@ def draw_setup(folder: Path) -> list[str]:
         )
     )
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    bands = find_objects(label(_near_ink(image, 1))[0])
-    if len(bands) > _MOST_DRAWINGS:
-        bands = [(slice(bands[0][0].start, bands[-1][0].stop),)]
+    near = np.flatnonzero(_near_ink(image, 1))
+    gaps = np.diff(near)
+    cut = int(gaps.argmax()) + 1
+    bands = np.split(near, [cut]) if gaps[cut - 1] > _FAR_PX else [near]
     found = []
-    for (rows,) in bands:
-        part = image.crop((0, rows.start, image.width, rows.stop))
+    for rows in bands:
+        part = image.crop((0, rows[0], image.width, rows[-1] + 1))
         columns = np.flatnonzero(_near_ink(part, 0))
         file = io.BytesIO()
         close = part.crop((columns[0], 0, columns[-1] + 1, part.height))

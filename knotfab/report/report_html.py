@@ -172,7 +172,7 @@ def _share(value: object) -> str:
     """A fraction in percent, with a decimal that it does not round up to the whole."""
     if not isinstance(value, float | int) or not isfinite(value):
         return "–"
-    return "100 %" if value == 1 else f"{min(100 * value, 99.9):.1f} %"
+    return "100\u00a0%" if value == 1 else f"{min(100 * value, 99.9):.1f}\u00a0%"
 
 
 def _percent(value: object) -> float:

@@ -28,7 +28,7 @@ LEVELS = 65535  # of a coordinate
 PICTURE_PX = 512  # of the silhouette's longer side
 OFF_TUBE = 1.02  # tube radii from the centre line: what is farther out belongs to the mount
 MOUNT_FACES = 4000
-THIN_RADII = 1.0  # between two vertices of a state of the search, at least
+THIN_RADII = 1.2  # between two vertices of a state of the search, about
 SUPPORT_CELL_MM = 3.0
 VIEW_KEYS = (
     "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_diameter_mm",
@@ -89,7 +89,7 @@ def viewer_data(
     }
     if scene.mount.kind != "none":
         data["meshes"] = [_pack_mesh(mesh) for mesh in _mount_of(placed, bodies, matrix)]
-    if scene.piece.printed:
+    if scene.piece.printed and bodies:
         width, depth, _ = scene.printer.build_volume_mm
         data["print"] = {"matrix": matrix.tolist(), "bed_mm": [width, depth]}
         rules = rules_of(scene)
@@ -142,7 +142,7 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
 def _thin(points: Array, step_mm: float) -> Array:
     """Every so many of a curve's points, about `step_mm` apart, and eight at least."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    stride = int(step_mm / max(float(edges.mean()), 1e-9))
+    stride = round(step_mm / max(float(edges.mean()), 1e-9))
     return points[:: max(1, min(stride, len(points) // 8))]
 
 

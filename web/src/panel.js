@@ -16,7 +16,7 @@ function make(tag, properties = {}, ...children) {
 }
 
 const mm = (value) => `${Math.abs(value) < 100 ? Math.round(10 * value) / 10 : Math.round(value)} mm`;
-const signed = (value, unit) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(Math.round(10 * value) / 10)} ${unit}`;
+const signed = (value, unit) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(Math.round(10 * value) / 10)}${unit}`;
 
 /* Share of the lamp's slider to a distance, by factors, and back; its end is the sun. */
 const distanceAt = (share, scene) => (share >= SUN ? Infinity : scene * NEAREST * (FARTHEST / NEAREST) ** share);
@@ -72,7 +72,7 @@ export function buildPanel(root, stage) {
       input.setAttribute("aria-valuetext", tell());
     };
     sliders.push(show);
-    lower.append(make("div", { className: "slider" }, make("label", { htmlFor: id, textContent: label }), output, input));
+    lower.append(make("div", { className: "slider" }, make("label", { htmlFor: id, textContent: label }), input, output));
   }
 
   function buildSliders() {
@@ -88,11 +88,11 @@ export function buildPanel(root, stage) {
     slider(`${what} distance`, [0, 1, 0.001], () => shareOf(stage.lamp.distance, scene),
       (share) => stage.setLamp({ distance: distanceAt(share, scene) }),
       () => (Number.isFinite(stage.lamp.distance) ? mm(stage.lamp.distance) : eye ? "far away" : "the sun"));
-    slider(`${what} up or down`, [-reach, reach, 1], get("height"), set("height"), () => signed(stage.lamp.height, " mm"));
-    slider(`${what} to the side`, [-reach, reach, 1], get("side"), set("side"), () => signed(stage.lamp.side, " mm"));
+    slider(`${what} height`, [-reach, reach, 1], get("height"), set("height"), () => signed(stage.lamp.height, " mm"));
+    slider(`${what} aside`, [-reach, reach, 1], get("side"), set("side"), () => signed(stage.lamp.side, " mm"));
     if (eye) return;
     slider("Lamp size", [0, 120, 1], get("diameter"), set("diameter"), () => mm(stage.lamp.diameter));
-    slider(stage.data.wall_mounted ? "Wall tilt, with the piece" : "Wall tilt", [-45, 45, 0.5], get("tilt"), set("tilt"),
+    slider("Wall tilt", [-45, 45, 0.5], get("tilt"), set("tilt"),
       () => signed(stage.lamp.tilt, "°"));
     if (!stage.data.wall_mounted)
       slider("Piece turned", [-45, 45, 0.5], get("turn"), set("turn"), () => signed(stage.lamp.turn, "°"));

@@ -33,8 +33,8 @@ import { meshGeometry, tubeGeometry } from "./tube.js";
 import { wallMaterial } from "./wall.js";
 
 const WIDE = 0.5; // of the frame that the wall shows beyond it, on each side
-const SHADOW_PX = 1536; // on the longer side of that wall
-const IOU_PX = 384; // on the longer side of the frame
+const SHADOW_PX = 1536; // on the longer side of that wall, at most
+const IOU_PX = 512; // on the longer side of the frame
 
 export class Stage {
   constructor(root, data) {
@@ -105,8 +105,8 @@ export class Stage {
     this.frames = data.history ?? [];
     this.frame = null; // of the history; null: the part itself
     this.setups = data.views.map(setupOf);
-    this.pictures?.forEach((picture) => picture?.dispose());
-    this.pictures = data.views.map((view) => (view.picture ? new Picture(view.picture, () => this._changed()) : null));
+    this.pictures?.forEach((picture) => picture.dispose());
+    this.pictures = new Map();
     if (!this.renderer) return;
     for (const mesh of this.mounts.children) mesh.geometry.dispose();
     this.mounts.clear();
@@ -229,15 +229,24 @@ export class Stage {
     this.shadow.cast([this.tube.geometry, ...bodies]);
   }
 
-  readShadow(longer = 1024) {
+  /* The picture that the shadow is to be: the view's, or that of a frame of a sequence. */
+  get picture() {
+    const source = (this.frame !== null && this.frames[this.frame].picture) || this.view.picture;
+    if (!source) return null;
+    if (!this.pictures.has(source)) this.pictures.set(source, new Picture(source, () => this._changed()));
+    return this.pictures.get(source);
+  }
+
+  readShadow(longer = 1024, soft = false) {
     this._cast();
-    const options = { share: 0.25, longer: Math.round(1.5 * longer), move: this.moved(), exact: true, into: "small" };
-    return this.shadow.read(this.shadow.render(this.cameraNow(), 0, options));
+    const options = { share: 0.25, longer: Math.round(1.5 * longer), move: this.moved(), exact: !soft, into: "small" };
+    return this.shadow.read(this.shadow.render(this.cameraNow(), this.lamp.diameter, options));
   }
 
   iou(longer = IOU_PX) {
-    const picture = this.pictures[this.index];
-    if (!this.renderer || !picture?.ready) return null;
+    if (!this.renderer) return null;
+    const { picture } = this;
+    if (!picture?.ready) return null;
     const { width, height, data } = this.readShadow(longer);
     return picture.iou(data, width, height, this.onDesk);
   }
@@ -306,16 +315,19 @@ export class Stage {
 
   _draw() {
     const { renderer } = this;
+    const { clientWidth: width, clientHeight: height } = this.box;
+    if (!width || !height) return; // until it is seen
     const moving = this.look.update();
     const camera = this.cameraNow();
     this._arrange(camera);
     if (this.mode === "wall" && this.stale) {
       this._cast();
       const eye = this.view.kind === "eye";
-      const options = { share: WIDE, longer: SHADOW_PX, move: this.moved() };
+      const fine = Math.round(1.6 * Math.max(width, height) * renderer.getPixelRatio());
+      const options = { share: WIDE, longer: Math.min(SHADOW_PX, fine), move: this.moved() };
       const target = this.shadow.render(camera, eye ? 0 : this.lamp.diameter, options);
       const u = this.wall.material.uniforms;
-      const picture = this.pictures[this.index];
+      const { picture } = this;
       u.shadow.value = target.texture;
       u.picture.value = picture?.texture ?? null;
       u.compare.value = this.compare && picture?.ready ? 1 : 0;
@@ -327,7 +339,6 @@ export class Stage {
     }
     renderer.setClearColor(new Color(this.theme.paper), 1);
     renderer.setScissorTest(false);
-    const { clientWidth: width, clientHeight: height } = this.box;
     renderer.setViewport(0, 0, width, height);
     renderer.render(this.scene, this.camera);
     if (this.mode === "wall" && !this.look.atLamp) this._drawInset(width, height);
@@ -363,7 +374,7 @@ export class Stage {
     this.stopTheme();
     this.look.dispose();
     this.shadow.dispose();
-    this.pictures.forEach((picture) => picture?.dispose());
+    this.pictures.forEach((picture) => picture.dispose());
     this.scene.traverse((thing) => {
       thing.geometry?.dispose();
       thing.material?.dispose();

@@ -7,8 +7,9 @@
      viewer.setScene(data)                              replace everything: views, meshes, print, history
      viewer.setView(index)                              which view's lamp and wall are shown
      viewer.setLamp({distance, height, side, diameter, tilt, turn})   mm and degrees; what is not named stays
-     viewer.readShadow(longer = 1024)                   {width, height, data}: 0…255, rows from the top, the frame
-                                                        padded by a quarter on each side, `longer` px unpadded
+     viewer.readShadow(longer = 1024, soft = false)     {width, height, data}: 0…255, rows from the top, the frame
+                                                        padded by a quarter on each side, `longer` px unpadded;
+                                                        of a point, or `soft`: averaged over the lamp
      viewer.iou()                                       of shadow and picture on that grid; null without a picture
      viewer.dispose()
 
@@ -26,7 +27,7 @@
      wall_mounted?  true: the piece is fixed to the wall, and tilts with it
      print?    {matrix: 4×4 rows, part.stl → scene; bed_mm: [x, y]; supports?: {cell_mm, q, low, step}: packed columns
                  (x, y, from z, to z), n × 4, in the coordinates of part.stl}
-     history?  [{curves, radius?, label?}] from the template to the knot, or the frames of a sequence
+     history?  [{curves, radius?, label?, picture?}] from the template to the knot, or the frames of a sequence
      history_label?  "search" (default) or "frame"
 */
 import { Stage } from "./stage.js";
@@ -53,7 +54,7 @@ export function mount(element, data, options = {}) {
       stage.setLamp(changes);
       panel?.refresh();
     },
-    readShadow: (longer) => stage.readShadow(longer),
+    readShadow: (longer, soft) => stage.readShadow(longer, soft),
     iou: () => stage.iou(),
     dispose() {
       panel?.dispose();
