@@ -11,7 +11,7 @@ TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org
 TORCH := -q -c constraints.txt --no-deps torch==2.13.0
 FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer viewer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -122,6 +122,10 @@ batch-throughput: system $(DONE)
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)
 	$(BIN)/python -m examples.studies.hard_cases
+
+# the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
+viewer:
+	cd web && npm ci --no-audit --no-fund && npm run build
 
 clean:
 	rm -rf $(VENV) demo-out out

@@ -20,6 +20,7 @@ from knotfab.part.flatter import Flattening
 from knotfab.part.write import pose_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
+from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
     add_binding,
@@ -36,7 +37,9 @@ from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
+from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
+from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedScene
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
@@ -169,6 +172,7 @@ def report_piece(
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
+        report["print"]["setup"] = tell_setup(part.mounted, _cameras(piece), piece.knots.radius_mm)
         add_binding(report, made)
         add_warnings(report, made.result.effects)
         add_bounds(report, made)
@@ -176,16 +180,53 @@ def report_piece(
     return report
 
 
-def finish_build(folder: OutputFolder, request: Request, report: Record, title: str) -> Outcome:
-    """Write the report, and move the whole to where its checks say that it belongs."""
+def finish_build(
+    folder: OutputFolder,
+    request: Request,
+    report: Record,
+    title: str,
+    pieces: Sequence[WrittenPiece],
+) -> Outcome:
+    """Write the report, and move the whole to where its checks say that it belongs.
+
+    Args:
+        pieces: one, or the frames of a sequence; the report's viewer shows them.
+    """
     write_report_json(folder.file("report.json"), report)
-    write_report_html(folder.file("report.html"), report, find_pictures(folder.work), title)
+    names = [path.name for path in folder.work.iterdir()]
+    write_report_html(
+        folder.file("report.html"),
+        report,
+        find_pictures(folder.work),
+        title,
+        shown=_show(pieces),
+        drawings=draw_setup(folder.work),
+        files=list_files(names),
+    )
     code = exit_code(report["checks"])
     if code == 0:
         folder.commit()
         return Outcome(0, report, request.out)
     folder.reject()
     return Outcome(code, report, request.out / "rejected")
+
+
+def _show(pieces: Sequence[WrittenPiece]) -> Record:
+    """The viewer's data of the first piece; of several, the slider goes through them."""
+    first = pieces[0]
+    bodies = [] if first.part is None else first.part.bodies
+    frames = [
+        HistoryFrame(f"frame {k} of {len(pieces)}", piece.made.knots, piece.targets[0].asked)
+        for k, piece in enumerate(pieces, start=1)
+    ]
+    return viewer_data(
+        first.scene,
+        first.knots,
+        bodies,
+        [target.asked for target in first.targets],
+        history=frames if len(pieces) > 1 else (),
+        history_label="frame",
+    )
 
 
 def _plan_bends(folder: OutputFolder, piece: WrittenPiece, progress: Progress) -> WirePlan | None:
@@ -205,6 +246,11 @@ def _files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Pat
     """What is printed: the part, or its plates."""
     names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
     return [folder.file(name) for name in names]
+
+
+def _cameras(piece: WrittenPiece) -> list[Camera]:
+    pairs = zip(piece.scene.views, piece.targets, strict=True)
+    return [camera_of(view, target.width, target.height) for view, target in pairs]
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:

@@ -70,7 +70,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                     _draw(piece.part, piece.scene, folder.file("part.png"))
             report = report_piece(piece, folder, request, progress)
         title = " and ".join(target.name for target in targets)
-        return finish_build(folder, request, report, title)
+        return finish_build(folder, request, report, title, [piece])
 
 
 def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:

@@ -23,7 +23,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 # Files of an earlier build that would contradict a new one that does not write them.
 _OWN = re.compile(
-    r"part(-\d+)?\.(stl|3mf|png)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.3mf"
+    r"part(-\d+)?\.(stl|3mf|glb|png)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.3mf"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
     r"|region\.stl|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)"

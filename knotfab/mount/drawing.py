@@ -21,7 +21,18 @@ from knotfab.drawing.pages import PAPERS, Box, make_page, write_pages
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
 from knotfab.mount.plan_view import plan_sheet
-from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
+from knotfab.mount.strokes import (
+    FAINT,
+    INK,
+    LIGHT,
+    PIECE,
+    WORDS,
+    draw_lamp,
+    fill,
+    hatch,
+    lamp_name,
+    note,
+)
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, View
@@ -90,12 +101,12 @@ def _sheet(
     front = _front_view(axes, mounted, place, camera)
     left, top = 14.0, paper.height - 12
     title = "Setting up" if alone else f"Setting up: {view.name}"
-    axes.text(left, top, title, size=15, va="top")
+    axes.text(left, top, title, size=15, va="top", gid=WORDS)
     axes.text(
         left, top - 8.0,
         "Lengths in mm, from the middle of the lamp and of the piece. What counts is the figures, "
         f"not the drawing. Side view {side.name}, front view {front.name}.",
-        size=6.5, va="top", color="0.35",
+        size=6.5, va="top", gid=WORDS, color="0.35",
     )  # fmt: skip
     y = _words(axes, WORDS_Y, "What to do", steps_of(mounted, place, view), numbered=True)
     _words(axes, y - 3.0, "The lamp", lamp_facts(view))
@@ -107,30 +118,30 @@ def _words(
     axes: Axes, top: float, title: str, lines: Sequence[str], *, numbered: bool = False
 ) -> float:
     """Lines of the column of words, from `top` down; returns where they end."""
-    axes.text(WORDS_X, top, title, size=9, va="top", weight="bold")
+    axes.text(WORDS_X, top, title, size=9, va="top", gid=WORDS, weight="bold")
     y = top - 6.0
     for number, line in enumerate(lines, start=1):
         head = f"{number}. " if numbered else ""
         for k, row in enumerate(textwrap.wrap(line, WORDS_WIDE - len(head))):
-            axes.text(WORDS_X + (3.5 if head else 0.0), y, row, size=6.5, va="top")
+            axes.text(WORDS_X + (3.5 if head else 0.0), y, row, size=6.5, va="top", gid=WORDS)
             if head and k == 0:
-                axes.text(WORDS_X, y, head, size=6.5, va="top")
+                axes.text(WORDS_X, y, head, size=6.5, va="top", gid=WORDS)
             y -= 3.2
         y -= 1.4
     return y
 
 
 def _costs(axes: Axes, left: float, lines: Sequence[str]) -> None:
-    axes.text(left, COSTS_Y, "What it costs to be off", size=9, va="top", weight="bold")
+    axes.text(left, COSTS_Y, "What it costs to be off", size=9, va="top", gid=WORDS, weight="bold")
     half = (len(lines) + 1) // 2
     for k, line in enumerate(lines):
         x = left if k < half else left + 94.0
-        axes.text(x, COSTS_Y - 6.0 - 3.6 * (k % half), line, size=6.5, va="top")
+        axes.text(x, COSTS_Y - 6.0 - 3.6 * (k % half), line, size=6.5, va="top", gid=WORDS)
     axes.text(
         left, COSTS_Y - 8.5 - 3.6 * half,
         "Measured on the written file, over 5 mm and 1°, against the picture where it should be on the "
         "wall: a shadow that merely moves counts as lost too.",
-        size=6, va="top", color="0.35",
+        size=6, va="top", gid=WORDS, color="0.35",
     )  # fmt: skip
 
 

@@ -12,7 +12,18 @@ from knotfab.drawing.dimensions import Scaled, draw_dimension, fit_scale, length
 from knotfab.drawing.pages import PAPERS, Box, make_page
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
-from knotfab.mount.strokes import FAINT, INK, LIGHT, PIECE, draw_lamp, fill, hatch, lamp_name, note
+from knotfab.mount.strokes import (
+    FAINT,
+    INK,
+    LIGHT,
+    PIECE,
+    WORDS,
+    draw_lamp,
+    fill,
+    hatch,
+    lamp_name,
+    note,
+)
 from knotfab.scene.model import View
 
 if TYPE_CHECKING:
@@ -50,19 +61,19 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
     axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
     left, top = 14.0, paper.height - 12
-    axes.text(left, top, "Setting up", size=15, va="top")
+    axes.text(left, top, "Setting up", size=15, va="top", gid=WORDS)
     axes.text(
         left, top - 8.0,
         f"From above, {to.name}. Lengths in mm, from the middle of each lamp and of the piece; what counts "
         "is the figures, not the drawing.",
-        size=6.5, va="top", color="0.35",
+        size=6.5, va="top", color="0.35", gid=WORDS,
     )  # fmt: skip
     axes.text(
         left, top - 12.0,
         f"{len(views)} pictures, each on its own wall and by its own light. "
         + ("The front of the base is below in this drawing. " if places[0].base is not None else "")
         + "The pages that follow place one view each.",
-        size=6.5, va="top", color="0.35",
+        size=6.5, va="top", color="0.35", gid=WORDS,
     )  # fmt: skip
     return figure
 

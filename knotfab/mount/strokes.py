@@ -14,10 +14,22 @@ from knotfab.scene.model import View
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["FAINT", "INK", "LIGHT", "PIECE", "draw_lamp", "fill", "hatch", "lamp_name", "note"]
+__all__ = [
+    "FAINT",
+    "INK",
+    "LIGHT",
+    "PIECE",
+    "WORDS",
+    "draw_lamp",
+    "fill",
+    "hatch",
+    "lamp_name",
+    "note",
+]
 
 
 INK, PIECE, LIGHT, FAINT = "black", "#8a8478", "#e0a400", "0.6"
+WORDS = "words"  # the name, in an SVG, of what is not part of a drawing but told with it
 
 
 def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:

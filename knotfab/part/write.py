@@ -9,6 +9,7 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.design.design import Design
 from knotfab.files.folder import OutputFolder
+from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
 from knotfab.mount.coupon import COUPON, plan_coupon
@@ -52,7 +53,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl, part.3mf, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
+    """Write part.stl, .3mf and .glb, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
 
     Args:
         scene: with the pose (`pose_scene`).
@@ -62,6 +63,9 @@ def write_part(
     title = "knotfab " + " and ".join(target.name for target in targets)
     write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
     write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, title)
+    assert scene.pose is not None
+    pose, color = np.array(scene.pose.matrix), scene.material.color
+    write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.mounted.names, color)
     if part.plates is not None:
         laid = zip(part.plates.files(suffix), part.plates.plates, strict=True)
         for number, (name, plate) in enumerate(laid, start=1):

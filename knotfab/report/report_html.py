@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
@@ -10,12 +12,40 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from knotfab.verify.checks import list_unmet, mark_of
 
-__all__ = ["Picture", "make_environment", "render_html", "write_report_html"]
+__all__ = [
+    "VIEWER",
+    "Picture",
+    "encode_for_script",
+    "make_environment",
+    "render_html",
+    "write_report_html",
+]
 
 TEMPLATE = "template.html.j2"
+VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
+# what a person makes of the shadow (docs/verdict.md), in a word and in a sentence
+VERDICTS = {
+    "faithful": (
+        "A faithful likeness.",
+        "Nobody would miss anything of the picture in its shadow.",
+    ),
+    "good": (
+        "A good likeness.",
+        "The shadow is the picture; who compares them finds small differences.",
+    ),
+    "coarse": (
+        "Warning: coarse.",
+        "The shadow can be known again, but parts of the picture are lost.",
+    ),
+    "not recognisable": (
+        "Warning: not recognisable.",
+        "A person would hardly know the picture by its shadow.",
+    ),
+}
 DIGITS = 4
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -49,26 +79,45 @@ def make_environment(folder: Path) -> Environment:
 
 
 def render_html(
-    report: Mapping[str, Any], pictures: Sequence[Picture] = (), title: str = "knotfab"
+    report: Mapping[str, Any],
+    pictures: Sequence[Picture] = (),
+    title: str = "knotfab",
+    *,
+    shown: Mapping[str, Any] | None = None,
+    drawings: Sequence[str] = (),
+    files: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The page for `report` (as `assemble` gives it, or read from report.json).
 
-    Nothing is loaded from elsewhere: styles and pictures are inside, and there are no scripts.
-    Every text of the report is escaped.
+    Nothing is loaded from elsewhere: styles, pictures and the one script are inside, and no other script
+    may run. Every text of the report is escaped.
+
+    Args:
+        shown: the viewer's data; None: the page has no script at all.
+        drawings: how to set the piece up, data URIs, two at most.
+        files: beside the page, each with what it is for.
     """
     environment = make_environment(Path(__file__).parent)
     environment.filters["number"] = _number
     environment.filters["fixed"] = _format_fixed
     environment.filters["percent"] = _percent
     environment.filters["duration"] = _duration
+    environment.filters["share"] = _share
     environment.filters["flat"] = _flat
     environment.filters["mark"] = mark_of
+    script = VIEWER.read_text(encoding="utf-8") if shown is not None else ""
     return environment.get_template(TEMPLATE).render(
         report=report,
         pictures=pictures,
         title=title,
         failed=list_unmet(report["checks"]),
         stages=[(k, v) for k, v in report["timings"].items() if k != "total"],
+        drawings=drawings,
+        files=files,
+        shown=None if shown is None else Markup(encode_for_script(shown)),
+        script=Markup(script),
+        digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        verdicts=VERDICTS,
     )
 
 
@@ -77,9 +126,18 @@ def write_report_html(
     report: Mapping[str, Any],
     pictures: Sequence[Picture] = (),
     title: str = "knotfab",
+    **more: Any,
 ) -> None:
     """Write `render_html`'s page as UTF-8."""
-    path.write_text(render_html(report, pictures, title), encoding="utf-8")
+    path.write_text(render_html(report, pictures, title, **more), encoding="utf-8", newline="\n")
+
+
+def encode_for_script(data: Mapping[str, Any]) -> str:
+    """JSON that no text of the data can end a <script> or begin a comment with."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
 
 
 def _number(value: object, digits: int = DIGITS) -> str:
@@ -108,6 +166,13 @@ def _number(value: object, digits: int = DIGITS) -> str:
 def _format_fixed(value: object, places: int) -> str:
     """A number with so many decimals, for columns that are compared."""
     return f"{value:.{places}f}" if isinstance(value, float | int) and isfinite(value) else "–"
+
+
+def _share(value: object) -> str:
+    """A fraction in percent, with a decimal that it does not round up to the whole."""
+    if not isinstance(value, float | int) or not isfinite(value):
+        return "–"
+    return "100\u00a0%" if value == 1 else f"{min(100 * value, 99.9):.1f}\u00a0%"
 
 
 def _percent(value: object) -> float:

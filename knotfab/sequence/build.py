@@ -95,7 +95,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             report = sequence_report(reports, pieces, frames, motions, checks, spun, progress)
             sliced = {name: one for piece in pieces for name, one in piece.sliced.items()}
             add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
-        return finish_build(folder, request, report, "a sequence")
+        return finish_build(folder, request, report, "a sequence", pieces)
 
 
 def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:

@@ -52,7 +52,8 @@ def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
 @pytest.mark.parametrize("suffix", ["", "-01"])
 def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
     out = written(tmp_path, 3, False, suffix)
-    names = {f"part{suffix}.stl", f"part{suffix}.3mf", f"knots{suffix}.json", f"scene{suffix}.toml"}
+    names = {f"part{suffix}.{kind}" for kind in ("stl", "3mf", "glb")}
+    names |= {f"knots{suffix}.json", f"scene{suffix}.toml"}
     assert {p.name for p in out.iterdir()} == {*names, "picture-front.png"}
     assert (out / "picture-front.png").read_bytes() == b"picture"
     assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))

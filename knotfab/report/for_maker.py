@@ -1,0 +1,134 @@
+"""What a maker reads first: the lamp to take, what each file is for, the picture of the drawing."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.drawing.dimensions import length
+from knotfab.mount.mount import Mounted
+from knotfab.mount.placement import placement_of
+from knotfab.mount.words import lamp_facts, steps_of
+from knotfab.scene.camera import Camera
+from knotfab.scene.model import View
+
+__all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
+
+TORCH_MM = 5.0  # across which a phone's torch shines
+BULB_MM = 60.0  # a frosted bulb
+DRAWING_DPI = 110.0
+_COLOURS = 32
+_PAPER = 250  # a grey that is as good as white
+_GAP_PX = 16  # of empty rows and columns that are kept beside what is drawn
+_FAR_PX = 24  # of empty rows beyond those, between two drawings: the side and the front
+_NO_WORDS = "#words { display: none }"  # they stand beside it
+
+# what a maker opens first comes first
+FILES = (
+    (r"part(-\d+)?\.3mf", "for the slicer: the whole piece, in print pose"),
+    (r"plate(-\d+)+\.3mf", "for the slicer: what is printed in one go"),
+    (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
+    (r"coupon\.3mf", "a small print to try the mount's fit on"),
+    (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),
+    (r"zoetrope\.(stl|3mf)", "all frames on one turning ring"),
+    (r"setup(-\d+)?\.pdf", "where piece, wall and lamp stand, with dimensions"),
+    (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
+    (r"bending-templates-\w+(-\d+)?\.pdf", "the wire at full size: print it at 100 %"),
+    (r"bends(-\d+)*\.csv", "the wire's bends, one a line"),
+    (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
+    (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
+    (r"sequence\.gif", "the shadows of all frames"),
+    (r"knots(-\d+)?\.json", "the centre lines"),
+    (r"scene(-\d+)?\.toml", "every setting: builds the same piece again"),
+    (r"report\.json", "all of this for programs"),
+)
+
+
+def tell_setup(
+    mounted: Mounted, cameras: Sequence[Camera], tube_radius_mm: float
+) -> list[dict[str, Any]]:
+    """The report's `print.setup`: for each view, what to do and what lamp to take, a sentence or two each."""
+    return [
+        {
+            "view": view.name,
+            "steps": steps_of(mounted, placement_of(mounted, camera), view),
+            "lamp": advise_lamp(view, tube_radius_mm),
+        }
+        for view, camera in zip(mounted.scene.views, cameras, strict=True)
+    ]
+
+
+def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
+    """Which lamp will do, a sentence or two each: the drawing's facts, a phone's torch, a bulb.
+
+    The shadow of an edge in the middle of the piece is as wide as the lamp, by the distances
+    behind and before it.
+    """
+    facts = lamp_facts(view)
+    if view.kind != "shadow":
+        return facts
+    spread = view.wall_distance_mm / view.light_distance_mm
+    strand = 2 * tube_radius_mm * view.magnification
+    torch, bulb = TORCH_MM * spread, BULB_MM * spread
+    facts.append(
+        f"A phone's torch will do: it shines from about {length(TORCH_MM)} mm, and outlines blur by "
+        f"{length(torch)} mm. Fix the phone so that its light, not its middle, is where the lamp belongs."
+    )
+    against = "more than" if bulb > strand else "while"
+    facts.append(
+        f"No frosted bulb: {length(BULB_MM)} mm across, it blurs outlines by {length(bulb)} mm, {against} "
+        f"a strand's shadow is {length(strand)} mm wide."
+    )
+    return facts
+
+
+def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
+    """The files beside a report with what each is for, those that a maker opens first."""
+    found = []
+    for order, (pattern, what) in enumerate(FILES):
+        found += [(order, name, what) for name in names if re.fullmatch(pattern, name)]
+    return [(name, what) for _, name, what in sorted(found)]
+
+
+def draw_setup(folder: Path) -> list[str]:
+    """The drawings of setup.svg without their words, as data URIs: one, or two that stand far apart."""
+    path = next(iter(sorted(folder.glob("setup*.svg"))), None)
+    if path is None:
+        return []
+    import resvg_py
+    from PIL import Image
+
+    png = bytes(
+        resvg_py.svg_to_bytes(
+            svg_path=str(path), dpi=DRAWING_DPI, style_sheet=_NO_WORDS, background="#ffffff"
+        )
+    )
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    near = np.flatnonzero(_near_ink(image, 1))
+    gaps = np.diff(near)
+    cut = int(gaps.argmax()) + 1
+    bands = np.split(near, [cut]) if gaps[cut - 1] > _FAR_PX else [near]
+    found = []
+    for rows in bands:
+        part = image.crop((0, rows[0], image.width, rows[-1] + 1))
+        columns = np.flatnonzero(_near_ink(part, 0))
+        file = io.BytesIO()
+        close = part.crop((columns[0], 0, columns[-1] + 1, part.height))
+        close.quantize(_COLOURS).save(file, "PNG", optimize=True)
+        found.append("data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii"))
+    return found
+
+
+def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
+    """Which rows (axis 1) or columns (axis 0) of a picture have ink, or are near one that has."""
+    from scipy.ndimage import binary_dilation
+
+    inked = (np.asarray(image.convert("L")) < _PAPER).any(axis=axis)
+    return np.asarray(binary_dilation(inked, iterations=_GAP_PX))

@@ -1,0 +1,144 @@
+"""What the viewer is handed: packing that can be undone, the mount alone, supports where they are needed."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from rings import RADIUS, ring
+from shown_pieces import bodies_of, post, scene_of, view_of, wavy_knots
+
+from knotfab.files.glb import write_glb
+from knotfab.geometry.overhang import Rules
+from knotfab.knots import Knot, Knots
+from knotfab.report.report_html import VIEWER, encode_for_script
+from knotfab.report.viewer_data import HistoryFrame, find_supports, pack_rows, viewer_data
+
+WEB = Path(__file__).parents[2] / "web"
+MASK = np.zeros((120, 150), dtype=bool)
+MASK[30:90, 40:110] = True
+TURN = np.array([[0.0, 0, 1, 20], [1, 0, 0, -5], [0, 1, 0, 7], [0, 0, 0, 1]])  # part to scene
+
+
+def unpacked(packed: dict[str, Any], columns: int = 3) -> np.ndarray:
+    q = np.frombuffer(base64.b64decode(packed["q"]), dtype="<u2").reshape(-1, columns)
+    return np.array(packed["low"]) + packed["step"] * q
+
+
+def part_knots() -> Knots:
+    """The knots as a file has them, which TURN takes to the scene."""
+    return wavy_knots().moved(np.linalg.inv(TURN))
+
+
+def test_packed_rows_are_as_near_as_half_a_step() -> None:
+    rows = np.random.default_rng(1).normal(size=(200, 4)) * [100.0, 1.0, 0.0, 30.0] + 12.3456789
+    packed = pack_rows(rows)
+    assert np.abs(unpacked(packed, 4) - rows).max() <= 0.5001 * packed["step"] + 1e-4
+    assert packed["step"] < 0.02
+    assert unpacked(pack_rows(np.ones((1, 3)))) == pytest.approx(np.ones((1, 3)))
+
+
+def test_a_piece_is_shown_in_the_scene_and_its_mount_without_the_tube() -> None:
+    view, knots = view_of(), part_knots()
+    back = np.linalg.inv(TURN)
+    corners, faces = post(view)
+    held = (corners @ back[:3, :3].T + back[:3, 3], faces)
+    scene = scene_of([view], matrix=TURN)
+    data = viewer_data(scene, knots, bodies_of(knots, held), [MASK])
+    for curve, knot in zip(data["curves"], wavy_knots().knots, strict=True):
+        assert unpacked(curve) == pytest.approx(knot.points, abs=2e-3)
+    (mesh,) = data["meshes"]
+    assert unpacked(mesh["positions"]) == pytest.approx(corners, abs=2e-3)
+    assert len(base64.b64decode(mesh["faces"])) == 4 * 3 * len(faces)
+    assert data["wall_mounted"] is True and data["print"]["matrix"] == TURN.tolist()
+    picture = Image.open(io.BytesIO(base64.b64decode(data["views"][0]["picture"].split(",")[1])))
+    assert np.array_equal(~np.asarray(picture.convert("1")), MASK)
+    assert "history" not in data
+    bare = viewer_data(scene_of([view], "none", TURN), knots, bodies_of(knots), [MASK])
+    assert "meshes" not in bare and bare["wall_mounted"] is False
+
+
+def test_a_history_is_thinned_and_keeps_its_curves() -> None:
+    view, knots = view_of(), Knots((Knot(ring(42.0, n=900)), Knot(ring(25.0, n=500))), RADIUS)
+    frames = [HistoryFrame("template", knots), HistoryFrame("", knots, MASK)]
+    data = viewer_data(scene_of([view], "none"), knots, [], [MASK], history=frames)
+    first, second = data["history"]
+    assert first["label"] == "template" and "picture" not in first and "picture" in second
+    for curve, knot in zip(first["curves"], knots.knots, strict=True):
+        few = unpacked(curve)
+        assert 8 <= len(few) < len(knot.points)
+        assert np.linalg.norm(np.roll(few, -1, axis=0) - few, axis=1).max() <= 2 * RADIUS
+
+
+def test_supports_stand_under_what_overhangs_and_reach_what_is_below() -> None:
+    """A shelf of 30 x 30 at 20 mm over a plate of 60 x 60 at 2 mm: half over the plate, half over the bed."""
+    from solids import box
+
+    shelf, plate = (
+        box((50.0, 0.0, 20.0), (80.0, 30.0, 22.0)),
+        box((5.0, 0.0, 0.0), (65.0, 60.0, 2.0)),
+    )
+    bodies = [
+        trimesh.Trimesh(m.vertices, m.faces, process=False).subdivide_to_size(1.5)
+        for m in (shelf, plate)
+    ]
+    meshes = [(np.asarray(m.vertices), np.asarray(m.faces).astype(np.int32)) for m in bodies]
+    columns = find_supports(meshes, Rules())
+    assert columns[:, 3] == pytest.approx(20.0)
+    over = columns[:, 0] < 65.0 - 1.5
+    beside = columns[:, 0] > 65.0 + 1.5
+    assert columns[over, 2] == pytest.approx(2.0) and columns[beside, 2] == pytest.approx(0.0)
+    assert len(columns) * 9.0 == pytest.approx(900.0, rel=0.25)
+    assert len(find_supports(meshes, Rules(max_overhang_deg=90.0))) == 0
+
+
+def test_nothing_in_the_data_ends_its_script() -> None:
+    evil = {"name": "</script><!--<script>&\u2028", "list": [1.5, None, True]}
+    text = encode_for_script(evil)
+    assert not set("<>&\u2028") & set(text) and json.loads(text) == evil
+    with pytest.raises(ValueError):
+        encode_for_script({"a": float("nan")})
+
+
+def test_the_bundle_is_built_from_the_sources_and_can_be_inlined() -> None:
+    """`make viewer` after every change of web/."""
+    names = [
+        "package-lock.json",
+        "build.mjs",
+        *sorted(f"src/{p.name}" for p in (WEB / "src").iterdir()),
+    ]
+    hashed = hashlib.sha256()
+    for name in names:
+        hashed.update(f"{name}\n".encode() + (WEB / name).read_bytes())
+    bundle = VIEWER.read_text(encoding="utf-8")
+    found = re.search(r"sources sha256:([0-9a-f]{64})", bundle.splitlines()[0])
+    assert found is not None and found[1] == hashed.hexdigest()
+    assert not re.search(r"</script|<!--", bundle, re.IGNORECASE)
+    notice = (VIEWER.parent / "three-LICENSE.txt").read_text(encoding="utf-8")
+    for text in (notice, bundle):
+        assert "three.js authors" in text and "Permission is hereby granted" in text
+    lock = json.loads((WEB / "package-lock.json").read_text(encoding="utf-8"))["packages"]
+    assert f"three.js {lock['node_modules/three']['version']}" in bundle
+
+
+def test_the_glb_is_the_piece_in_metres_as_it_stands(tmp_path: Path) -> None:
+    bodies = bodies_of(part_knots())
+    write_glb(tmp_path / "part.glb", bodies, TURN, ["knot 1", "knot 2"], "#d9d4c7")
+    scene: Any = trimesh.load_scene(tmp_path / "part.glb")
+    assert set(scene.geometry) == {"knot 1", "knot 2"}
+    for name, (vertices, faces) in zip(("knot 1", "knot 2"), bodies, strict=True):
+        mesh = scene.geometry[name]
+        assert len(mesh.faces) == len(faces) and mesh.volume > 0
+        placed = 1e-3 * (vertices @ TURN[:3, :3].T + TURN[:3, 3])
+        assert mesh.bounds == pytest.approx(np.array([placed.min(0), placed.max(0)]), abs=1e-6)
+        color = mesh.visual.material.baseColorFactor
+        assert list(color[:3]) == [0xD9, 0xD4, 0xC7]
