@@ -143,8 +143,8 @@ def test_limits_stand_apart_and_for_earlier_readers_among_the_effects() -> None:
     assert old["simulated"] and old["calls"] == limit["calls"] == 160
     assert [set(e) for e in report["effects"]] == 2 * [set(old)]
     page = render_html(report)
-    shown = page.split("<h2>Effects</h2>")[1]
-    one, two = shown.split("<h2>Limits</h2>")
+    shown = page.split("<summary>Effects ")[1]
+    one, two = shown.split("<summary>Limits ")
     assert "penumbra" in one and "clearance" not in one and "clearance" in two
 
 
