@@ -6,12 +6,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-.PHONY: demo test test-quick lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer clean
+# torch for the CPU comes from an index of its own, a tenth of the size; TORCH_INDEX= takes pip's usual one
+TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org/whl/cpu)
+TORCH := -q -c constraints.txt --no-deps torch==2.13.0
+FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
+
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade pip
-	$(BIN)/python -m pip install -q -c constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install $(FROM_INDEX) $(TORCH) || $(BIN)/python -m pip install $(TORCH)
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
 	touch $(DONE)
 
@@ -52,6 +57,16 @@ test: system slicer $(DONE) lint
 # in the middle of a change: without whole builds and what else takes seconds
 test-quick: $(DONE)
 	$(PYTEST) -m "not build and not slow"
+
+# a wheel built here, in a fresh environment outside the checkout, builds a glyph with a mount (a few minutes)
+wheel-test: system
+	@set -e; place=$$(mktemp -d); trap 'rm -rf "$$place"' EXIT; unset PYTHONPATH; \
+	$(PYTHON) -m venv "$$place/venv"; pip="$$place/venv/bin/python -m pip"; $$pip install -q --upgrade pip; \
+	$$pip wheel -q --no-deps -w "$$place" .; \
+	$$pip install $(FROM_INDEX) $(TORCH) || $$pip install $(TORCH); \
+	$$pip install -q -c constraints.txt "$$place"/knotfab-*.whl; $$pip check; \
+	cd "$$place"; venv/bin/knotfab build text:A --print --mount wall --accuracy draft --out built; \
+	venv/bin/knotfab validate built; ls built
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)

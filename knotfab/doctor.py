@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import platform
@@ -211,7 +212,11 @@ def measure_memory_gb() -> float | None:
     """Memory of this machine, in GiB; None where that cannot be read."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    except (AttributeError, OSError, ValueError):
+    except (AttributeError, OSError, ValueError):  # Windows
+        with contextlib.suppress(ImportError):
+            import psutil
+
+            return float(psutil.virtual_memory().total) / 2**30
         return None
 
 

@@ -8,7 +8,10 @@ KnotfabError                    (exit code 2 unless a subclass says otherwise)
 
 from __future__ import annotations
 
-__all__ = ["InputError", "KnotfabError", "MachineError", "SceneError"]
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+__all__ = ["InputError", "KnotfabError", "MachineError", "SceneError", "needs_extra"]
 
 
 class KnotfabError(Exception):
@@ -37,3 +40,17 @@ class MachineError(KnotfabError):
     """This machine lacks something that a required step needs."""
 
     exit_code = 3
+
+
+@contextmanager
+def needs_extra(what: str, extra: str) -> Iterator[None]:
+    """Around imports of what only `knotfab[extra]` installs, for `what` a person asked for.
+
+    Raises:
+        MachineError: one of them is missing.
+    """
+    try:
+        yield
+    except ImportError as error:
+        why = f"it needs {error.name or extra}, which is not installed"
+        raise MachineError(what, why, f"pip install 'knotfab[{extra}]'") from error

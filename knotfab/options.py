@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from knotfab.errors import InputError
+from knotfab.progress import Mode
 
 __all__ = [
     "BATCH_EXAMPLES",
@@ -163,8 +164,13 @@ class BuildOptions(PictureOptions):
     """Checks to go on without, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=_OUTPUT)] = False
     """Say nothing but errors."""
-    verbose: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=_OUTPUT)] = False
     """Say how long each stage took."""
+
+    @property
+    def mode(self) -> Mode:
+        """What progress is shown."""
+        return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
 
 
 def options_from(given: Mapping[str, Any]) -> BuildOptions:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal, TextIO
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Mode", "Progress"]
 
 Mode = Literal["auto", "quiet", "verbose"]
+_log = logging.getLogger("knotfab")
 
 
 class Progress:
@@ -22,6 +24,7 @@ class Progress:
     `auto` draws on `stream` where that is a terminal, and says nothing where it is piped; `quiet`
     never says anything; `verbose` writes a plain line with the time of each finished stage, piped
     or not, and draws on a terminal as well. `timings` collects seconds per stage in every mode.
+    Those lines are records of the logger "knotfab", at level INFO in every mode: `verbose` shows them.
 
     Use it as a context manager, so that the terminal is left clean whatever happens:
 
@@ -37,6 +40,7 @@ class Progress:
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None
         self._began = time.perf_counter()
+        self._shown, self._level = _Lines(self._say), logging.NOTSET
 
     @property
     def draws(self) -> bool:
@@ -52,9 +56,16 @@ class Progress:
         if self.draws:
             self._bar = _bar(self._stream)
             self._bar.start()
+        if self.mode == "verbose":
+            _log.addHandler(self._shown)
+            self._level = _log.level
+            _log.setLevel(min(_log.getEffectiveLevel(), logging.INFO))
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self.mode == "verbose":
+            _log.removeHandler(self._shown)
+            _log.setLevel(self._level)
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -77,8 +88,7 @@ class Progress:
             if self._bar is not None and self._task is not None:
                 self._bar.remove_task(self._task)
             self._task = before
-            if self.mode == "verbose":
-                self._say(f"{name}: {seconds:.2f} s")
+            _log.info("%s: %.2f s", name, seconds)
 
     def update(self, fraction: float, iou: float | None = None) -> None:
         """Say how far the running stage is (0 to 1), and the IoU it has reached."""
@@ -89,9 +99,8 @@ class Progress:
             self._bar.update(self._task, iou=f"IoU {iou:.3f}")
 
     def note(self, text: str) -> None:
-        """A plain line for `verbose`; nothing in the other modes."""
-        if self.mode == "verbose":
-            self._say(text)
+        """A plain line for the log, which `verbose` shows."""
+        _log.info("%s", text)
 
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end; nothing where quiet."""
@@ -104,6 +113,17 @@ class Progress:
             self._bar.console.print(text, markup=False, highlight=False)
         else:
             print(text, file=self._stream, flush=True)
+
+
+class _Lines(logging.Handler):
+    """Hands each record's message on."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self._tell = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
 
 
 def _bar(stream: TextIO) -> rich.progress.Progress:

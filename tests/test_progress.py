@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import subprocess
 import sys
 
@@ -90,3 +91,20 @@ def test_nothing_of_rich_is_loaded_when_piped() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("mode", ["auto", "quiet", "verbose"])
+def test_every_mode_logs_its_stages(mode: Mode, caplog: pytest.LogCaptureFixture) -> None:
+    """As a library's caller reads them: logging.basicConfig(level=logging.INFO)."""
+    with caplog.at_level("INFO", logger="knotfab"):
+        run(mode, io.StringIO())
+    said = [record.getMessage().split(":")[0] for record in caplog.records]
+    assert said == ["template", "search", "search", "a remark"]
+    assert {record.name for record in caplog.records} == {"knotfab"}
+
+
+def test_verbose_leaves_the_logger_as_it_was() -> None:
+    logger = logging.getLogger("knotfab")
+    before = logger.level, list(logger.handlers)
+    run("verbose", io.StringIO())
+    assert (logger.level, logger.handlers) == before

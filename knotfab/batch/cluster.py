@@ -15,7 +15,7 @@ from knotfab.batch.worker import (
     record_of,
     unpack_result,
 )
-from knotfab.errors import InputError, MachineError
+from knotfab.errors import InputError, MachineError, needs_extra
 
 __all__ = ["open_cluster"]
 
@@ -34,12 +34,8 @@ def open_cluster(
     Raises:
         InputError: nobody answers there; MachineError: Dask is not installed.
     """
-    try:
+    with needs_extra(f"--cluster {address}", "dask"):
         from distributed import Client, as_completed
-    except ImportError as error:
-        raise MachineError(
-            "--cluster", "Dask is not installed here", "pip install 'knotfab[dask]'"
-        ) from error
     try:
         client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -32,6 +32,8 @@ def _card(record: Record, folder: Path) -> dict[str, Any]:
     report = place / "report.html"
     return {
         **record,
-        "pictures": [quote(str(path.relative_to(folder))) for path in shown],
-        "report": quote(str(report.relative_to(folder))) if built and report.is_file() else None,
+        "pictures": [quote(path.relative_to(folder).as_posix()) for path in shown],
+        "report": quote(report.relative_to(folder).as_posix())
+        if built and report.is_file()
+        else None,
     }

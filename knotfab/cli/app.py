@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
@@ -23,9 +23,6 @@ from knotfab.options import (
     Names,
     PictureOptions,
 )
-
-if TYPE_CHECKING:
-    from knotfab.progress import Mode
 
 __all__ = ["app", "main"]
 
@@ -57,9 +54,8 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
 
-    mode: Mode = "quiet" if options.quiet else "verbose" if options.verbose else "auto"
     command = shlex.join(["knotfab", *sys.argv[1:]])
-    with Progress(mode) as progress:
+    with Progress(options.mode) as progress:
         request = prepare_build(pictures, options, command, progress)
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
@@ -287,6 +283,18 @@ def printers() -> int:
 
     print_catalogue(known(), materials(), data_folder())
     return 0
+
+
+@app.command
+def schema() -> int:
+    """Print the JSON schema of scene.toml, for editors that check it as it is written."""
+    from knotfab.scene.json_schema import dump_schema
+
+    print(dump_schema(), end="")
+    return 0
+
+
+app.register_install_completion_command()
 
 
 def main(arguments: list[str] | None = None) -> None:

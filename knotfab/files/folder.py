@@ -197,6 +197,8 @@ class OutputFolder:
 
     def _is_full(self) -> bool:
         try:
+            if not hasattr(os, "statvfs"):  # Windows
+                return shutil.disk_usage(self.path).free == 0
             state = os.statvfs(self.path)
         except OSError:
             return False
@@ -233,7 +235,13 @@ class OutputFolder:
 
 def _sync(path: Path) -> None:
     """Have the system write a file, or a folder's entries, to the disk."""
-    handle = os.open(path, os.O_RDONLY)
+    folder = path.is_dir()
+    try:
+        handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
+    except PermissionError:
+        if folder:  # which Windows opens for nobody
+            return
+        raise
     try:
         os.fsync(handle)
     except OSError as error:

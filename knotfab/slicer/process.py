@@ -79,8 +79,14 @@ def run_limited(
 
 def _kill_group(child: subprocess.Popen[bytes]) -> None:
     """End the command and all that it started: the group outlives its first process."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(child.pid, signal.SIGKILL)
+    else:  # Windows, which knows who started whom
+        call = ["taskkill", "/F", "/T", "/PID", str(child.pid)]
+        with suppress(OSError, subprocess.TimeoutExpired):
+            subprocess.run(call, capture_output=True, timeout=GRACE_S, check=False)
+        child.kill()
     with suppress(subprocess.TimeoutExpired):
         child.wait(GRACE_S)
 

@@ -224,6 +224,32 @@ def test_a_library_that_ignores_a_full_disk_is_caught(small_disk: Path) -> None:
     assert listing(small_disk) == before
 
 
+def test_without_posix_a_build_is_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Windows has it: no statvfs, no geteuid, no folder that can be opened."""
+    opened, usage = os.open, shutil.disk_usage(tmp_path)
+
+    def open_files(path: Path, flags: int, *more: int, **named: int) -> int:
+        if os.path.isdir(path) and "dir_fd" not in named:  # which only rmtree gives
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        if Path(path).name == "knots.json":
+            assert flags & os.O_RDWR  # what is synced there must be open for writing
+        return opened(path, flags, *more, **named)
+
+    for name in ("statvfs", "geteuid"):
+        monkeypatch.delattr(os, name)
+    monkeypatch.setattr(os, "open", open_files)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    build(tmp_path / "out", knots__json="good", note="kept")
+    build(tmp_path / "out", knots__json="new")
+    assert listing(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
+    usage = usage._replace(free=0)
+    with pytest.raises(MachineError, match="the disk is full"):
+        build(tmp_path / "out", knots__json="full")
+    assert listing(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
+
+
 def test_work_is_only_there_while_open(tmp_path: Path) -> None:
     out = OutputFolder(tmp_path)
     with pytest.raises(RuntimeError):

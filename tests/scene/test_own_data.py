@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from command import knotfab
+from platformdirs.macos import MacOS
+from platformdirs.windows import Windows
 
 from knotfab.errors import InputError
 from knotfab.scene.catalogue import material_of, materials, printer_of, printers, resolve
@@ -109,6 +111,20 @@ def test_where_ones_own_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert data_folder() == tmp_path / "knotfab"
     assert "pla" in known_names("material")  # the folder is not there, and need not be
+    monkeypatch.setenv("KNOTFAB_DATA", str(tmp_path / "own"))
+    assert data_folder() == tmp_path / "own"
+
+
+def test_where_ones_own_are_on_other_systems(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("KNOTFAB_DATA", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("platformdirs.PlatformDirs", MacOS)
+    assert data_folder() == tmp_path / "Library" / "Application Support" / "knotfab"
+    monkeypatch.setattr("platformdirs.PlatformDirs", Windows)
+    monkeypatch.setattr("platformdirs.windows.get_win_folder", lambda _: str(tmp_path / "Local"))
+    assert data_folder() == tmp_path / "Local" / "knotfab"
     monkeypatch.setenv("KNOTFAB_DATA", str(tmp_path / "own"))
     assert data_folder() == tmp_path / "own"
 

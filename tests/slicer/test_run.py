@@ -13,7 +13,7 @@ from slicer_parts import Mesh, box, gcode_text, scene_of, write_boxes
 
 from knotfab.files.threemf import write_coloured_3mf
 from knotfab.geometry.tube import sweep
-from knotfab.slicer import process, run
+from knotfab.slicer import find, process, run
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import read_gcode
 from knotfab.slicer.profile import write_profile
@@ -222,6 +222,38 @@ def test_a_program_that_is_found_by_another_name(
     (tmp_path / "bin" / "prusa-slicer").rename(tmp_path / "bin" / "PrusaSlicer")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     assert find_slicer() == shutil.which("PrusaSlicer") is not None
+
+
+def test_a_program_where_its_installer_put_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _fake(tmp_path / "Program Files", "exit 0")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert find_slicer() is None
+    monkeypatch.setattr(find, "PLACES", (str(tmp_path / "Program Files"),))
+    assert find_slicer() == str(tmp_path / "Program Files" / "prusa-slicer")
+
+
+def test_without_process_groups_the_system_ends_what_was_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows: taskkill is called for the whole tree, and the program itself is killed."""
+    monkeypatch.delattr(process.os, "killpg")
+    told = tmp_path / "told"
+    for call in (f'echo "$*" > {told}', None):  # there, and not there
+        _fake(tmp_path / "bin", "sleep 30")
+        taskkill = tmp_path / "bin" / "taskkill"
+        taskkill.unlink(missing_ok=True)
+        if call is not None:
+            taskkill.write_text(f"#!/bin/sh\n{call}\n")
+            taskkill.chmod(0o755)
+        folder = tmp_path / "work"
+        folder.mkdir(exist_ok=True)
+        path = f"{tmp_path / 'bin'}:/usr/bin:/bin"
+        monkeypatch.setenv("PATH", path)
+        ended = process.run_limited(["sleep", "30"], folder, {"PATH": path}, 0.2)
+        assert ended.stopped == process.OUT_OF_TIME and ended.code == -9
+    assert told.read_text().startswith("/F /T /PID ")
 
 
 def test_a_file_without_bodies_is_the_callers_error(tmp_path: Path) -> None:

@@ -1,0 +1,23 @@
+# knotfab on the CPU, with PrusaSlicer and off-screen rendering through EGL:
+#   docker build -t knotfab .
+#   docker run --rm -v "$PWD":/work knotfab build cat.png --print --out cat
+FROM python:3.11-slim-bookworm
+
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends libegl1 libgl1 libgomp1 prusa-slicer \
+ && rm -rf /var/lib/apt/lists/*
+
+WORKDIR /src
+COPY constraints.txt pyproject.toml README.md LICENSE ./
+RUN pip install --no-cache-dir -c constraints.txt --no-deps \
+    --index-url https://download.pytorch.org/whl/cpu torch==2.13.0
+COPY knotfab knotfab
+COPY validators validators
+COPY fixtures fixtures
+RUN pip install --no-cache-dir -c constraints.txt '.[dask,studio]'
+
+# what is compiled at the first build is kept where any user may write
+ENV NUMBA_CACHE_DIR=/tmp/numba
+WORKDIR /work
+ENTRYPOINT ["knotfab"]
+CMD ["--help"]
