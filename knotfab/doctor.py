@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import os
 import platform
@@ -15,7 +14,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-__all__ = ["Finding", "count_cores", "examine", "measure_memory_gb"]
+from knotfab.pool import count_cores, measure_memory_gb
+
+__all__ = ["Finding", "examine"]
 
 Status = Literal["ok", "missing", "warning"]
 
@@ -200,24 +201,6 @@ def _slicer() -> Finding:
         return Finding(name, "warning", detail, f"{REMEDY} --reinstall")
     version = next((word for word in said.split() if word.startswith("PrusaSlicer")), "")
     return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
-
-
-def count_cores() -> int:
-    """Cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
-
-
-def measure_memory_gb() -> float | None:
-    """Memory of this machine, in GiB; None where that cannot be read."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    except (AttributeError, OSError, ValueError):  # Windows
-        with contextlib.suppress(ImportError):
-            import psutil
-
-            return float(psutil.virtual_memory().total) / 2**30
-        return None
 
 
 def _cores() -> Finding:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, TextIO
 
 if TYPE_CHECKING:
     import rich.progress
+    import rich.text
 
 __all__ = ["Mode", "Progress"]
 
@@ -90,6 +91,17 @@ class Progress:
             self._task = before
             _log.info("%s: %.2f s", name, seconds)
 
+    @contextmanager
+    def line(self, name: str) -> Iterator[None]:
+        """A line of its own for one of several things that run side by side, from any thread."""
+        bar = self._bar
+        line = None if bar is None else bar.add_task(name, total=None, iou="")
+        try:
+            yield
+        finally:
+            if bar is not None and line is not None:
+                bar.remove_task(line)
+
     def update(self, fraction: float, iou: float | None = None) -> None:
         """Say how far the running stage is (0 to 1), and the IoU it has reached."""
         if self._bar is None or self._task is None:
@@ -128,14 +140,29 @@ class _Lines(logging.Handler):
 
 def _bar(stream: TextIO) -> rich.progress.Progress:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    class Time(TimeRemainingColumn):
+        """What is left, where that is known, else what has passed."""
+
+        def render(self, task: rich.progress.Task) -> rich.text.Text:
+            passed = task.total is None
+            return TimeElapsedColumn().render(task) if passed else super().render(task)
 
     return Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=32),
-        TimeRemainingColumn(compact=True),
+        Time(compact=True),
         TextColumn("{task.fields[iou]}"),
         console=Console(file=stream),
+        speed_estimate_period=3600.0,  # pictures of a batch end minutes apart
         transient=True,
     )

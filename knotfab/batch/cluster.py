@@ -1,8 +1,12 @@
-"""Builds on a Dask cluster: whole builds as tasks, pictures sent and folders fetched by content."""
+"""Builds on a Dask cluster: whole builds as tasks, by path where a disk is shared, else by content."""
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
+import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,18 +20,20 @@ from knotfab.batch.worker import (
     unpack_result,
 )
 from knotfab.errors import InputError, MachineError, needs_extra
+from knotfab.pool import JOB_GB, Pool
+from knotfab.progress import Progress
 
 __all__ = ["open_cluster"]
 
 _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as many builds as fit
-_BUILD_BYTES = 2e9
 _RETRIES = 3  # of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
+_LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 
 
 @contextmanager
 def open_cluster(
-    address: str,
+    address: str, progress: Progress
 ) -> Iterator[Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]]:
     """A function that builds tasks on the workers of the scheduler at `address`.
 
@@ -48,21 +54,49 @@ def open_cluster(
     def build(tasks: Sequence[Task], folder: Path) -> Iterator[tuple[Task, Record]]:
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
         tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
-        resources: dict[str, Any] = {"resources": {_MEMORY: _BUILD_BYTES}} if tagged else {}
-        futures = {
-            client.submit(build_parcel, pack_task(t), pure=False, retries=_RETRIES, **resources): t
-            for t in tasks
-        }
-        for future in as_completed(list(futures), loop=client.loop):
-            task = futures.pop(future)
-            try:
-                record, result = future.result()
-                unpack_result(record, result, folder / task.name)
-            except Exception as error:  # whatever a cluster may do to a task, the others go on
-                said = f"its worker was lost ({type(error).__name__}: {error})"
-                record = record_of(task, MachineError.exit_code, 0.0, said)
-            yield task, record
-            future.release()
+        resources: dict[str, Any] = {"resources": {_MEMORY: JOB_GB * 1e9}} if tagged else {}
+        named: dict[str, Any] = {"pure": False, "retries": _RETRIES, **resources}
+        lines: dict[str, contextlib.ExitStack] = {}
+
+        def begun(event: tuple[Any, str]) -> None:
+            name = event[1]
+            lines.setdefault(name, contextlib.ExitStack()).enter_context(progress.line(name))
+
+        topic = f"knotfab-{uuid.uuid4().hex}"
+        client.subscribe_topic(topic, begun)
+        with tempfile.NamedTemporaryFile(prefix=".knotfab-", dir=folder) as shared:
+            here = Path(shared.name)
+            futures = {
+                client.submit(_build_on_worker, pack_task(t, here), t.name, topic, **named): t
+                for t in tasks
+            }
+            for future in as_completed(list(futures), loop=client.loop):
+                task = futures.pop(future)
+                try:
+                    record, result = future.result()
+                    unpack_result(record, result, folder / task.name)
+                except Exception as error:  # whatever befalls a task, the others go on
+                    said = f"its worker was lost ({type(error).__name__}: {error})"
+                    record = record_of(task, MachineError.exit_code, 0.0, said)
+                lines.pop(task.name, contextlib.ExitStack()).close()
+                yield task, record
+                future.release()
 
     with client:
         yield build
+
+
+def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:
+    """Build a parcel on the worker that runs this; the build ends when nobody waits for it any more."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    worker.log_event(topic, name)
+    key = worker.get_current_task()
+    with Pool(1) as pool:
+        building = pool.submit(build_parcel, parcel, pool.start)
+        while not wait([building], _LOOK_EVERY_S).done:
+            task = worker.state.tasks.get(key)
+            if task is None or task.state not in ("executing", "long-running"):
+                raise RuntimeError("nobody waits for it")
+        return building.result()

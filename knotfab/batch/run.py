@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import median
 
 from knotfab.batch.page import render_index
-from knotfab.batch.tasks import Task, list_tasks
+from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
 from knotfab.batch.worker import Record, build_apart
-from knotfab.doctor import count_cores, measure_memory_gb
 from knotfab.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
-from knotfab.progress import Mode, Progress
+from knotfab.pool import Pool, count_jobs
+from knotfab.progress import Progress
 
-__all__ = ["batch", "count_jobs"]
+__all__ = ["batch"]
 
-_BUILD_GB = 2.0  # memory of a build
 _WRITTEN_EVERY_S = 2.0
 _FINAL = (0, 1, 2)  # exit codes that the same picture and options end with again
 _Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
@@ -50,7 +48,8 @@ def batch(
         A record a picture, in their order.
 
     Raises:
-        InputError: wrong options or names; MachineError: no Dask, or nobody at its address.
+        InputError: wrong options or names, nobody at the address, or `options.out` cannot be written, as when
+            its disk is full; MachineError: no Dask.
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
@@ -60,11 +59,13 @@ def batch(
     records = dict(kept)
     side_by_side = jobs or count_jobs()
     tally = _Tally(len(missing), side_by_side if cluster is None else None)
-    written = 0.0
-    mode: Mode = "quiet" if options.quiet else "auto"
-    with _open_builder(cluster, side_by_side) as build, Progress(mode) as progress:
+    with (
+        Progress(options.mode) as progress,
+        _open_builder(cluster, side_by_side, progress) as build,
+    ):
         if kept:
             progress.say(f"{len(kept)} pictures are built already")
+        written = _write(folder, tasks, records)  # what cannot be written is told before any work
         try:
             with progress.stage("pictures"):
                 for task, record in build(missing, folder):
@@ -72,62 +73,46 @@ def batch(
                     progress.say(tally.tell(record))
                     progress.update(tally.done / len(missing))
                     if time.monotonic() > written + _WRITTEN_EVERY_S:
-                        _write(folder, tasks, records)
-                        written = time.monotonic()
+                        written = _write(folder, tasks, records)
+        except KeyboardInterrupt:
+            built = f"{len(records)} of {len(tasks)} pictures are built and stay"
+            raise KeyboardInterrupt(built) from None
         finally:
             _write(folder, tasks, records)
     return [records[task.name] for task in tasks]
 
 
-def count_jobs() -> int:
-    """Builds that this machine holds side by side: as many as it has cores, and memory for."""
-    memory_gb = measure_memory_gb()
-    fit = count_cores() if memory_gb is None else int(memory_gb / _BUILD_GB)
-    return max(1, min(count_cores(), fit))
-
-
 @contextmanager
-def _open_builder(cluster: str | None, jobs: int) -> Iterator[_Builder]:
+def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
     """A function that builds tasks: on this machine, or on a cluster."""
     if cluster is None:
-        yield lambda tasks, folder: _build_here(tasks, folder, jobs)
+        with Pool(jobs) as pool:
+            yield partial(_build_here, pool, progress)
         return
     from knotfab.batch.cluster import open_cluster
 
-    with open_cluster(cluster) as build:
+    with open_cluster(cluster, progress) as build:
         yield build
 
 
-def _build_here(tasks: Sequence[Task], folder: Path, jobs: int) -> Iterator[tuple[Task, Record]]:
-    """Each task in a process of its own, `jobs` at a time; an interrupted batch ends them all."""
-    running: set[subprocess.Popen[str]] = set()
-    stopped = threading.Event()
+def _build_here(
+    pool: Pool, progress: Progress, tasks: Sequence[Task], folder: Path
+) -> Iterator[tuple[Task, Record]]:
+    """Each task in a process of its own."""
 
-    def started(child: subprocess.Popen[str]) -> None:
-        running.add(child)
-        if stopped.is_set():
-            child.terminate()
+    def build(task: Task) -> Record:
+        with progress.line(task.name):
+            return build_apart(task, folder / task.name, pool.start)
 
-    with ThreadPoolExecutor(jobs) as pool:
-        futures: dict[Future[Record], Task] = {
-            pool.submit(build_apart, task, folder / task.name, started): task for task in tasks
-        }
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:
-            stopped.set()
-            for future in futures:
-                future.cancel()
-            for child in list(running):
-                child.terminate()
-            raise
+    futures: dict[Future[Record], Task] = {pool.submit(build, task): task for task in tasks}
+    for future in as_completed(futures):
+        yield futures[future], future.result()
 
 
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     """The records of an earlier batch that still hold: same key, and what was built is there."""
     try:
-        earlier = {r["name"]: r for r in json.loads((folder / "batch.json").read_text())}
+        earlier = {r["name"]: r for r in json.loads((folder / RECORDS).read_text("utf-8"))}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
     kept = {}
@@ -141,11 +126,12 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     return kept
 
 
-def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> None:
-    """batch.json and index.html of what is done, in the order of the tasks."""
+def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:
+    """batch.json and index.html of what is done, in the order of the tasks; when that was."""
     done = [records[task.name] for task in tasks if task.name in records]
-    write_whole(folder / "batch.json", (json.dumps(done, indent=1) + "\n").encode())
-    write_whole(folder / "index.html", render_index(done, folder).encode())
+    write_whole(folder / RECORDS, (json.dumps(done, indent=1) + "\n").encode())
+    write_whole(folder / INDEX, render_index(done, folder).encode())
+    return time.monotonic()
 
 
 @dataclass

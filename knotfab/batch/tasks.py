@@ -13,8 +13,12 @@ from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.target.read import TEXT_PREFIX, name_picture
 
-__all__ = ["Task", "list_tasks"]
+__all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_tasks"]
 
+RECORDS, INDEX = (
+    "batch.json",
+    "index.html",
+)  # what a batch writes beside the folders of its pictures
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".svg"}
 _FILES = ("scene", "printer", "material", "font")  # options that may name a file
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
@@ -52,20 +56,21 @@ def list_tasks(pictures: Sequence[str], options: BuildOptions) -> list[Task]:
     arguments = _arguments(options)
     shared = hashlib.sha256(repr((__version__, arguments)).encode())
     for path in files:
-        shared.update(_content(path))
+        shared.update(content_of(path))
     tasks: dict[str, Task] = {}
     for source in sources:
         name = name_picture(source)
-        if name in tasks:
+        same = tasks.get(name.casefold())  # as disks have it that take A for a
+        if same is not None:
             raise InputError(
                 source,
-                f"its folder would be {name}, and so would that of {tasks[name].picture}",
+                f"its folder would be {name}, and so would that of {same.picture}",
                 "Rename one of them",
             )
         key = shared.copy()
         text = source.startswith(TEXT_PREFIX)
-        key.update(source.encode() if text else _content(Path(source)))
-        tasks[name] = Task(name, source, arguments, files, key.hexdigest())
+        key.update(source.encode() if text else content_of(Path(source)))
+        tasks[name.casefold()] = Task(name, source, arguments, files, key.hexdigest())
     return list(tasks.values())
 
 
@@ -82,7 +87,7 @@ def _expand(named: str) -> list[str]:
     return found
 
 
-def _content(path: Path) -> bytes:
+def content_of(path: Path) -> bytes:
     """What a file or a folder of files holds; what cannot be read is the build's to report."""
     try:
         if path.is_dir():

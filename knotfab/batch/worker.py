@@ -14,8 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from knotfab.batch.tasks import Task
+from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
+from knotfab.pool import ONE_THREAD
 
 __all__ = [
     "Record",
@@ -27,34 +28,30 @@ __all__ = [
 ]
 
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, error
+_ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
 
-def build_apart(
-    task: Task, folder: Path, started: Callable[[subprocess.Popen[str]], None] | None = None
-) -> Record:
+def build_apart(task: Task, folder: Path, start: Callable[..., subprocess.Popen[str]]) -> Record:
     """Build one picture into `folder` in a process of its own.
 
     Args:
-        started: told of the process, so that it can be ended.
+        start: starts the process, as `Pool.start` does, which ends it with the pool.
     """
     begun = time.perf_counter()
     command = [sys.executable, "-m", "knotfab", "build", task.picture, *task.arguments]
     command += [f"--out={folder}", "--quiet"]
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"}
     for _ in range(_MOST_RUNS):
-        with subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, env={**os.environ, **threads}
-        ) as child:
-            if started is not None:
-                started(child)
+        with start(command, stderr=subprocess.PIPE, env=environment) as child:
             said = child.communicate()[1]
-        if child.returncode >= 0:
+        if child.returncode in _ENDINGS:
             break
     code, seconds = child.returncode, time.perf_counter() - begun
-    if code < 0:
-        error = f"the build was killed (signal {-code}); was there too little memory?"
-        return record_of(task, 128 - code, seconds, error)
+    if code not in _ENDINGS:
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        error = f"the build was killed ({how}); was there too little memory?"
+        return record_of(task, 128 - code if code < 0 else code, seconds, error)
     lines = [line for line in said.splitlines() if line.strip()]
     error = lines[-1].removeprefix("knotfab: ") if code and lines else ""
     report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
@@ -90,14 +87,20 @@ def _read_report(folder: Path) -> dict[str, Any] | None:
     return found
 
 
-def pack_task(task: Task) -> bytes:
-    """A task with the content of its files, for a machine that does not see this one's disk."""
-    held = [p for p in (Path(task.picture), *task.files) if p.exists()]
+def pack_task(task: Task, shared: Path) -> bytes:
+    """A task with the content of its files, for a machine that may not see this one's disk.
+
+    Args:
+        shared: a file beside the folders of the batch: who sees it writes there.
+    """
+    picture = Path(task.picture).expanduser()
+    source = str(picture.absolute()) if picture.exists() else task.picture
+    held = [path.absolute() for path in (picture, *task.files) if path.exists()]
     places = {str(path): f"{number}/{path.name}" for number, path in enumerate(held)}
-    named = [task.name, task.picture, list(task.arguments), task.key, places]
+    named = [task.name, task.picture, source, list(task.arguments), task.key, places]
     parcel = io.BytesIO()
     with zipfile.ZipFile(parcel, "w") as whole:
-        whole.writestr("task.json", json.dumps(named))
+        whole.writestr("task.json", json.dumps([*named, str(shared.absolute())]))
         for path in held:
             for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
                 inner = file.relative_to(path) if path.is_dir() else ""
@@ -105,30 +108,43 @@ def pack_task(task: Task) -> bytes:
     return parcel.getvalue()
 
 
-def build_parcel(parcel: bytes) -> tuple[Record, bytes]:
-    """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed."""
+def build_parcel(
+    parcel: bytes, start: Callable[..., subprocess.Popen[str]]
+) -> tuple[Record, bytes]:
+    """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
+
+    On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
+    they hold the same there, and nothing is packed.
+    """
     with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
         here = Path(place)
         with zipfile.ZipFile(io.BytesIO(parcel)) as whole:
             whole.extractall(here)
-        name, picture, arguments, key, places = json.loads((here / "task.json").read_text())
-        for path, held in places.items():
-            arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
-        source = str(here / places[picture]) if picture in places else picture
-        task = Task(name, source, tuple(arguments), (), key)
-        record = {**build_apart(task, here / "out"), "picture": picture}
-        record["error"] = record["error"].replace(source, picture).replace(f"{here / 'out'}/", "")
+        told = json.loads((here / "task.json").read_text("utf-8"))
+        name, picture, source, arguments, key, places, shared = told
+        seen = Path(shared).is_file()
+        out = Path(shared).parent / name if seen else here / "out"
+        if not all(content_of(Path(path)) == content_of(here / places[path]) for path in places):
+            for path, held in places.items():
+                arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
+                source = str(here / held) if source == path else source
+        record = build_apart(Task(name, source, tuple(arguments), (), key), out, start)
+        error = record["error"].replace(source, picture).replace(f"{here / 'out'}{os.sep}", "")
+        record |= {"picture": picture, "error": error}
         result = io.BytesIO()
         with zipfile.ZipFile(result, "w", zipfile.ZIP_DEFLATED) as whole:
-            for path in sorted((here / "out").rglob("*")):
-                if path.is_file():
-                    whole.write(path, path.relative_to(here / "out"))
-        return record, result.getvalue()
+            for file in sorted((here / "out").rglob("*")):
+                if file.is_file():
+                    whole.write(file, file.relative_to(here / "out"))
+        return record, b"" if seen else result.getvalue()
 
 
 def unpack_result(record: Record, result: bytes, folder: Path) -> None:
-    """Put the folder of a finished build in its place; a rejected one leaves an earlier good one there."""
-    if record["exit_code"] not in (0, 1):
+    """Put the folder of a finished build in its place, if it is not there yet: `result` is empty.
+
+    A rejected one leaves an earlier good one there.
+    """
+    if not result or record["exit_code"] not in (0, 1):
         return
     with zipfile.ZipFile(io.BytesIO(result)) as whole, OutputFolder(folder) as out:
         rejected = record["exit_code"] == 1

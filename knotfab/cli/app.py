@@ -318,7 +318,8 @@ def main(arguments: list[str] | None = None) -> None:
     except (Exception, KeyboardInterrupt) as error:
         # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
         if asked or isinstance(error, KeyboardInterrupt):
-            print("knotfab: interrupted; nothing was changed", file=sys.stderr)
+            stays = str(error) if isinstance(error, KeyboardInterrupt) else ""
+            print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
             code = 130
         elif isinstance(error, KnotfabError):
             print(f"knotfab: {error}", file=sys.stderr)

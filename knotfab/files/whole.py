@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 from knotfab.errors import InputError
@@ -21,6 +22,8 @@ def write_whole(path: Path, content: bytes, option: str = "--out") -> None:
         beside.write_bytes(content)
         beside.replace(path)
     except (OSError, ValueError) as error:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(
             f"{option} {path}", f"it cannot be written ({reason})", "Choose another place."

@@ -9,6 +9,7 @@ from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.mount.prefetch import prefetch_modeller
 from knotfab.piece import WrittenPiece, finish_build, report_piece, write_piece
+from knotfab.pool import count_jobs
 from knotfab.progress import Progress
 from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
@@ -67,7 +68,9 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             )
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
-        with Verifier(skip) as verifier, SlicerQueue() as slicer:
+        # side by side as the machine allows, with two processes that verify to one that slices
+        jobs = min(len(targets), max(1, count_jobs() // 2))
+        with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
             left = request.search_budget_s(progress.total)
             searched = chain(request.scene, targets, request.device, progress, left)
             frames: list[Frame] = []

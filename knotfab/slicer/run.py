@@ -8,12 +8,13 @@ import shutil
 import tempfile
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 
 from knotfab.files.threemf import read_shells
+from knotfab.pool import Pool
 from knotfab.scene.model import Scene
 from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer
@@ -30,7 +31,7 @@ MOST_QUOTED = 400  # characters of what it said
 
 
 class SlicerQueue:
-    """`slice_part` of one file after the other on a thread, while others search and verify.
+    """`slice_part` of file after file, on threads of their own, while others search and verify.
 
         with SlicerQueue() as queue:
             sliced = queue.submit(folder / "part.3mf", scene)
@@ -41,27 +42,31 @@ class SlicerQueue:
 
     Args:
         work: an existing folder for temporary files; the machine's by default.
+        jobs: files that are sliced side by side.
     """
 
     def __init__(
-        self, work: Path | None = None, timeout_s: float = TIMEOUT_S, program: str | None = None
+        self,
+        work: Path | None = None,
+        timeout_s: float = TIMEOUT_S,
+        program: str | None = None,
+        jobs: int = 1,
     ) -> None:
         self._work = Path(tempfile.gettempdir()) if work is None else work
         self._timeout_s, self._program = timeout_s, program
-        self._stop = threading.Event()
-        self._thread = ThreadPoolExecutor(1)
+        self._pool = Pool(jobs)
 
     def __enter__(self) -> SlicerQueue:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.shutdown(wait=True, cancel_futures=True)
+        self._pool.__exit__()
 
     def submit(self, part_3mf: Path, scene: Scene) -> Future[Sliced | NotSliced]:
         """Slice a file that `write_3mf` wrote, when its turn comes."""
-        return self._thread.submit(
-            slice_part, part_3mf, scene, self._work, self._timeout_s, self._program, self._stop
+        stop = self._pool.ended
+        return self._pool.submit(
+            slice_part, part_3mf, scene, self._work, self._timeout_s, self._program, stop
         )
 
 

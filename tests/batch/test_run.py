@@ -1,6 +1,6 @@
 """A batch: one record a picture, nothing built twice, nothing stopped by a neighbour that fails.
 
-Builds are played by a script, which does what the picture's text says; a real one is in `test_batch_builds`.
+Builds are played by a script, which does what the picture's text says.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ import time
 from pathlib import Path
 
 import pytest
+from command import knotfab, small_disk
 from played_builds import PYTHON, count, draw, write_player
 
 from knotfab.batch import worker
-from knotfab.batch.run import batch, count_jobs
+from knotfab.batch.run import batch
 from knotfab.batch.tasks import list_tasks
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
+from knotfab.pool import Pool
 
 
 @pytest.fixture
@@ -87,8 +89,48 @@ def test_wrong_calls_are_refused_before_anything_is_built(played: Path, tmp_path
     ):
         with pytest.raises(InputError, match=reason):
             batch(pictures, options(tmp_path), jobs=jobs)
-    assert count(played) == {}
-    assert count_jobs() >= 1
+    assert count(played) == {} and not (tmp_path / "out").exists()
+
+
+def test_bad_input_is_one_sentence_each(played: Path, tmp_path: Path) -> None:
+    one, two = (
+        draw(tmp_path / n, **{name: "pass"}) for n, name in (("one", "cat"), ("two", "Cat"))
+    )
+    done = knotfab("batch", one, two, "--out", tmp_path / "out")
+    assert done.code == 2 and done.out == "" and done.err.count("\n") == 1
+    assert "its folder would be Cat, and so would that of" in done.err and "Rename" in done.err
+    (tmp_path / "file").write_text("a person's")
+    done = knotfab("batch", one, "--out", tmp_path / "file")
+    assert done.code == 2 and done.err.count("\n") == 1 and "file" in done.err
+    assert count(played) == {} and not (tmp_path / "out").exists()
+
+
+def test_an_unreadable_picture_among_good_ones(played: Path, tmp_path: Path) -> None:
+    """The real build's sentence is in its record, and the others are built."""
+    pictures = draw(tmp_path / "pictures", a="pass", b="real", c="pass")
+    done = knotfab("batch", pictures, "--out", tmp_path / "out", "--jobs", "2")
+    assert done.code == 1 and "2 of 3 passed" in done.out
+    records = json.loads((tmp_path / "out" / "batch.json").read_text())
+    assert [r["exit_code"] for r in records] == [0, 2, 0]
+    assert "b.png: it is not a picture" in records[1]["error"]
+    assert not (tmp_path / "out" / "b").exists()
+
+
+def test_a_full_disk_is_one_sentence(played: Path, tmp_path: Path) -> None:
+    """Before anything is built, or as soon as a record cannot be written; earlier ones stay."""
+    pictures = draw(tmp_path / "pictures", a="pass")
+    later = draw(tmp_path / "later", b="fill")
+    with small_disk(tmp_path / "out", "128k") as disk:
+        call = ("batch", "--out", disk, "--jobs", "1", "--quiet")
+        assert knotfab(*call, pictures).code == 0
+        before = (disk / "batch.json").read_text()
+        for _ in range(2):
+            done = knotfab(*call, pictures, later)
+            assert done.code == 2 and done.err.count("\n") == 1
+            assert "cannot be written (No space left on device)" in done.err
+            assert (disk / "batch.json").read_text() == before
+        assert sorted(p.name for p in disk.iterdir()) == ["a", "b", "batch.json", "index.html"]
+    assert count(played) == {"a": 1, "b": 1}
 
 
 def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
@@ -116,16 +158,33 @@ def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
     assert count(played) == {"a": 1, "b": 2, "c": 1}
 
 
-def test_a_parcel_builds_what_the_task_would(played: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_parcel_builds_what_the_task_would(
+    played: Path, tmp_path: Path, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Anywhere; on a shared disk right in its place, and by the files' own paths while they hold the same."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "probe").touch()
     pictures = draw(tmp_path / "pictures", a="pass", b="fail")
     scene = tmp_path / "scene.toml"
     scene.write_text("[search]\nseed = 4\n")
-    tasks = list_tasks([str(pictures)], options(tmp_path, scene=scene))
-    for task, code in zip(tasks, (0, 1), strict=True):
-        record, result = worker.build_parcel(worker.pack_task(task))
-        assert (record["exit_code"], record["key"]) == (code, task.key)
-        assert record["picture"] == task.picture
-        worker.unpack_result(record, result, tmp_path / "out" / task.name)
-    assert (tmp_path / "out" / "a" / "report.json").is_file()
-    assert (tmp_path / "out" / "b" / "rejected" / "report.json").is_file()
-    assert not (tmp_path / "out" / "b" / "report.json").exists()
+    monkeypatch.chdir(tmp_path)
+    tasks = list_tasks(["pictures"], options(tmp_path, scene=scene))
+    parcels = [worker.pack_task(task, out / "probe") for task in tasks]
+    if not shared:
+        (out / "probe").unlink()
+    (pictures / "b.png").write_text("another on this machine")
+    monkeypatch.chdir(out)  # wherever a worker runs
+    with Pool(1) as pool:
+        for task, parcel, code in zip(tasks, parcels, (0, 1), strict=True):
+            record, result = worker.build_parcel(parcel, pool.start)
+            assert (record["exit_code"], record["key"]) == (code, task.key)
+            assert record["picture"] == task.picture
+            assert (result == b"") == (out / task.name).exists() == shared
+            worker.unpack_result(record, result, out / task.name)
+    assert (out / "a" / "report.json").is_file()
+    assert (out / "b" / "rejected" / "report.json").is_file()
+    assert not (out / "b" / "report.json").exists()
+    ran = {name: (played / f"{name}.runs").read_text() for name in "ab"}
+    assert f"--scene={scene}" in ran["a"] and f"--scene={scene}" not in ran["b"]

@@ -1,0 +1,167 @@
+"""Work side by side in processes: how many this machine holds, and pools that end what they started."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from queue import SimpleQueue
+from typing import IO, Any, ParamSpec, Self, TypeVar
+
+__all__ = [
+    "ONE_THREAD",
+    "Crash",
+    "Pool",
+    "Workers",
+    "count_cores",
+    "count_jobs",
+    "measure_memory_gb",
+]
+
+JOB_GB = 2.0  # memory of a build
+# of a process that has others beside it: threads that wait for each other cost more than they bring
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "KNOTFAB_JOBS": "1"}
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else (os.cpu_count() or 1)
+
+
+def measure_memory_gb() -> float | None:
+    """Memory of this machine, in GiB; None where that cannot be read."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    except (AttributeError, OSError, ValueError):  # Windows
+        with contextlib.suppress(ImportError):
+            import psutil
+
+            return float(psutil.virtual_memory().total) / 2**30
+        return None
+
+
+def count_jobs() -> int:
+    """Processes to run side by side: as many as this machine has cores, and 2 GB for each.
+
+    `KNOTFAB_JOBS` in the environment answers for it; a batch sets it for its builds.
+    """
+    told = os.environ.get("KNOTFAB_JOBS", "")
+    if told.isdigit() and int(told) > 0:
+        return int(told)
+    memory_gb = measure_memory_gb()
+    fit = count_cores() if memory_gb is None else int(memory_gb / JOB_GB)
+    return max(1, min(count_cores(), fit))
+
+
+class Pool:
+    """`jobs` threads that each mind a process; leaving it ends what still runs, and drops what waits.
+
+    with Pool(2) as pool:
+        futures = [pool.submit(mind, task, pool.start) for task in tasks]
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.ended = threading.Event()
+        self._threads = ThreadPoolExecutor(jobs)
+        self._processes: set[subprocess.Popen[str]] = set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for process in list(self._processes):
+            process.terminate()  # a build tidies up
+        self._threads.shutdown(wait=True)
+
+    def submit(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> Future[_T]:
+        """Call it on a thread, when one is free."""
+        return self._threads.submit(call, *arguments, **named)
+
+    def start(self, command: Sequence[str], **settings: Any) -> subprocess.Popen[str]:
+        """Start a process, as `subprocess.Popen` does, that ends with the pool."""
+        process: subprocess.Popen[str] = subprocess.Popen(
+            command, encoding="utf-8", errors="replace", **settings
+        )
+        self._processes.add(process)
+        if self.ended.is_set():
+            process.terminate()
+        return process
+
+
+class Crash(Exception):
+    """A worker ended instead of answering: its exit code (negative: a signal), and what it said last."""
+
+    def __init__(self, code: int, said: str) -> None:
+        self.code, self.said = code, said
+        super().__init__(f"exit code {code}: {said}")
+
+
+class Workers(Pool):
+    """`jobs` processes that answer a line of JSON with a line of JSON; a request goes to one that is free.
+
+    They are started at once, so that they load what they need while nobody asks yet.
+
+    Raises (from `result` of what `ask` returns):
+        Crash: the process ended without an answer; whoever asks it next is told the same.
+    """
+
+    def __init__(self, command: Sequence[str], jobs: int = 1) -> None:
+        super().__init__(jobs)
+        self._free: SimpleQueue[tuple[subprocess.Popen[str], IO[bytes]]] = SimpleQueue()
+        self._said: list[IO[bytes]] = []
+        for _ in range(jobs):
+            said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (`__exit__` closes it)
+            self._said.append(said)
+            process = self.start(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=said,
+                start_new_session=True,  # Ctrl-C is for the parent, which then ends them
+            )
+            self._free.put((process, said))
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._processes:
+            process.kill()
+        super().__exit__()
+        for process in self._processes:
+            with contextlib.suppress(BrokenPipeError):  # what it did not read any more
+                process.communicate()
+        for said in self._said:
+            said.close()
+
+    def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
+        """Hand over a request; `result` of what is returned waits for the answer."""
+        return self.submit(self._answer, request)
+
+    def _answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        process, said = self._free.get()
+        try:
+            assert process.stdin is not None and process.stdout is not None
+            line = ""
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(request) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline()
+            try:
+                answer: dict[str, Any] = json.loads(line)
+            except ValueError:
+                code = process.wait()
+                said.seek(0)
+                lines = said.read().decode("utf-8", "replace").strip().splitlines()
+                raise Crash(code, (lines or [""])[-1].strip()) from None
+            return answer
+        finally:
+            self._free.put((process, said))
