@@ -8,7 +8,7 @@ import os
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import IO, Any, ParamSpec, Self, TypeVar
@@ -116,7 +116,9 @@ class Workers(Pool):
         Crash: the process ended without an answer; whoever asks it next is told the same.
     """
 
-    def __init__(self, command: Sequence[str], jobs: int = 1) -> None:
+    def __init__(
+        self, command: Sequence[str], jobs: int = 1, env: Mapping[str, str] | None = None
+    ) -> None:
         super().__init__(jobs)
         self._free: SimpleQueue[tuple[subprocess.Popen[str], IO[bytes]]] = SimpleQueue()
         self._said: list[IO[bytes]] = []
@@ -128,6 +130,7 @@ class Workers(Pool):
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=said,
+                env=env,
                 start_new_session=True,  # Ctrl-C is for the parent, which then ends them
             )
             self._free.put((process, said))

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import argparse
 import statistics
-from functools import partial
 
 from examples.measurement import read_question
 from examples.pictures import pictures
-from knotfab.start.start import make_start
-from knotfab.tradeoff.measure import measure
+from knotfab.tradeoff.measure import Study, measure
 from knotfab.tradeoff.points import points
 
 NAMES = ("knight", "smiley", "anchor", "ampersand", "cat", "wheel")
@@ -25,15 +23,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     asked = parser.parse_args()
-    problems = []
+    studies = []
     for name, image in pictures().items():
         if name in asked.names:
             question = read_question(image)
             radius = RADIUS * question.views[0].frame_width_mm
             problem = question.with_depth(radius).problem
-            problems.append((problem, radius, partial(make_start, problem, radius)))
+            studies.append(Study(problem, radius))
     print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
-    rows = [measure(p, t, r, points()) for p, r, t in problems]
+    rows = [measure(study, points()) for study in studies]
     for column in zip(*rows, strict=True):
         point = column[0].point
         print(

@@ -39,7 +39,8 @@ def build_apart(task: Task, folder: Path, start: Callable[..., subprocess.Popen[
         start: starts the process, as `Pool.start` does, which ends it with the pool.
     """
     begun = time.perf_counter()
-    command = [sys.executable, "-m", "knotfab", "build", task.picture, *task.arguments]
+    # -P: modules come from the installation, never from the folder one happens to be in
+    command = [sys.executable, "-P", "-m", "knotfab", "build", task.picture, *task.arguments]
     command += [f"--out={folder}", "--quiet"]
     environment = {**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"}
     for _ in range(_MOST_RUNS):

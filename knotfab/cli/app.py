@@ -216,6 +216,7 @@ def tradeoff(
     accuracy: Literal["draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
     repeats: int = 1,
+    jobs: int = 1,
     device: Literal["cpu", "cuda"] = "cpu",
     quiet: Flag = False,
 ) -> int:
@@ -235,6 +236,9 @@ def tradeoff(
         mm, or auto (default), the same for all points.
     repeats
         Runs a point; the seconds are medians of them.
+    jobs
+        Points measured side by side. They slow each other down, all alike: for seconds as a build has them
+        leave it at 1.
     device
         Where the search runs.
     quiet
@@ -247,6 +251,8 @@ def tradeoff(
 
     if repeats < 1:
         raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
+    if jobs < 1:
+        raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
     chosen, _ = read_scene(options)
     check_names(chosen)
@@ -254,7 +260,7 @@ def tradeoff(
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
-        found = run(chosen, picture, out, None, repeats, device, progress)
+        found = run(chosen, picture, out, None, repeats, device, progress, jobs=jobs)
     if not quiet:
         from knotfab.cli.summary import print_tradeoff
 

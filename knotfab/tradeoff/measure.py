@@ -2,35 +2,56 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import statistics
+import sys
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from knotfab.errors import SceneError
+from knotfab.errors import MachineError, SceneError
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
-from knotfab.problem import Problem, Start
+from knotfab.pool import ONE_THREAD, Crash, Workers
+from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
+from knotfab.start.filling import Template
+from knotfab.start.start import make_start
 from knotfab.tradeoff.points import Point
 
 __all__ = [
     "YARDSTICK_PX",
     "Measured",
+    "Study",
     "facet_error_px",
     "frontier",
     "measure",
+    "run_point",
     "to_dict",
     "true_iou",
 ]
 
-MakeStart = Callable[[SearchSettings], Start]
+Run = dict[str, Any]  # search_s, sweep_s, feasible, repairs, faces, iou
 YARDSTICK_PX = 1024  # longer side of the picture on which every point is judged
+
+
+@dataclass(frozen=True)
+class Study:
+    """What every point draws, with one tube radius, mm; `template` where its filling is known."""
+
+    problem: Problem
+    radius: float
+    template: Template | None = None
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -69,66 +90,95 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
     return max(stands_out * v.magnification / (v.longer_mm / YARDSTICK_PX) for v in views)
 
 
-def _run(
-    problem: Problem, make: MakeStart, radius: float, settings: SearchSettings, device: str
-) -> tuple[Knots, bool, int, float, float, int]:
+def run_point(study: Study, settings: SearchSettings, judge: bool) -> Run:
+    """Search and sweep a study at these settings; `iou` is None unless `judge`, as that takes a while."""
     begun = time.perf_counter()
-    result = search(problem, make(settings), radius, settings, device=device)
+    start = make_start(study.problem, study.radius, settings, template=study.template)
+    result = search(study.problem, start, study.radius, settings, device=study.device)
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0
     for knot in result.knots.knots:
         try:
-            faces += len(sweep(knot.points, radius, settings.mesh_sides)[1])
+            faces += len(sweep(knot.points, study.radius, settings.mesh_sides)[1])
         except SceneError:
             feasible = False  # bends that no tube of this radius can take
     swept = time.perf_counter()
-    return result.knots, feasible, result.log.repairs, searched - begun, swept - searched, faces
+    return {
+        "search_s": searched - begun,
+        "sweep_s": swept - searched,
+        "feasible": feasible,
+        "repairs": result.log.repairs,
+        "faces": faces,
+        "iou": true_iou(study.problem, result.knots, study.device) if judge else None,
+    }
 
 
 def measure(
-    problem: Problem,
-    make: MakeStart,
-    radius: float,
+    study: Study,
     points: Sequence[Point],
     repeats: int = 1,
-    device: str = "cpu",
+    jobs: int = 1,
     report: Callable[[float, float | None], None] | None = None,
 ) -> list[Measured]:
     """Every point, `repeats` times in turn, so that what else the machine does falls on all alike.
 
     The search gives the same knots each time; only the seconds differ, and their median is taken.
+
+    Args:
+        jobs: points side by side, in processes of one thread each. They slow each other down: their seconds
+            compare with each other, not with those of points that had the machine to themselves.
+        report: told the share that is done, and the best IoU so far.
+
+    Raises:
+        MachineError: a point's process ended.
     """
-    first: dict[int, tuple[Knots, bool, int, int]] = {}
-    seconds: dict[int, list[tuple[float, float]]] = {k: [] for k in range(len(points))}
-    ious: dict[int, float] = {}
-    for turn in range(repeats):
-        for k, point in enumerate(points):
-            knots, feasible, repairs, searched, swept, faces = _run(
-                problem, make, radius, point.settings, device
-            )
-            seconds[k].append((searched, swept))
-            if turn == 0:
-                first[k] = (knots, feasible, repairs, faces)
-                ious[k] = true_iou(problem, knots, device)
-            if report is not None:
-                report((turn * len(points) + k + 1) / (repeats * len(points)), max(ious.values()))
-    found = []
-    for k, point in enumerate(points):
-        _, feasible, repairs, faces = first[k]
-        found.append(
-            Measured(
-                point,
-                ious[k],
-                facet_error_px(problem, radius, point.settings.mesh_sides),
-                statistics.median(s for s, _ in seconds[k]),
-                statistics.median(s for _, s in seconds[k]),
-                feasible,
-                repairs,
-                faces,
-            )
+    runs: dict[int, list[Run]] = {k: [] for k in range(len(points))}
+    asked = [(k, turn == 0) for turn in range(repeats) for k in runs]
+    requests = [(points[k].settings, judge) for k, judge in asked]
+    for done, (number, run) in enumerate(_run_all(study, requests, jobs), 1):
+        runs[asked[number][0]].append(run)
+        if report is not None:
+            ious = [one["iou"] for found in runs.values() for one in found]
+            report(done / len(asked), max((i for i in ious if i is not None), default=None))
+    return [
+        Measured(
+            point,
+            next(run["iou"] for run in runs[k] if run["iou"] is not None),
+            facet_error_px(study.problem, study.radius, point.settings.mesh_sides),
+            statistics.median(run["search_s"] for run in runs[k]),
+            statistics.median(run["sweep_s"] for run in runs[k]),
+            all(run["feasible"] for run in runs[k]),
+            runs[k][0]["repairs"],
+            runs[k][0]["faces"],
         )
-    return found
+        for k, point in enumerate(points)
+    ]
+
+
+def _run_all(
+    study: Study, requests: Sequence[tuple[SearchSettings, bool]], jobs: int
+) -> Iterator[tuple[int, Run]]:
+    """Each request's number and its run, as they end: here one after the other, or `jobs` at a time."""
+    if jobs == 1:
+        for number, (settings, judge) in enumerate(requests):
+            yield number, run_point(study, settings, judge)
+        return
+    with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
+        file = Path(place) / "study"
+        file.write_bytes(pickle.dumps(study))
+        command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
+        with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:
+            futures = {
+                workers.ask({"settings": settings.model_dump(), "judge": judge}): number
+                for number, (settings, judge) in enumerate(requests)
+            }
+            try:
+                for future in as_completed(futures):
+                    yield futures[future], future.result()
+            except Crash as crash:
+                said = f"the process of a point ended ({crash.said or crash.code})"
+                raise MachineError(f"--jobs {jobs}", said, "Try --jobs 1.") from crash
 
 
 def frontier(measured: Sequence[Measured]) -> list[Measured]:

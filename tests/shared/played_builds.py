@@ -13,13 +13,14 @@ PLAYED = """\
     import json, os, pathlib, signal, sys, time
     here = pathlib.Path({runs!r})
     out = pathlib.Path(next(a for a in sys.argv if a.startswith("--out=")).removeprefix("--out="))
-    picture = pathlib.Path(sys.argv[4])
+    at = sys.argv.index("build") + 1
+    picture = pathlib.Path(sys.argv[at])
     told = picture.read_text()
     if told == "once" and not (here / "b.parent").exists():
         (here / "b.parent").write_text(str(os.getppid()))
         told = "wait"
     with open(here / (picture.stem + ".runs"), "a") as runs:
-        runs.write(" ".join(sys.argv[5:]) + "\\n")
+        runs.write(" ".join(sys.argv[at + 1:]) + "\\n")
     if told == "real":
         os.execv({python!r}, [{python!r}, *sys.argv[1:]])
     if told == "fill":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from command import knotfab
 from PIL import Image, ImageDraw
 from shapely import MultiPolygon
 
+from knotfab.errors import MachineError
 from knotfab.geometry.tube import sweep
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.tradeoff.measure import Measured, facet_error_px, frontier
+from knotfab.tradeoff.measure import Measured, Study, facet_error_px, frontier, measure
 from knotfab.tradeoff.points import Point, points
 from knotfab.tradeoff.run import tradeoff
 
@@ -92,7 +94,33 @@ def test_what_is_written_says_what_was_measured(picture: Path, tmp_path: Path) -
     assert sorted(p.name for p in out.iterdir()) == ["tradeoff.json", "tradeoff.png"]
 
 
-def test_no_runs_are_refused(picture: Path, tmp_path: Path) -> None:
-    done = knotfab("tradeoff", str(picture), "--repeats", "0", "--out", str(tmp_path / "out"))
-    assert done.code == 2 and "--repeats 0" in done.err
+@pytest.mark.slow
+def test_points_side_by_side_are_the_same_points(picture: Path, tmp_path: Path) -> None:
+    scene = Scene.model_validate({"schema": 1, "piece": {"tube_radius_mm": 4.0, "depth": "flat"}})
+    asked = [Point("iterations", f"{f:g} times", QUICK.scaled(f)) for f in (0.25, 0.5)]
+    found = {
+        jobs: tradeoff(scene, str(picture), tmp_path / str(jobs), chosen=asked, jobs=jobs).measured
+        for jobs in (1, 2)
+    }
+    for alone, beside in zip(found[1], found[2], strict=True):
+        assert (alone.point, alone.iou, alone.faces) == (beside.point, beside.iou, beside.faces)
+        assert beside.search_s > 0
+    assert json.loads((tmp_path / "2" / "tradeoff.json").read_text())["jobs"] == 2
+
+
+def test_a_point_whose_process_ends(
+    picture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\necho 'no more memory' >&2; exit 9\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(broken))
+    with pytest.raises(MachineError, match=r"--jobs 2: .*no more memory.*--jobs 1"):
+        measure(cast(Study, None), [Point("preset", "quick", QUICK)], jobs=2)
+
+
+@pytest.mark.parametrize("option", ["--repeats", "--jobs"])
+def test_no_runs_are_refused(picture: Path, tmp_path: Path, option: str) -> None:
+    done = knotfab("tradeoff", str(picture), option, "0", "--out", str(tmp_path / "out"))
+    assert done.code == 2 and f"{option} 0" in done.err
     assert not (tmp_path / "out").exists()
