@@ -11,7 +11,7 @@ TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org
 TORCH := -q -c constraints.txt --no-deps torch==2.13.0
 FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases system slicer clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -112,6 +112,12 @@ mutations: system $(DONE)
 # what accuracy costs in time: presets and points around them, side by side (about 8 min)
 frontier: $(DONE)
 	$(BIN)/python -m examples.studies.frontier
+
+# pictures an hour of a batch, of single builds and of a cluster that loses a worker (about 50 min on a quiet machine);
+# as in make batch-throughput PICTURES=6 OPTIONS='--accuracy draft --skip slicer'
+PICTURES ?= 40
+batch-throughput: system $(DONE)
+	$(BIN)/python -m examples.studies.batch_throughput --pictures $(PICTURES) $(OPTIONS)
 
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)

@@ -25,7 +25,7 @@ __all__ = [
 
 JOB_GB = 2.0  # memory of a build
 # of a process that has others beside it: threads that wait for each other cost more than they bring
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "KNOTFAB_JOBS": "1"}
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -52,7 +52,7 @@ def measure_memory_gb() -> float | None:
 def count_jobs() -> int:
     """Processes to run side by side: as many as this machine has cores, and 2 GB for each.
 
-    `KNOTFAB_JOBS` in the environment answers for it; a batch sets it for its builds.
+    `KNOTFAB_JOBS` in the environment answers for it; a batch sets it to a build's share.
     """
     told = os.environ.get("KNOTFAB_JOBS", "")
     if told.isdigit() and int(told) > 0:
@@ -66,11 +66,16 @@ class Pool:
     """`jobs` threads that each mind a process; leaving it ends what still runs, and drops what waits.
 
     with Pool(2) as pool:
-        futures = [pool.submit(mind, task, pool.start) for task in tasks]
+        futures = [pool.submit(mind, task, pool) for task in tasks]
+
+    Args:
+        share: the processes that each of them may run side by side; by default its share of this
+            machine.
     """
 
-    def __init__(self, jobs: int) -> None:
+    def __init__(self, jobs: int, share: int | None = None) -> None:
         self.ended = threading.Event()
+        self.share = share or max(1, count_jobs() // jobs)
         self._threads = ThreadPoolExecutor(jobs)
         self._processes: set[subprocess.Popen[str]] = set()
 

@@ -93,8 +93,8 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     worker = get_worker()
     worker.log_event(topic, name)
     key = worker.get_current_task()
-    with Pool(1) as pool:
-        building = pool.submit(build_parcel, parcel, pool.start)
+    with Pool(1, share=1) as pool:
+        building = pool.submit(build_parcel, parcel, pool)
         while not wait([building], _LOOK_EVERY_S).done:
             task = worker.state.tasks.get(key)
             if task is None or task.state not in ("executing", "long-running"):

@@ -102,7 +102,7 @@ def _build_here(
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
-            return build_apart(task, folder / task.name, pool.start)
+            return build_apart(task, folder / task.name, pool)
 
     futures: dict[Future[Record], Task] = {pool.submit(build, task): task for task in tasks}
     for future in as_completed(futures):

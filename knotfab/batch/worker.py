@@ -10,13 +10,12 @@ import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
-from knotfab.pool import ONE_THREAD
+from knotfab.pool import ONE_THREAD, Pool
 
 __all__ = [
     "Record",
@@ -32,19 +31,20 @@ _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none 
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
 
-def build_apart(task: Task, folder: Path, start: Callable[..., subprocess.Popen[str]]) -> Record:
+def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
     """Build one picture into `folder` in a process of its own.
 
     Args:
-        start: starts the process, as `Pool.start` does, which ends it with the pool.
+        pool: starts the process, and ends it when it is left.
     """
     begun = time.perf_counter()
     # -P: modules come from the installation, never from the folder one happens to be in
     command = [sys.executable, "-P", "-m", "knotfab", "build", task.picture, *task.arguments]
     command += [f"--out={folder}", "--quiet"]
-    environment = {**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"}
+    environment = {**os.environ, **ONE_THREAD, "KNOTFAB_JOBS": str(pool.share)}
+    environment["PYTHONIOENCODING"] = "utf-8"
     for _ in range(_MOST_RUNS):
-        with start(command, stderr=subprocess.PIPE, env=environment) as child:
+        with pool.start(command, stderr=subprocess.PIPE, env=environment) as child:
             said = child.communicate()[1]
         if child.returncode in _ENDINGS:
             break
@@ -109,9 +109,7 @@ def pack_task(task: Task, shared: Path) -> bytes:
     return parcel.getvalue()
 
 
-def build_parcel(
-    parcel: bytes, start: Callable[..., subprocess.Popen[str]]
-) -> tuple[Record, bytes]:
+def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
     """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
 
     On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
@@ -129,7 +127,7 @@ def build_parcel(
             for path, held in places.items():
                 arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
                 source = str(here / held) if source == path else source
-        record = build_apart(Task(name, source, tuple(arguments), (), key), out, start)
+        record = build_apart(Task(name, source, tuple(arguments), (), key), out, pool)
         error = record["error"].replace(source, picture).replace(f"{here / 'out'}{os.sep}", "")
         record |= {"picture": picture, "error": error}
         result = io.BytesIO()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from knotfab.errors import InputError, MachineError
-from knotfab.pool import Crash, Workers
+from knotfab.pool import Crash, Workers, count_jobs
 from knotfab.verify.checks import exit_code
 
 __all__ = ["Answer", "Files", "Verifier", "explain_unreadable"]
@@ -42,9 +42,9 @@ class Verifier:
             ...
             verdict = answer.result()
 
-    Two share the work where there are shadows to verify, as geometry and shadows take about as long; of
-    several pieces each child takes its half of whichever is next. A verdict is the validators':
-    {"status", "exit_code", "checks", "views", "picture", "seconds"}.
+    Two share the work where there are shadows to verify, as geometry and shadows take about as long, and this
+    process may have two; of several pieces each child takes its half of whichever is next. A verdict is the
+    validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}.
 
     Args:
         skip: the checks to leave out, of every piece.
@@ -60,8 +60,10 @@ class Verifier:
         self._skip, self._jobs = frozenset(skip), jobs
         graphics = [] if "shadow-render" not in self._skip else [NO_GRAPHICS]
         self._arguments: dict[Half, list[str]] = {"geometry": [NO_GRAPHICS]}
-        if shadows:
+        if shadows and count_jobs() > 1:
             self._arguments["shadows"] = graphics
+        elif shadows:
+            self._arguments["geometry"] = graphics
         self._workers: dict[Half, Workers] = {}
 
     def __enter__(self) -> Verifier:

@@ -178,7 +178,7 @@ def test_a_parcel_builds_what_the_task_would(
     monkeypatch.chdir(out)  # wherever a worker runs
     with Pool(1) as pool:
         for task, parcel, code in zip(tasks, parcels, (0, 1), strict=True):
-            record, result = worker.build_parcel(parcel, pool.start)
+            record, result = worker.build_parcel(parcel, pool)
             assert (record["exit_code"], record["key"]) == (code, task.key)
             assert record["picture"] == task.picture
             assert (result == b"") == (out / task.name).exists() == shared
