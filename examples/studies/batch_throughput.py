@@ -3,8 +3,7 @@
 `python -m examples.studies.batch_throughput [--pictures 40] [--jobs 2] [--kept FILE] [OPTION ...]` builds the
 project's own pictures, mirrored and turned where more are asked for, with the OPTIONs of `knotfab build`, and
 prints for each way the pictures an hour, whether the files are those of the single builds, byte for byte, and
-the pool's overhead: what a batch of one job takes a picture beside its build, from the start of its process to
-the end.
+the pool's overhead: what a batch of one job takes a picture beside its build, from start to end.
 """
 
 from __future__ import annotations

@@ -3,40 +3,39 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
+from knotfab.pool import Workers
 from knotfab.verify import verifier
-from knotfab.verify.verifier import _Child
 
 
-class _Kept(_Child):
-    """A child that waits for the next verifier, where all that it was asked is answered."""
+class _Kept(Workers):
+    """Children that wait for the next verifier, where all that they were asked is answered."""
 
-    def __init__(self, arguments: list[str], spare: list[_Kept]) -> None:
-        super().__init__(arguments)
+    def __init__(self, command: Sequence[str], jobs: int, spare: list[_Kept]) -> None:
+        super().__init__(command, jobs)
         self._spare, self._asked = spare, list[Future[dict[str, Any]]]()
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         self._asked.append(super().ask(request))
         return self._asked[-1]
 
-    def end(self) -> None:
+    def __exit__(self, *_: object) -> None:
         answered = all(f.done() and f.exception() is None for f in self._asked)
-        if answered and self._process.poll() is None:
+        if answered and all(process.poll() is None for process in self._processes):
             self._asked = []
             self._spare.append(self)
         else:
-            super().end()
+            self.dismiss()
 
     def dismiss(self) -> None:
-        super().end()
+        super().__exit__()
 
 
 @contextmanager
@@ -44,15 +43,15 @@ def keep_validators() -> Iterator[None]:
     """Meanwhile, children go from one verifier to the next."""
     spare: defaultdict[tuple[object, ...], list[_Kept]] = defaultdict(list)
 
-    def take(arguments: list[str]) -> _Kept:
+    def take(command: Sequence[str], jobs: int = 1) -> _Kept:
         told = {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}
-        waiting = spare[sys.executable, *arguments, *sorted(told.items())]
-        return waiting.pop() if waiting else _Kept(arguments, waiting)
+        waiting = spare[jobs, *command, *sorted(told.items())]
+        return waiting.pop() if waiting else _Kept(command, jobs, waiting)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verifier, "_Child", take)
+        patch.setattr(verifier, "Workers", take)
         try:
             yield
         finally:
-            for child in [c for waiting in spare.values() for c in waiting]:
-                child.dismiss()
+            for children in [c for waiting in spare.values() for c in waiting]:
+                children.dismiss()
