@@ -93,6 +93,20 @@ def test_nothing_of_rich_is_loaded_when_piped() -> None:
     assert done.stdout.strip() == "False"
 
 
+def test_a_line_for_each_of_several_things_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    stream = Terminal()
+    with Progress("auto", stream) as progress, progress.stage("pictures"):
+        assert progress._bar is not None
+        with progress.line("cat"), progress.line("dog"):
+            assert [t.description for t in progress._bar.tasks] == ["pictures", "cat", "dog"]
+            progress._bar.refresh()
+        assert [t.description for t in progress._bar.tasks] == ["pictures"]
+    assert "cat" in stream.getvalue() and "dog" in stream.getvalue()
+    with Progress("quiet", stream).line("cat"):
+        pass
+
+
 @pytest.mark.parametrize("mode", ["auto", "quiet", "verbose"])
 def test_every_mode_logs_its_stages(mode: Mode, caplog: pytest.LogCaptureFixture) -> None:
     """As a library's caller reads them: logging.basicConfig(level=logging.INFO)."""

@@ -1,9 +1,9 @@
-"""Pictures an hour: one build after the other, `knotfab batch`, and a cluster that loses a worker, side by side.
+"""Pictures an hour: single builds, `knotfab batch`, and a cluster that loses a worker, side by side.
 
-`python -m examples.studies.batch_throughput [--pictures 40] [--jobs 2] [--kept FILE] [OPTION ...]` builds the project's
-own pictures, mirrored and turned where more are asked for, with the OPTIONs of `knotfab build`, and prints for each way
-the pictures an hour, whether every file is that of the single builds, byte for byte, and the pool's overhead: what a
-batch of one job takes beside its builds, from the start of its process to the end, a picture.
+`python -m examples.studies.batch_throughput [--pictures 40] [--jobs 2] [--kept FILE] [OPTION ...]` builds the
+project's own pictures, mirrored and turned where more are asked for, with the OPTIONs of `knotfab build`, and
+prints for each way the pictures an hour, whether the files are those of the single builds, byte for byte, and
+the pool's overhead: what a batch of one job takes a picture beside its build, from start to end.
 """
 
 from __future__ import annotations

@@ -43,9 +43,9 @@ def keep_validators() -> Iterator[None]:
     """Meanwhile, children go from one verifier to the next."""
     spare: defaultdict[tuple[object, ...], list[_Kept]] = defaultdict(list)
 
-    def take(command: Sequence[str], jobs: int) -> _Kept:
+    def take(command: Sequence[str], jobs: int = 1) -> _Kept:
         told = {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}
-        waiting = spare[os.getcwd(), jobs, *command, *sorted(told.items())]
+        waiting = spare[jobs, *command, *sorted(told.items())]
         return waiting.pop() if waiting else _Kept(command, jobs, waiting)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -53,5 +53,5 @@ def keep_validators() -> Iterator[None]:
         try:
             yield
         finally:
-            for workers in [w for waiting in spare.values() for w in waiting]:
-                workers.dismiss()
+            for children in [c for waiting in spare.values() for c in waiting]:
+                children.dismiss()
