@@ -45,7 +45,7 @@ def keep_validators() -> Iterator[None]:
 
     def take(command: Sequence[str], jobs: int = 1) -> _Kept:
         told = {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}
-        waiting = spare[jobs, *command, *sorted(told.items())]
+        waiting = spare[os.getcwd(), jobs, *command, *sorted(told.items())]
         return waiting.pop() if waiting else _Kept(command, jobs, waiting)
 
     with pytest.MonkeyPatch.context() as patch:
