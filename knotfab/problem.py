@@ -108,6 +108,7 @@ class Start:
     far: bool = False
     facing: int | None = 0
     ious: tuple[float, ...] = ()
+    effects: Mapping[str, Decision] = field(default_factory=dict)  # that were called for by now
 
     def __post_init__(self) -> None:
         if not self.types:
@@ -173,11 +174,11 @@ class SearchResult:
     feasibility: Feasibility
     log: CertificateLog
     effects: dict[str, Decision]
-    guards: dict[str, Guard]
     depth: DepthChoice | None
     ious: tuple[float, ...]  # one a view, as the search itself saw them
     views: tuple[ResolvedView, ...] = ()
     numbers: ViewNumbers | None = None  # of a pose that was found
+    guards: Mapping[str, Guard] = field(default_factory=dict)  # of the limits, by name
 
     @property
     def iou_estimate(self) -> float:

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import shapely
+from scipy.ndimage import gaussian_filter1d
+from shapely import MultiPolygon
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Effect, EffectContext
+from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["PENUMBRA", "blurs_mm"]
+__all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 
 VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which blurs are told
+
+_LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
+_FULL_PX = 32.0  # of blur above the threshold, from which on it is that
+_DRAWS = (
+    2.0,
+    0.7,
+)  # tube radii from the outline: a strand there draws none of it; over which that fades
+_SMOOTH = 8.0  # along the curve, in tube radii: strands cannot change depth at once
+_ABS_BLUR = (
+    4 / (3 * np.pi) / 2
+)  # what a disc's blur b adds along an edge: b times the mean |x| in it
+_WEIGHT = 1.0  # of the brightness error, against legibility
 
 
 def magnitude(context: EffectContext) -> float:
@@ -67,3 +84,58 @@ PENUMBRA = Effect(
     4.0,  # a blur moves the half-light line by a small share of its width
     "the lamp is wide enough to blur the outline",
 )
+
+
+@dataclass(frozen=True)
+class Sharpening:
+    """What a wide lamp asks of depth: that strands which draw the outline stand near the wall.
+
+    The error of a soft shadow in brightness is 0.212 times the blur along the outline, whatever strands do
+    sideways; only depth lowers it. `outline`: the silhouette in the plane through the origin, mm.
+    """
+
+    decision: Decision
+    view: ResolvedView
+    outline: MultiPolygon
+    radius: float
+
+    @property
+    def strength(self) -> float:
+        """From 0 at the threshold to 1: how far outline strands are lowered, and what sharpness weighs."""
+        if not self.decision.simulated:
+            return 0.0
+        over = self.decision.magnitude - self.decision.threshold
+        return float(np.clip(over / _FULL_PX, 0.0, 1.0))
+
+    def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
+        """From 0 to 1, how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
+        boundary = self.outline.boundary
+        shapely.prepare(boundary)
+        reach, fade = (share * self.radius for share in _DRAWS)
+        found = []
+        for curve in curves:
+            away = shapely.distance(boundary, shapely.points(curve))
+            step = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).mean())
+            share = np.clip((reach - away) / fade, 0.0, 1.0)
+            found.append(gaussian_filter1d(share, _SMOOTH * self.radius / step, mode="wrap"))
+        return found
+
+    def lower(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
+        """Heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
+        low = min(float(h.min()) for h in heights)
+        share = _LOWERED * self.strength
+        return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
+
+    def cost(self, parts: list[Array], drawing: list[Array]) -> float:
+        """The weighted brightness error to be expected of lifted points (n, 3), evenly spaced on each curve.
+
+        0.212 times the mean blur of what draws the outline, times its length, over the silhouette's area.
+        """
+        with self.decision.called("depth"):
+            view, weight = self.view, np.concatenate(drawing)
+            z = np.concatenate(parts)[:, 2]
+            below = view.light_distance_mm - z
+            blur = view.light_size_mm * (view.wall_distance_mm + z) / below / view.magnification
+            mean = float((weight * blur).sum() / max(weight.sum(), 1e-9))
+            error = _ABS_BLUR * mean * float(self.outline.length / self.outline.area)
+            return _WEIGHT * self.strength * error

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from knotfab.design.design import Design
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
 
-__all__ = ["add_warnings", "limits_as_effects", "list_effects", "list_limits"]
+__all__ = ["add_advice", "add_warnings", "limits_as_effects", "list_effects", "list_limits"]
 
 Record = dict[str, Any]
+
+_BACK = (
+    0.9  # of the distance to the wall that a piece may reach into, as in regions that are "auto"
+)
+_GAIN = 0.01  # of brightness, from which on a nearer wall is worth a word
 
 
 def list_effects(result: SearchResult, verdict: Mapping[str, Any]) -> list[Record]:
@@ -68,3 +75,33 @@ def add_warnings(report: Record, effects: Mapping[str, Decision]) -> None:
     found = [decision.warning for decision in effects.values() if decision.warning is not None]
     if found:
         report.setdefault("notes", []).extend(found)
+
+
+def add_advice(report: Record, made: Design) -> None:
+    """Add to the notes what the shadow of a wide lamp would gain by a wall as near as the piece can have it.
+
+    What a blur adds to the error in brightness is in proportion to it, so the measured error is scaled by
+    the mean blur there over that here; both of all strands.
+    """
+    from knotfab.scene.camera import view_axes
+
+    points, radius = made.knots.points, made.knots.radius_mm
+    for view, found in zip(made.scene.views, report["views"], strict=False):
+        if not found.get("penumbra") or view.wall_tilt_deg != 0:
+            continue
+        z, light = points @ view_axes(view)[2], view.light_distance_mm
+        near = float(ceil((radius - float(z.min())) / _BACK))
+        if near >= view.wall_distance_mm:
+            continue
+
+        def blur(wall: float, z: Any = z, light: float = light) -> float:
+            return float(((wall + z) / (light - z)).mean()) * light / (light + wall)
+
+        error = float(found["penumbra"]["brightness_error"])
+        left = error * blur(near) / blur(view.wall_distance_mm)
+        if error - left >= _GAIN:
+            report.setdefault("notes", []).append(
+                f"Move the piece nearer the wall: built for --wall-distance {near:g} "
+                f"({view.wall_distance_mm:g} mm now), the error in brightness of a lamp of "
+                f"{view.light_size_mm:g} mm falls from {error:.3f} to about {left:.3f}."
+            )

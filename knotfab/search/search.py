@@ -86,11 +86,11 @@ def search(
         state.feasibility(),
         state.log,
         state.effects,
-        state.guards,
         start.depth,
         state.ious(),
         tuple(v.view for v in state.problem.views),
         state.numbers,
+        state.guards,
     )
 
 

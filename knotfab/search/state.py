@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def begin(
         np.concatenate(start.curves),
         polylines_of_sizes(tuple(len(c) for c in start.curves)),
         log or CertificateLog(start.why, start.types),
-        {},
+        {name: replace(found, where=list(found.where)) for name, found in start.effects.items()},
         guard_limits(),
         terms,
         pose,

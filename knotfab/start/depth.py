@@ -2,7 +2,8 @@
 
 Moving points along rays leaves the picture of a simple curve simple, so the lifted curve is still an
 unknot by inspection. Of random smooth profiles the best are varied, by descent: those from which the
-picture can least be read elsewhere, and which need little support in print.
+picture can least be read elsewhere, and which need little support in print. Where the lamp is wide, strands
+that draw the outline are lowered towards the wall.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
+from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.problem import DepthChoice
@@ -117,6 +119,7 @@ class _Judge:
     extent_mm: float
     target: Mask
     overhang_deg: float | None
+    sharpening: Sharpening | None = None
     turns: Array = field(default_factory=_turns)
 
     def __post_init__(self) -> None:
@@ -124,11 +127,23 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.arcs, self.radius)
+        self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
 
     def place(self, profile: _Profile) -> list[Array]:
         """The samples lifted."""
-        heights = _fit(profile.heights(self.arcs), self.extent_mm)
+        heights = self.fit(profile.heights(self.arcs), self.drawing)
         return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
+
+    def fit(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
+        """The heights of all curves, scaled to the extent; what draws the outline nearer to the wall."""
+        fitted = _fit(heights, self.extent_mm)
+        if self.sharpening is None:
+            return fitted
+        return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
+
+    def blur(self, parts: list[Array]) -> float:
+        """The weighted brightness error of a wide lamp; 0 where none is called for."""
+        return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
     def legibility(self, parts: list[Array]) -> float:
         """From 45 and 30 degrees aside, and what strands hide each other."""
@@ -173,6 +188,7 @@ def choose_depth(
     candidates: int,
     seed: int,
     overhang_deg: float | None = None,
+    sharpening: Sharpening | None = None,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
@@ -183,9 +199,10 @@ def choose_depth(
         extent_mm: extent of the centre lines along the view's axis.
         target: the picture's mask, from `legibility.stretch_mask`.
         overhang_deg: the steepest from the vertical that prints without supports; None: they cost nothing.
+        sharpening: what a wide lamp asks of depth; None: it is not called for.
     """
     rng = np.random.default_rng(seed)
-    judge = _Judge(curves, radius, light_distance, extent_mm, target, overhang_deg)
+    judge = _Judge(curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening)
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
     drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
@@ -193,7 +210,7 @@ def choose_depth(
     for n in range(drawn):
         profile = _draw_profile(rng, judge.arcs, _WAVELENGTHS[n % len(_WAVELENGTHS)] * across)
         parts = judge.place(profile)
-        first.append((judge.legibility(parts), profile, parts))
+        first.append((judge.legibility(parts) + judge.blur(parts), profile, parts))
     first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
     scored = [(seen + float(judge.supports(parts).min()), p, seen) for seen, p, parts in first]
@@ -203,10 +220,12 @@ def choose_depth(
         change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
         profile = best[n % len(best)][1].varied(rng, change)
         parts = judge.place(profile)
-        seen = judge.legibility(parts)
+        seen = judge.legibility(parts) + judge.blur(parts)
         if seen < best[-1][0]:  # else no saving of supports could bring it in
             cost = seen + float(judge.supports(parts).min())
             best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
-    _, profile, seen = best[0]
+    profile = best[0][1]
+    seen = judge.legibility(judge.place(profile))
     arcs = [arc_lengths(c) for c in curves]
-    return DepthChoice(tuple(_fit(profile.heights(arcs), extent_mm)), seen)
+    drawing = [] if sharpening is None else sharpening.drawing(curves)
+    return DepthChoice(tuple(judge.fit(profile.heights(arcs), drawing)), seen)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from knotfab.effects.base import Decision, EffectContext, decide
+from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
@@ -24,6 +28,10 @@ def lift_template(
     light = target.view.light_distance_mm
     flat = problem.depth_mm is None
     extent = _FLAT_RADII * radius if problem.depth_mm is None else problem.depth_mm
+    decision = _judge_penumbra(problem, template, extent, radius, settings)
+    sharpening = None
+    if decision.excess > 0 and not flat:
+        sharpening = Sharpening(decision, target.view, target.polygon, radius)
     depth = choose_depth(
         template.curves,
         radius,
@@ -33,6 +41,7 @@ def lift_template(
         1 if flat else settings.depth_candidates,
         settings.seed,
         problem.overhang_deg,
+        sharpening,
     )
     step = settings.edge_radii * radius
     parts = [
@@ -51,4 +60,15 @@ def lift_template(
             "This is a fault of knotfab: please report the picture",
         )
     why = "simple and disjoint seen from the light: an unlink of unknots, by inspection"
-    return Start(tuple(parts), why, depth=depth)
+    return Start(tuple(parts), why, depth=depth, effects={PENUMBRA.name: decision})
+
+
+def _judge_penumbra(
+    problem: Problem, template: Template, extent: float, radius: float, settings: SearchSettings
+) -> Decision:
+    """Whether the lamp is wide, before depths are known: by strands as near to it as any may come."""
+    view = problem.views[0].view
+    light = view.light_distance_mm
+    highest = [lift(c, np.full(len(c), extent / 2), light) for c in template.curves]
+    context = EffectContext((view,), np.concatenate(highest), radius, settings.tolerance_px)
+    return decide(PENUMBRA, context, problem.switches)

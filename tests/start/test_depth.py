@@ -1,15 +1,24 @@
 """The depth profile: it keeps the picture, and descent finds what is less legible and easier to print."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from questions import ask_heart
 
+from knotfab.effects.base import Decision
+from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
 from knotfab.part.orient import AXES
-from knotfab.problem import DepthChoice, Problem
+from knotfab.problem import DepthChoice, Problem, Start
+from knotfab.scene.model import Switch
+from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import Template, fill
 from knotfab.start.legibility import _cover, legibility, stretch_mask
+from knotfab.start.lift import lift_template
+
+FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +78,74 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
         return min(estimate(rods, turn, Rules()).support_cm3 for turn in AXES)
 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
+
+
+def _lit_by(problem: Problem, diameter_mm: float, word: Switch = "auto") -> Problem:
+    one = problem.views[0]
+    view = one.view.model_copy(update={"light_diameter_mm": diameter_mm})
+    return replace(problem, views=(replace(one, view=view),), switches={"penumbra": word})
+
+
+def _lift_by(
+    problem: Problem, template: Template, diameter_mm: float, word: Switch = "auto"
+) -> Start:
+    return lift_template(_lit_by(problem, diameter_mm, word), template, 3.0, FEW)
+
+
+def _depths(start: Start) -> list[np.ndarray]:
+    assert start.depth is not None
+    return list(start.depth.depths)
+
+
+def test_under_a_wide_lamp_what_draws_the_outline_stands_near_the_wall(
+    problem: Problem, template: Template
+) -> None:
+    seen = _lit_by(problem, 20.0).views[0]
+    wide = Sharpening(Decision(PENUMBRA, 1e3, 1.0), seen.view, seen.polygon, 3.0)
+    assert wide.strength == 1.0
+    drawing = wide.drawing(template.curves)
+    shares = np.concatenate(drawing)
+    assert shares.min() < 0.05 and shares.max() > 0.95
+    light = seen.view.light_distance_mm
+    cost = {}
+    for diameter in (0.0, 20.0):
+        start = _lift_by(problem, template, diameter)
+        assert np.ptp(np.concatenate(_depths(start))) == pytest.approx(problem.depth_mm)
+        parts = [lift(c, d, light) for c, d in zip(template.curves, _depths(start), strict=True)]
+        cost[diameter] = wide.cost(parts, drawing)
+        heights = np.concatenate(_depths(start))
+        low = heights[shares > 0.9].mean() - heights[shares < 0.1].mean()
+        assert diameter == 0.0 or low < -5.0
+    assert cost[20.0] < 0.85 * cost[0.0]
+
+
+def test_a_lamp_that_is_not_called_for_runs_no_code(
+    problem: Problem, template: Template, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wide = _lift_by(problem, template, 20.0).effects["penumbra"]
+    assert wide.where == ["depth"] and wide.calls >= FEW.depth_candidates
+
+    def explode(*_: object) -> None:
+        raise AssertionError("the lamp was simulated")
+
+    for name in ("drawing", "lower", "cost"):
+        monkeypatch.setattr(Sharpening, name, explode)
+    for diameter, word in ((0.0, "auto"), (0.0, "on"), (20.0, "off")):
+        off = _lift_by(problem, template, diameter, word).effects["penumbra"]  # type: ignore[arg-type]
+        assert off.calls == 0 and off.where == [] and off.seconds == 0.0
+    with pytest.raises(AssertionError, match="simulated"):
+        _lift_by(problem, template, 20.0)
+
+
+def test_what_a_lamp_does_to_depth_grows_from_nothing(problem: Problem, template: Template) -> None:
+    point = _lift_by(problem, template, 0.0)
+    first = _lift_by(problem, template, 1.0).effects["penumbra"]
+    at = first.threshold / first.magnitude  # mm, the diameter at which the threshold is met
+    below, above = (_lift_by(problem, template, share * at) for share in (0.99, 1.01))
+    assert below.effects["penumbra"].calls == 0 < above.effects["penumbra"].calls
+    for start, most in ((below, 0.0), (above, 0.05)):
+        moved = [np.abs(a - b).max() for a, b in zip(_depths(start), _depths(point), strict=True)]
+        assert max(moved) <= most  # mm
 
 
 def test_the_silhouette_is_the_union_of_discs_on_its_box() -> None:
