@@ -11,7 +11,7 @@ TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org
 TORCH := -q -c constraints.txt --no-deps torch==2.13.0
 FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer viewer clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer viewer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -80,6 +80,11 @@ feature-table: system slicer $(DONE)
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)
 	$(BIN)/python -m examples.studies.mount_table
+
+# magnitudes of effects against brute force, and soft shadows against Mitsuba 3 where it finds an LLVM
+# (apt-get install libllvm19, DRJIT_LIBLLVM_PATH) (about 10 min)
+effects-table: system $(DONE)
+	$(BIN)/python -m examples.studies.effects_table
 
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)

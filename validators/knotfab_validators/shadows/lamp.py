@@ -12,8 +12,8 @@ __all__ = ["SceneLamp", "lamp_points", "lamp_size"]
 
 # Points of a disc: the middle, and so many on rings of equal share about it. Every set looks the same from
 # the other side and has an odd number, so the half-light line of a straight edge is exact.
-RINGS = {7: (6,), 19: (6, 12), 101: (6, 14, 20, 26, 34)}
-GRIDS = {7: 3, 19: 5, 101: 11}  # of a rectangle: so many rows and columns
+RINGS = {7: (6,), 25: (8, 16), 101: (6, 14, 20, 26, 34)}
+GRIDS = {7: 3, 25: 5, 101: 11}  # of a rectangle: so many rows and columns
 WIDE_PX = 10.0  # a blur from which on all points are taken
 
 
@@ -53,7 +53,7 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
     Args:
         blur_px: the widest blur: below 10 px fewer points serve, the fewest where `tolerance_px` is coarse.
     """
-    few = 7 if tolerance_px >= 0.5 else 19
+    few = 7 if tolerance_px >= 0.5 else 25
     count = 101 if blur_px >= WIDE_PX else few
     half = np.array([lamp.light_width_mm, lamp.light_height_mm]) / 2
     if lamp.light_shape == "rectangle":

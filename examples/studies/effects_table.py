@@ -1,0 +1,252 @@
+"""Hold the magnitudes of effects against brute force, and soft shadows against Mitsuba 3.
+
+`python -m examples.studies.effects_table [--scenes N] [--part DIR] [--px N] [--samples N]`: for each kind of
+lamp the share of random scenes in which the magnitude does not bound the truth, and its ratio to it;
+milliseconds of deciding all effects; and, where Mitsuba is installed (pip install mitsuba, and
+libllvm19 or its scalar variant), IoU at half light and brightness inside the penumbra of a built part
+(--part, else the knight, built for it) under lamps of 5, 20 and 50 mm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from examples.measurement import build_apart
+from knotfab.effects.base import EffectContext
+from knotfab.effects.penumbra import PENUMBRA, VERIFIED_PX, blurs_mm
+from knotfab.effects.survey import survey
+from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.model import ResolvedView
+from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.files.scene import read_scene
+from knotfab_validators.geometry.mesh import move_points
+from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.penumbra import measure_penumbra
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+
+Array = NDArray[np.float64]
+
+KINDS = ("ball", "disc", "rectangle", "leds")
+KNIGHT = Path(__file__).resolve().parents[1] / "knight.png"
+_RIM = 60  # points along the edge of a lamp; of an array fewer a LED
+_WORST = 6  # strand points of a scene that are looked at all round
+_ROUND = 60  # points of the tube's surface about each
+
+
+def random_view(rng: np.random.Generator, kind: str) -> ResolvedView:
+    """A lamp of this kind before a wall that is tilted by up to 30 degrees."""
+    size = rng.uniform(1, 60)
+    keys: dict[str, Any] = {"light_shape": kind, "light_diameter_mm": size}
+    if kind in ("rectangle", "leds"):
+        turn = rng.uniform(0.1, np.pi / 2 - 0.1)
+        keys |= {"light_width_mm": size * np.cos(turn), "light_height_mm": size * np.sin(turn)}
+    if kind == "leds":
+        keys |= {"light_leds": (3, 2), "light_diameter_mm": 0.1 * size}
+    return ResolvedView(
+        frame_width_mm=180.0,
+        frame_height_mm=180.0,
+        light_distance_mm=rng.uniform(200, 2000),
+        wall_distance_mm=rng.uniform(50, 400),
+        wall_tilt_deg=rng.uniform(-30, 30),
+        **keys,
+    )
+
+
+def edge_of_lamp(view: ResolvedView, seen_from: Array) -> Array:
+    """(n, 3) points round the lamp as a point sees it; a ball's edge depends on where from."""
+    right, up, back = view_axes(view)
+    middle = view.light_distance_mm * back
+    count = _RIM // 5 if view.light_shape == "leds" else _RIM
+    t = 2 * np.pi * np.arange(count) / count
+    half = 0.5 * view.light_diameter_mm
+    if view.light_shape == "ball":
+        ray = seen_from - middle
+        far = np.linalg.norm(ray)
+        ray = ray / far
+        side = np.cross(ray, [0.3, 0.5, 0.8])
+        side /= np.linalg.norm(side)
+        rim = np.cos(t)[:, None] * side + np.sin(t)[:, None] * np.cross(ray, side)
+        # the circle in which the rays through that point touch the ball
+        return middle + half**2 / far * ray + half * np.sqrt(1 - (half / far) ** 2) * rim
+    disc = half * (np.cos(t)[:, None] * right + np.sin(t)[:, None] * up)
+    if view.light_shape == "disc":
+        return middle + disc
+    corners = [
+        0.5 * (x * view.light_width_mm * right + y * view.light_height_mm * up)
+        for x in (-1, 1)
+        for y in (-1, 1)
+    ]
+    if view.light_shape == "rectangle":
+        return middle + np.array(corners)
+    return middle + np.concatenate([corner + disc for corner in corners])
+
+
+def true_blur(view: ResolvedView, edge: Array) -> float:
+    """The longest line in what the lamp throws through one point onto the wall, mm."""
+    camera = camera_of(view, 1, 1)
+    normal, offset = camera.receiver[:3], camera.receiver[3]
+    lamp = edge_of_lamp(view, edge)
+    ray = edge - lamp
+    reach = -(lamp @ normal + offset) / (ray @ normal)
+    spots = lamp + reach[:, None] * ray
+    return float(np.linalg.norm(spots[:, None] - spots, axis=2).max())
+
+
+def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
+    """The magnitude of penumbra in a random scene, and the widest blur that was found, px."""
+    while True:
+        view, radius = random_view(rng, kind), rng.uniform(0.5, 4)
+        room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
+        points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
+        camera = camera_of(view, 1, 1)
+        height = points @ camera.receiver[:3] + camera.receiver[3]
+        if height.min() > radius:  # before the tilted wall
+            break
+    magnitude = PENUMBRA.magnitude(EffectContext((view,), points, radius, 0.25))
+    worst = points[np.argsort(blurs_mm(view, points, radius))[-_WORST:]]
+    way = rng.normal(size=(_ROUND, 3))
+    way *= radius / np.linalg.norm(way, axis=1)[:, None]
+    truth = max(true_blur(view, middle + step) for middle in worst for step in way)
+    return magnitude, truth / (view.longer_mm / VERIFIED_PX)
+
+
+def print_bounds(scenes: int) -> None:
+    """Violations and ratios by kind of lamp."""
+    print("penumbra   scenes  violations  median ratio  largest")
+    for kind in KINDS:
+        rng = np.random.default_rng(KINDS.index(kind))
+        pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
+        ratio = pairs[:, 0] / pairs[:, 1]
+        print(
+            f"{kind:<10} {scenes:>6}  {(ratio < 1).sum():>10}  {np.median(ratio):>12.4f}  "
+            f"{ratio.max():>7.4f}",
+            flush=True,
+        )
+
+
+def print_deciding() -> None:
+    """Milliseconds of deciding all effects on 5000 vertices in two views."""
+    views = (ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0),) * 2
+    points = 20 * np.random.default_rng(0).normal(size=(5000, 3))
+    context = EffectContext(views, points, 2.0, 0.25)
+    spent = []
+    for _ in range(20):
+        begun = time.perf_counter()
+        survey(context, {})
+        spent.append(time.perf_counter() - begun)
+    print(f"deciding all effects: {1000 * np.median(spent):.1f} ms\n", flush=True)
+
+
+def trace_shadow(
+    vertices: Array, faces: Array, seen: ViewGeometry, diameter: float, samples: int
+) -> NDArray[np.float32]:
+    """(H, W) the share of a disc's light that a mesh hides, by Mitsuba's rays, weighed by cosines."""
+    import drjit as dr
+    import mitsuba as mi
+
+    mesh = mi.Mesh("part", len(vertices), len(faces))
+    shape = mi.traverse(mesh)
+    shape["vertex_positions"] = vertices.astype(np.float32).ravel()
+    shape["faces"] = faces.astype(np.uint32).ravel()
+    shape.update()
+    scene = mi.load_dict({"type": "scene", "part": mesh})
+    v, u = np.meshgrid(np.arange(seen.height), np.arange(seen.width), indexing="ij")
+    at = seen.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+    begin = mi.Point3f(at.T.astype(np.float32))
+    rng = np.random.default_rng(1)
+    side = round(np.sqrt(samples)) // 2 * 2 + 1  # an odd number: none ties at half light
+    strata = (np.stack(np.meshgrid(*2 * [np.arange(side)]), -1).reshape(-1, 2)) / side
+    hidden, every = np.zeros(len(at)), np.zeros(len(at))
+    for jitter in strata:
+        a, b = jitter + rng.uniform(size=2) / side
+        reach, angle = 0.5 * diameter * np.sqrt(a), 2 * np.pi * b
+        lamp = seen.light + reach * (np.cos(angle) * seen.right + np.sin(angle) * seen.up)
+        ray = lamp - at
+        far = np.linalg.norm(ray, axis=1)
+        weight = (ray @ seen.normal) * (ray @ seen.axis) / far**4
+        way = mi.Vector3f((ray / far[:, None]).T.astype(np.float32))
+        # from 2 µm before the wall, where matter on it casts nothing
+        ray_of = mi.Ray3f(begin, way, mi.Float((far - 1e-3).astype(np.float32)), 0.0, [])
+        blocked = np.array(scene.ray_test(ray_of), dtype=bool)
+        hidden += weight * blocked
+        every += weight
+    dr.flush_malloc_cache()
+    return (hidden / every).reshape(seen.height, seen.width).astype(np.float32)
+
+
+def print_traced(folder: Path, px: int, samples: int) -> None:
+    """IoU at half light and brightness of a built part, ours and Mitsuba's."""
+    setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
+    view = setting.views[0]
+    picture = read_silhouette(folder / view.picture, view.reading)
+    frame = working_frame(picture.shape[1], picture.shape[0], px)
+    seen = view_geometry(view, picture.shape[1], picture.shape[0]).resample(frame)
+    target = padded_mask(picture, frame)
+    vertices = move_points(mesh.vertices, np.asarray(setting.pose))
+    print("lamp, mm  points  IoU ours  Mitsuba   RMS  error ours  Mitsuba")
+    with SilhouetteRenderer(vertices, mesh.faces) as renderer:
+        for diameter in (5.0, 20.0, 50.0):
+            lamp: Any = _Lamp(diameter)
+            ours = measure_penumbra(renderer, vertices, seen, target, frame, lamp, 0.25)
+            traced = trace_shadow(vertices, mesh.faces, seen, diameter, samples)
+            grey = (traced > 0.005) & (traced < 0.995)
+            rms = float(np.sqrt(((ours.soft - traced)[grey] ** 2).mean()))
+            iou = overlap(traced >= 0.5, target).iou
+            error = float(np.abs(traced - target).sum()) / (frame.width * frame.height)
+            print(
+                f"{diameter:8.0f}  {ours.samples:6d}  {ours.iou:.4f}    {iou:.4f}  {rms:.3f}  "
+                f"{ours.brightness_error:.4f}      {error:.4f}",
+                flush=True,
+            )
+
+
+class _Lamp:
+    """A disc of a diameter, mm."""
+
+    kind, light_shape, light_leds = "shadow", "disc", (1, 1)
+    light_width_mm = light_height_mm = 0.0
+
+    def __init__(self, diameter: float) -> None:
+        self.light_diameter_mm = diameter
+
+
+def main() -> None:
+    """Print all tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--part", type=Path)
+    parser.add_argument("--px", type=int, default=512)
+    parser.add_argument("--samples", type=int, default=225)
+    asked = parser.parse_args()
+    print_bounds(asked.scenes)
+    print_deciding()
+    try:
+        import mitsuba as mi
+    except ImportError as error:
+        print(f"soft shadows: skipped, for Mitsuba is not installed ({error})")
+        return
+    try:
+        mi.set_variant("llvm_ad_rgb")
+    except Exception as error:  # of drjit's own kind, where there is no LLVM that it can use
+        print(f"soft shadows: skipped, for Mitsuba has no LLVM here ({error})")
+        return
+    if asked.part is not None:
+        print_traced(asked.part, asked.px, asked.samples)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        build_apart(KNIGHT, Path(folder) / "knight")
+        print_traced(Path(folder) / "knight", asked.px, asked.samples)
+
+
+if __name__ == "__main__":
+    main()
