@@ -29,7 +29,7 @@ from examples.pictures import pictures
 
 # what a build writes that holds no times and no commands
 SAME = ("part.stl", "part.3mf", "knots.json", "scene.toml", "slicer.ini")
-FEW = 3  # pictures of the batch of one job
+FEW = 2  # pictures of the batch of one job
 
 
 def draw_pictures(count: int) -> dict[str, Image.Image]:

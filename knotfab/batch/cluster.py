@@ -64,8 +64,10 @@ def open_cluster(
 
         topic = f"knotfab-{uuid.uuid4().hex}"
         client.subscribe_topic(topic, begun)
-        with tempfile.NamedTemporaryFile(prefix=".knotfab-", dir=folder) as shared:
-            here = Path(shared.name)
+        with tempfile.TemporaryDirectory(
+            prefix=".knotfab-", dir=folder, ignore_cleanup_errors=True
+        ) as shared:
+            here = Path(shared)
             futures = {
                 client.submit(_build_on_worker, pack_task(t, here), t.name, topic, **named): t
                 for t in tasks

@@ -92,7 +92,7 @@ def pack_task(task: Task, shared: Path) -> bytes:
     """A task with the content of its files, for a machine that may not see this one's disk.
 
     Args:
-        shared: a file beside the folders of the batch: who sees it writes there.
+        shared: a hidden folder beside those of the batch: who sees it writes there.
     """
     picture = Path(task.picture).expanduser()
     source = str(picture.absolute()) if picture.exists() else task.picture
@@ -121,7 +121,7 @@ def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
             whole.extractall(here)
         told = json.loads((here / "task.json").read_text("utf-8"))
         name, picture, source, arguments, key, places, shared = told
-        seen = Path(shared).is_file()
+        seen = Path(shared).exists()
         out = Path(shared).parent / name if seen else here / "out"
         if not all(content_of(Path(path)) == content_of(here / places[path]) for path in places):
             for path, held in places.items():
