@@ -25,7 +25,7 @@ from knotfab.verify.checks import CHECKS
 pytestmark = pytest.mark.build
 
 FILES = {
-    "part.stl", "part.3mf", "knots.json", "scene.toml", "report.json", "report.html",
+    "part.stl", "part.3mf", "part.glb", "knots.json", "scene.toml", "report.json", "report.html",
     "shadow-front.png", "compare-front.png", "picture-front.png",
 }  # fmt: skip
 QUICK = """
