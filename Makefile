@@ -11,7 +11,7 @@ TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org
 TORCH := -q -c constraints.txt --no-deps torch==2.13.0
 FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer viewer clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer browser viewer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -38,6 +38,14 @@ slicer:
 	  && apt-get install -y -q --no-install-recommends prusa-slicer >/dev/null; } \
 	  || echo "PrusaSlicer is not installed (apt-get install --no-install-recommends prusa-slicer): its tests are skipped" >&2
 
+# the pages' tests drive Chromium, and axe-core where npm is there; without them they are skipped
+browser:
+	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+	  && apt-get update -q >/dev/null && apt-get install -y -q --no-install-recommends chromium >/dev/null; } \
+	  || echo "Chromium is not installed (apt-get install --no-install-recommends chromium): its tests are skipped" >&2
+	@[ -d web/node_modules ] || ! command -v npm >/dev/null || (cd web && npm ci --no-audit --no-fund >/dev/null) \
+	  || echo "axe-core could not be installed (cd web && npm ci): its tests are skipped" >&2
+
 demo: system $(DONE)
 	$(BIN)/knotfab build examples/knight.png --print --out demo-out
 	@echo "Open demo-out/report.html"
@@ -51,7 +59,7 @@ lint: $(DONE)
 # two workers, each on one thread: two cores are what is counted on; tests/conftest.py says who gets what
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
-test: system slicer $(DONE) lint
+test: system slicer browser $(DONE) lint
 	$(PYTEST)
 
 # in the middle of a change: without whole builds and what else takes seconds

@@ -25,7 +25,7 @@ from knotfab.verify.checks import CHECKS
 pytestmark = pytest.mark.build
 
 FILES = {
-    "part.stl", "part.3mf", "knots.json", "scene.toml", "report.json", "report.html",
+    "part.stl", "part.3mf", "part.glb", "knots.json", "scene.toml", "report.json", "report.html",
     "shadow-front.png", "compare-front.png", "picture-front.png",
 }  # fmt: skip
 QUICK = """
@@ -193,10 +193,15 @@ def test_the_part_stands_on_the_bed_in_millimetres(good: Good) -> None:
 
 
 def test_the_report_page_opens_offline(good: Good) -> None:
-    page = (good.folder / "report.html").read_text(encoding="utf-8")
-    for address in re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?([^"')\s>]+)""", page):
-        assert address.startswith(("data:", "#")), address
-    assert "@import" not in page and "<script src" not in page
+    """What it shows is inside; its links lead to the files beside it, and its policy lets nothing load."""
+    whole = (good.folder / "report.html").read_text(encoding="utf-8")
+    assert "default-src 'none'; img-src data:" in whole and "<script src" not in whole
+    page = re.sub("<script.*?</script>", "", whole, flags=re.DOTALL)
+    for link in re.findall(r'href="([^"]+)"', page):
+        assert (good.folder / link).is_file(), link
+    for address in re.findall(r"""(?:src|url)\s*[=(]\s*["']?([^"')\s>]+)""", page):
+        assert address.startswith("data:"), address
+    assert "@import" not in page
     assert page.count("data:image/png;base64,") >= 2
 
 

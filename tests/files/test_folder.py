@@ -38,7 +38,13 @@ def test_commit_creates_parents_and_replaces_an_earlier_build(tmp_path: Path) ->
 
 def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> None:
     build(tmp_path, report__json="{}", part__3mf="old", knots__json="old")
-    for name in ("plate-2.3mf", "part-colours.3mf", "part-colours-01.3mf", "slicer.ini"):
+    for name in (
+        "part.glb",
+        "plate-2.3mf",
+        "part-colours.3mf",
+        "part-colours-01.3mf",
+        "slicer.ini",
+    ):
         (tmp_path / name).write_text("old")
     for name in ("setup.pdf", "setup.svg", "drill-template-a4.pdf", "drill-template-letter.pdf"):
         (tmp_path / name).write_text("old")

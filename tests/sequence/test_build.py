@@ -81,7 +81,10 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
     assert (outcome.exit_code, failed) == (0, [])
     names = {p.name for p in outcome.folder.iterdir()}
     for number in ("01", "02"):
-        assert {f"part-{number}.stl", f"part-{number}.3mf", f"knots-{number}.json"} <= names
+        assert {
+            *(f"part-{number}.{kind}" for kind in ("stl", "3mf", "glb")),
+            f"knots-{number}.json",
+        } <= names
         assert {f"scene-{number}.toml", f"picture-frame-{number}.png"} <= names
         assert {f"shadow-frame-{number}.png", f"compare-frame-{number}.png"} <= names
     assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
