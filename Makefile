@@ -140,5 +140,9 @@ hard-cases: $(DONE)
 viewer:
 	cd web && npm ci --no-audit --no-fund && npm run build
 
+# the studio: first frame after the press, its builds against the command line's, frames a second of the viewer
+studio-table: system $(DONE)
+	$(BIN)/python -m examples.studies.studio_table
+
 clean:
 	rm -rf $(VENV) demo-out out

@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Knot", "Knots"]
+from knotfab.errors import InputError
+
+__all__ = ["Knot", "Knots", "read_start"]
+
+_FEWEST = 8  # vertices of a knot that a search goes on from
 
 
 @dataclass(frozen=True)
@@ -67,3 +71,38 @@ class Knots:
     def write(self, path: Path) -> None:
         """Write knots.json."""
         path.write_text(json.dumps(self.to_dict()))
+
+    def dump_start(self) -> str:
+        """The text of a start, for knots in the scene: at full precision, a search can go on from them."""
+        return json.dumps({**self.to_dict(), "coordinates": "scene"})
+
+
+def read_start(path: Path) -> Knots:
+    """The knots that `Knots.dump_start` wrote.
+
+    Raises:
+        InputError: it cannot be read, or holds no closed knots in scene coordinates.
+    """
+    remedy = "Name a start.json that a build or the studio wrote."
+    try:
+        raw = json.loads(path.read_text(encoding="utf-8"))
+        if raw.get("coordinates") != "scene":  # knots.json lies as its part is printed
+            raise ValueError("its knots are not in the scene's coordinates")
+        found = Knots(
+            tuple(
+                Knot(np.array(k["points"], dtype=np.float64), str(k["type"])) for k in raw["knots"]
+            ),
+            float(raw["radius_mm"]),
+        )
+        closed = all(k["closed"] is True for k in raw["knots"]) and bool(found.knots)
+        shapes = [k.points.ndim == 2 and k.points.shape[1] == 3 for k in found.knots]
+        if not (closed and all(shapes) and all(len(k.points) >= _FEWEST for k in found.knots)):
+            raise ValueError("it holds no closed knots")
+        if not (np.isfinite(found.points).all() and 0 < found.radius_mm < np.inf):
+            raise ValueError("a number in it is not finite")
+    except OSError as error:
+        raise InputError(str(path), f"it cannot be read ({error.strerror})", remedy) from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        why = str(error) if type(error) is ValueError else "it is no file of knots"
+        raise InputError(str(path), why, remedy) from error
+    return found

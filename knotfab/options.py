@@ -15,6 +15,7 @@ from knotfab.progress import Mode
 __all__ = [
     "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
+    "COMPARE_EXAMPLES",
     "PREVIEW_EXAMPLES",
     "BuildOptions",
     "Flag",
@@ -53,6 +54,14 @@ BATCH_EXAMPLES = """Examples:
 knotfab batch logos/ --out built --print
 knotfab batch *.png --out built --accuracy draft --jobs 4
 knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
+```
+"""
+
+COMPARE_EXAMPLES = """Examples:
+
+```
+knotfab compare wall.jpg knotfab-out
+knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,1455
 ```
 """
 
@@ -152,6 +161,8 @@ class BuildOptions(PictureOptions):
     effect: Annotated[Names, Parameter(group=_SEARCH)] = ()
     """NAME=on, off or auto (default: on where the scene calls for it), such as penumbra=off; may be
     repeated."""
+    start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
+    """Go on from the knots in this file, start.json of a build that went on from one, or of the studio."""
     seed: Annotated[int | None, Parameter(group=_SEARCH)] = None
     """Of the random depth profiles."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
@@ -159,6 +170,8 @@ class BuildOptions(PictureOptions):
 
     out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("knotfab-out")
     """The folder to write."""
+    force: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    """Replace what another picture was built to, in the default folder; a named one is replaced anyway."""
     colours: Annotated[Flag, Parameter(group=_OUTPUT)] = False
     """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=_OUTPUT)] = None

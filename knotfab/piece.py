@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knotfab.design.design import Design
+from knotfab.design.design import START_FILE, Design
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
@@ -108,6 +108,8 @@ def write_piece(
     targets, flattening = tuple(targets), None
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
+    if made.start_json is not None:
+        folder.write(START_FILE, made.start_json)
     try:
         part = part_of(made, request.printing, targets, progress)
         if len(targets) == 1 and not suffix:  # all frames move in one depth

@@ -48,6 +48,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     progress = progress or Progress("quiet")
     require_device(request.device)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
+    progress.plan(_usual_seconds(request))
     with OutputFolder(request.out) as folder:
         for line in request.preview:
             progress.say(line)
@@ -71,6 +72,35 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             report = report_piece(piece, folder, request, progress)
         title = " and ".join(target.name for target in targets)
         return finish_build(folder, request, report, title, [piece])
+
+
+# of one view in draft; what they come to on this machine is learned as they pass
+_USUAL_S = {
+    "question": 0.2,
+    "radius": 1.5,
+    "template": 1.0,
+    "search": 3.0,
+    "part": 2.5,
+    "verify": 9.0,
+}
+_USUAL_PRINTED_S = {"verify": 5.0, "slicer": 8.0, "drawings": 3.0}
+_LONGER = {"draft": 1.0, "standard": 3.0, "fine": 12.0}
+
+
+def _usual_seconds(request: Request) -> dict[str, float]:
+    """What the stages of this build usually take, for the time that is left."""
+    scene, usual = request.scene, {**_USUAL_S, "report": 1.0}
+    longer = _LONGER[scene.accuracy.name]
+    for name in ("template", "search"):
+        usual[name] *= longer * len(scene.views) ** 2
+    usual["radius"] *= longer**0.5
+    if not isinstance(scene.piece.tube_radius_mm, str) or scene.search.get("start"):
+        del usual["radius"]
+    if request.time_budget_s is not None:
+        usual["search"] = max(1.0, request.time_budget_s - sum(usual.values()) + usual["search"])
+    if request.printing:
+        usual |= {name: usual.get(name, 0.0) + s for name, s in _USUAL_PRINTED_S.items()}
+    return usual
 
 
 def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:

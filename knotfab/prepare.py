@@ -15,7 +15,7 @@ from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.scene.require import require_several, require_tube
+from knotfab.scene.require import require_several, require_start, require_tube
 from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.require import require_sequence
@@ -42,6 +42,8 @@ def prepare_build(
     skipped = read_skips(options.skip)
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
+    if options.out is BuildOptions.out and not options.force:  # nobody named it
+        _keep_other_picture(options.out, call.targets)
     with progress.stage("preview"):
         # only now: a picture that cannot be read is told without waiting for them
         from knotfab.preview.sentence import describe
@@ -114,6 +116,7 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
     if len(scene.views) > 1:
         require_several(scene)
     require_tube(resolve(scene))
+    require_start(scene)
     with progress.stage("picture"):
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
@@ -152,6 +155,23 @@ def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[
         "no picture is given",
         "Name one, as in: knotfab build target.png --print",
     )
+
+
+def _keep_other_picture(folder: Path, targets: Sequence[Target]) -> None:
+    """Refuse to replace what was built from another picture in a folder that nobody named.
+
+    Raises:
+        InputError: there is such a build.
+    """
+    if not (folder / "report.json").is_file():
+        return
+    held = {path.read_bytes() for path in folder.glob("picture-*.*")}
+    if not any(target.png_bytes in held for target in targets):
+        raise InputError(
+            str(folder),
+            "it holds what was built from another picture",
+            "Name a folder (--out DIR), or replace that with --force.",
+        )
 
 
 def _check_font(font: str | None, sources: Sequence[str]) -> None:

@@ -26,9 +26,12 @@ __all__ = [
     "Start",
     "TargetView",
     "ViewNumbers",
+    "Watch",
 ]
 
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
+# (the knots as they stand, made where they are looked at; whether certified steps led there)
+Watch = Callable[[Callable[[], Knots], bool], None]
 
 
 @dataclass(frozen=True)

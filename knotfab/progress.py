@@ -1,22 +1,33 @@
-"""Progress on a terminal: stage, bar, remaining time and the IoU so far; timings always."""
+"""Progress of a build: one bar on a terminal, events for a program that watches; timings always."""
 
 from __future__ import annotations
 
+import base64
+import json
 import logging
+import os
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 if TYPE_CHECKING:
     import rich.progress
     import rich.text
 
-__all__ = ["Mode", "Progress"]
+    from knotfab.knots import Knots
+
+__all__ = ["Mode", "Progress", "process_age"]
 
 Mode = Literal["auto", "quiet", "verbose"]
 _log = logging.getLogger("knotfab")
+_FRAME_S = 0.1  # between events of one kind, so that watching costs next to nothing
+_KEPT_S = 5.0  # between knots at full precision, which a build that is killed leaves behind
+_DOUBT_S = 3.0  # of the usual times: so much must have been measured before they count for half
+_AT_LEAST = 0.1  # of a stage's usual time is still to come, however long it has run
 
 
 class Progress:
@@ -32,15 +43,34 @@ class Progress:
         with Progress("auto") as progress:
             with progress.stage("search"):
                 progress.update(0.4, iou=0.93)
+
+    Args:
+        events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).
+        began: `time.perf_counter()` at the beginning of what `total` counts; now by default.
     """
 
-    def __init__(self, mode: Mode = "auto", stream: TextIO | None = None) -> None:
+    def __init__(
+        self,
+        mode: Mode = "auto",
+        stream: TextIO | None = None,
+        events: TextIO | None = None,
+        began: float | None = None,
+    ) -> None:
         self.mode: Mode = mode
         self.timings: dict[str, float] = {}
         self._stream = sys.stderr if stream is None else stream
+        self._events = events
+        self._lock = threading.Lock()  # trials of radii run side by side
+        self._due: dict[str, float] = {}
+        self._standing: Callable[[], Knots] | None = None
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None
-        self._began = time.perf_counter()
+        self._began = time.perf_counter() if began is None else began
+        self._due["standing"] = time.perf_counter() + _KEPT_S
+        self._usual: dict[str, float] = {}
+        self._stages: list[tuple[str, float]] = []  # that run, the outer before the inner
+        self._fraction: float | None = None
+        self._most = 0.0  # of the whole, so that the bar never runs back
         self._shown, self._level = _Lines(self._say), logging.NOTSET
 
     @property
@@ -55,7 +85,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         if self.draws:
-            self._bar = _bar(self._stream)
+            self._bar = _bar(self._stream, self._remaining)
             self._bar.start()
         if self.mode == "verbose":
             _log.addHandler(self._shown)
@@ -70,6 +100,12 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
+        if self._standing is not None:
+            self.tell("standing", start=self._standing().dump_start())
+
+    def plan(self, usual: Mapping[str, float]) -> None:
+        """Say which stages will come and how long they usually take, s: what the time left is judged by."""
+        self._usual = dict(usual)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -78,17 +114,19 @@ class Progress:
         A stage that fails is timed as well, and the error goes on.
         """
         begin = time.perf_counter()
-        before = self._task
-        if self._bar is not None:
-            self._task = self._bar.add_task(name, total=None, iou="")
+        self._stages.append((name, begin))
+        self._fraction = None
+        self._draw(name, "")
+        self.tell("stage", name=name, seconds=round(self.total, 2), left_s=self._left())
         try:
             yield
         finally:
             seconds = time.perf_counter() - begin
             self.timings[name] = self.timings.get(name, 0.0) + seconds
-            if self._bar is not None and self._task is not None:
-                self._bar.remove_task(self._task)
-            self._task = before
+            self._stages.pop()
+            self._fraction = None
+            if self._stages:
+                self._draw(self._stages[-1][0])
             _log.info("%s: %.2f s", name, seconds)
 
     @contextmanager
@@ -104,11 +142,44 @@ class Progress:
 
     def update(self, fraction: float, iou: float | None = None) -> None:
         """Say how far the running stage is (0 to 1), and the IoU it has reached."""
-        if self._bar is None or self._task is None:
+        if not self._stages:
             return
-        self._bar.update(self._task, total=1.0, completed=min(max(fraction, 0.0), 1.0))
-        if iou is not None:
-            self._bar.update(self._task, iou=f"IoU {iou:.3f}")
+        name = self._stages[-1][0]
+        self._fraction = min(max(fraction, 0.0), 1.0)
+        self._draw(name, None if iou is None else f"IoU {iou:.3f}")
+        if self._is_due("progress"):
+            share, left = self._whole()
+            told = {"stage": name, "fraction": round(self._fraction, 4), "share": round(share, 4)}
+            seen = None if iou is None else round(iou, 4)
+            self.tell("progress", **told, iou=seen, left_s=left)
+
+    def show(self, knots: Callable[[], Knots], certified: bool) -> None:
+        """Show the knots as they stand to whoever watches; they are made only where somebody does.
+
+        Args:
+            certified: certified steps led to them, so that a search may go on from them.
+        """
+        if self._events is None:
+            return
+        if certified:
+            self._standing = knots
+            if self._is_due("standing", _KEPT_S):
+                self.tell("standing", start=knots().dump_start())
+        if self._is_due("knots"):
+            seen = knots()
+            curves = [_pack(knot.points) for knot in seen.knots]
+            self.tell("knots", radius_mm=seen.radius_mm, curves=curves)
+
+    def tell(self, event: str, **data: Any) -> None:
+        """Write an event; one that nobody reads any more is no error."""
+        if self._events is None:
+            return
+        with self._lock:
+            try:
+                self._events.write(json.dumps({"event": event, **data}) + "\n")
+                self._events.flush()
+            except (OSError, ValueError):  # ValueError: it is closed
+                self._events = None
 
     def note(self, text: str) -> None:
         """A plain line for the log, which `verbose` shows."""
@@ -116,6 +187,7 @@ class Progress:
 
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end; nothing where quiet."""
+        self.tell("say", text=text)
         if self.mode != "quiet":
             self._say(text)
 
@@ -125,6 +197,64 @@ class Progress:
             self._bar.console.print(text, markup=False, highlight=False)
         else:
             print(text, file=self._stream, flush=True)
+
+    def _is_due(self, event: str, every_s: float = _FRAME_S) -> bool:
+        """Whether an event that comes often is to be written now."""
+        if self._events is None:
+            return False
+        now = time.perf_counter()
+        with self._lock:
+            due = now >= self._due.get(event, 0.0)
+            if due:
+                self._due[event] = now + every_s
+        return due
+
+    def _draw(self, name: str, iou: str | None = None) -> None:
+        if self._bar is None:
+            return
+        if self._task is None:
+            self._task = self._bar.add_task(name, total=1.0, iou="")
+        share = self._whole()[0]
+        self._bar.update(self._task, description=name, completed=share)
+        if iou is not None:
+            self._bar.update(self._task, iou=iou)
+
+    def _left(self) -> float | None:
+        return self._whole()[1]
+
+    def _remaining(self) -> str:
+        left = self._left()
+        if left is None:
+            return ""
+        return f"{left / 60:.0f} min left" if left >= 90 else f"{left:.0f} s left"
+
+    def _whole(self) -> tuple[float, float | None]:
+        """Share of all stages that is done, and the seconds that they will take yet; None: not known.
+
+        The stages to come take their usual times, scaled by how much longer than usual those took that are
+        done; the one that runs, what its share of it promises.
+        """
+        if not self._stages:
+            return self._most, None
+        name, begun = self._stages[0]
+        ran, usual = time.perf_counter() - begun, dict(self._usual)
+        expected = usual.pop(name, 0.0)
+        known = {n: s for n, s in self.timings.items() if n in usual}
+        took = _DOUBT_S + sum(known.values())
+        slower = took / (_DOUBT_S + sum(usual[n] for n in known))
+        ahead = slower * sum(s for n, s in usual.items() if n not in known)
+        single = len(self._stages) == 1 and self._fraction
+        if single and self._fraction and self._fraction > 0.02:
+            left = ran * (1.0 - self._fraction) / self._fraction
+        elif self._usual:
+            spent = self.timings.get(name, 0.0) + ran
+            left = max(slower * expected - spent, _AT_LEAST * slower * expected)
+        else:
+            return self._most, None
+        left += ahead
+        done = sum(self.timings.values()) + ran
+        self._most = max(self._most, done / max(done + left, 1e-9))
+        return self._most, round(left, 1)
 
 
 class _Lines(logging.Handler):
@@ -138,31 +268,48 @@ class _Lines(logging.Handler):
         self._tell(record.getMessage())
 
 
-def _bar(stream: TextIO) -> rich.progress.Progress:
+def process_age() -> float:
+    """Seconds since this process was started, as far as its system tells; else 0."""
+    try:
+        fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        started = int(fields[19]) / os.sysconf("SC_CLK_TCK")
+        return max(0.0, float(Path("/proc/uptime").read_text().split()[0]) - started)
+    except (OSError, ValueError, IndexError):
+        return 0.0
+
+
+def _pack(points: Any) -> str:
+    """(n, 3) as little-endian float32 in base64: a tenth of a list of numbers, and of its time."""
+    return base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
+
+
+def _bar(stream: TextIO, remaining: Callable[[], str]) -> rich.progress.Progress:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         Progress,
+        ProgressColumn,
         SpinnerColumn,
+        Task,
         TextColumn,
         TimeElapsedColumn,
-        TimeRemainingColumn,
     )
+    from rich.text import Text
 
-    class Time(TimeRemainingColumn):
-        """What is left, where that is known, else what has passed."""
+    class Remaining(ProgressColumn):
+        max_refresh = 0.5
 
-        def render(self, task: rich.progress.Task) -> rich.text.Text:
-            passed = task.total is None
-            return TimeElapsedColumn().render(task) if passed else super().render(task)
+        def render(self, task: Task) -> Text:
+            if task.total is None:  # one of several things side by side
+                return TimeElapsedColumn().render(task)
+            return Text(remaining(), style="progress.remaining")
 
     return Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=32),
-        Time(compact=True),
+        Remaining(),
         TextColumn("{task.fields[iou]}"),
         console=Console(file=stream),
-        speed_estimate_period=3600.0,  # pictures of a batch end minutes apart
         transient=True,
     )

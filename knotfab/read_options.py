@@ -98,7 +98,8 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
     if options.accuracy is not None:
         accuracy = accuracy.model_copy(update={"name": options.accuracy})
         if options.accuracy != scene.accuracy.name:
-            own = {}  # another preset: the settings of the old one go
+            # another preset: the settings of the old one go
+            own = {key: value for key, value in own.items() if key == "start"}
     update["accuracy"] = accuracy
     update["search"] = {**own, **_search_keys(options)}
     if options.printer is not None:
@@ -251,6 +252,8 @@ def _search_keys(options: BuildOptions) -> dict[str, Any]:
                 f"--seed {options.seed}", "it is negative", "Use a whole number from 0"
             )
         keys["seed"] = options.seed
+    if options.start is not None:
+        keys["start"] = str(options.start.expanduser().absolute())
     if options.search is not None:
         keys["method"] = options.search
     if options.free == "view":

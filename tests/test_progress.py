@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import logging
 import subprocess
 import sys
+import time
 
+import numpy as np
 import pytest
 
+from knotfab.knots import Knot, Knots
 from knotfab.progress import Mode, Progress
 
 
@@ -80,6 +85,73 @@ def test_nested_stages() -> None:
 
 def test_update_outside_a_stage_is_no_error() -> None:
     Progress("auto", io.StringIO()).update(0.5)
+
+
+def ring(x: float) -> Knots:
+    t = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+    return Knots((Knot(np.stack([x * np.cos(t), x * np.sin(t), 0 * t], axis=1)),), 1.5)
+
+
+def test_events_say_all_that_happens_and_few_frames() -> None:
+    events, made = io.StringIO(), []
+    with Progress("quiet", io.StringIO(), events) as progress, progress.stage("search"):
+        progress.say("a remark")
+        for k in range(500):
+
+            def knots(k: int = k) -> Knots:
+                made.append(k)
+                return ring(10.0 + k)
+
+            progress.update(k / 500, 0.9)
+            progress.show(knots, certified=k < 400)
+    told = [json.loads(line) for line in events.getvalue().splitlines()]
+    kinds = [event["event"] for event in told]
+    assert kinds[:3] == ["stage", "say", "progress"] and kinds[-1] == "standing"
+    assert kinds.count("knots") < 10 and len(made) == kinds.count("knots") + 1
+    seen = np.frombuffer(base64.b64decode(told[3]["curves"][0]), "<f4").reshape(-1, 3)
+    assert np.allclose(seen, ring(10.0).points, atol=1e-5)
+    standing = json.loads(told[-1]["start"])
+    assert standing["knots"][0]["points"] == ring(409.0).points.tolist()  # the last certified ones
+
+
+def test_where_nobody_watches_no_knots_are_made() -> None:
+    def knots() -> Knots:
+        raise AssertionError("nobody asked for them")
+
+    with Progress("quiet") as progress:
+        progress.show(knots, certified=True)
+
+
+def test_a_reader_that_went_away_is_no_error() -> None:
+    events = io.StringIO()
+    with Progress("quiet", events=events) as progress, progress.stage("search"):
+        events.close()
+        progress.tell("end")
+        progress.show(lambda: ring(1.0), certified=True)
+
+
+def test_the_time_left_follows_from_what_the_stages_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    events = io.StringIO()
+    with Progress("quiet", events=events) as progress:
+        progress.plan({"radius": 10.0, "search": 20.0, "verify": 30.0})
+        with progress.stage("radius"):
+            now[0] += 40.0  # a slow machine
+        with progress.stage("search"):
+            now[0] += 10.0
+            progress.update(0.25)
+        with progress.stage("verify"):
+            now[0] += 1000.0
+    told = [json.loads(line) for line in events.getvalue().splitlines()]
+    first, second, running, last = (event["left_s"] for event in told)
+    assert first == 60.0  # as usual, while nothing is known
+    slower = 43.0 / 13.0
+    assert second == pytest.approx(slower * 50, abs=0.1)
+    assert running == pytest.approx(30.0 + slower * 30, abs=0.1)  # three quarters of 40 s to come
+    assert 0 < last < 200
+    shares = [event["share"] for event in told if "share" in event]
+    assert shares == sorted(shares) and 0 < shares[0] < 1
 
 
 def test_nothing_of_rich_is_loaded_when_piped() -> None:

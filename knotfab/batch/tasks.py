@@ -13,14 +13,14 @@ from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.target.read import TEXT_PREFIX, name_picture
 
-__all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_tasks"]
+__all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
 RECORDS, INDEX = (
     "batch.json",
     "index.html",
 )  # what a batch writes beside the folders of its pictures
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".svg"}
-_FILES = ("scene", "printer", "material", "font")  # options that may name a file
+_FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 
 
@@ -53,7 +53,7 @@ def list_tasks(pictures: Sequence[str], options: BuildOptions) -> list[Task]:
             "the call", "no picture is given", "Name some, as in: knotfab batch logos/ --out built"
         )
     options, files = _with_whole_paths(options)
-    arguments = _arguments(options)
+    arguments = list_arguments(options)
     shared = hashlib.sha256(repr((__version__, arguments)).encode())
     for path in files:
         shared.update(content_of(path))
@@ -107,7 +107,7 @@ def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, 
     return replace(options, **whole), tuple(Path(path) for path in whole.values())
 
 
-def _arguments(options: BuildOptions) -> tuple[str, ...]:
+def list_arguments(options: BuildOptions) -> tuple[str, ...]:
     """The options that are not as by default, as `knotfab build` takes them."""
     plain, found = BuildOptions(), []
     for field in fields(BuildOptions):

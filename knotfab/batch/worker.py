@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
@@ -23,6 +26,7 @@ __all__ = [
     "build_parcel",
     "pack_task",
     "record_of",
+    "run_apart",
     "unpack_result",
 ]
 
@@ -45,18 +49,51 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
     environment["PYTHONIOENCODING"] = "utf-8"
     for _ in range(_MOST_RUNS):
         with pool.start(command, stderr=subprocess.PIPE, env=environment) as child:
-            said = child.communicate()[1]
-        if child.returncode in _ENDINGS:
+            code, error = run_apart(child)
+        if code in _ENDINGS:
             break
-    code, seconds = child.returncode, time.perf_counter() - begun
-    if code not in _ENDINGS:
-        how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        error = f"the build was killed ({how}); was there too little memory?"
-        return record_of(task, 128 - code if code < 0 else code, seconds, error)
-    lines = [line for line in said.splitlines() if line.strip()]
-    error = lines[-1].removeprefix("knotfab: ") if code and lines else ""
+    seconds = time.perf_counter() - begun
     report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
     return record_of(task, code, seconds, error, report)
+
+
+def run_apart(
+    child: subprocess.Popen[str], events: Callable[[Record], None] | None = None
+) -> tuple[int, str]:
+    """Wait for a build in a process of its own.
+
+    Args:
+        child: its standard error is a pipe; its standard output too, where `events` are to be read from it.
+        events: told of each (docs/studio.md), in a thread of its own.
+
+    Returns:
+        The exit code, 128 and the signal's number where it was killed, and the sentence that it ended with.
+    """
+    with child:
+        reader: threading.Thread | None = None
+        if events is not None and child.stdout is not None:
+            reader = threading.Thread(target=_read_events, args=(child.stdout, events), daemon=True)
+            reader.start()
+        assert child.stderr is not None
+        said = child.stderr.read()
+        code = child.wait()
+        if reader is not None:
+            reader.join()
+    if code not in _ENDINGS:
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        why = f"the build was killed ({how}); was there too little memory?"
+        return (128 - code if code < 0 else code), why
+    lines = [line for line in said.splitlines() if line.strip()]
+    return code, lines[-1].removeprefix("knotfab: ") if code and lines else ""
+
+
+def _read_events(stream: IO[str], events: Callable[[Record], None]) -> None:
+    """Hand on each line that is an event; a library may have printed others."""
+    for line in stream:
+        with contextlib.suppress(ValueError):
+            event = json.loads(line)
+            if isinstance(event, dict) and "event" in event:
+                events(event)
 
 
 def record_of(

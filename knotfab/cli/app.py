@@ -6,6 +6,8 @@ import os
 import shlex
 import signal
 import sys
+import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,10 +15,11 @@ from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
-from knotfab.errors import InputError, KnotfabError
+from knotfab.errors import InputError, KnotfabError, MachineError
 from knotfab.options import (
     BATCH_EXAMPLES,
     BUILD_EXAMPLES,
+    COMPARE_EXAMPLES,
     PREVIEW_EXAMPLES,
     BuildOptions,
     Flag,
@@ -35,12 +38,26 @@ app = App(
     suppress_keyboard_interrupt=False,  # main says what became of the work
 )
 
+
+@dataclass
+class _Call:
+    """`time.perf_counter()` where the call that runs began: its times are those that a person waits."""
+
+    began: float | None = None
+
+
+_call = _Call()
 _DEFAULTS = BuildOptions()
 _READ = PictureOptions()
 
 
 @app.command(help_epilogue=BUILD_EXAMPLES)
-def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS) -> int:
+def build(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    open_: Annotated[bool, Parameter(name="--open", negative="", show_default=False)] = False,
+    events: Annotated[str | None, Parameter(show=False)] = None,
+) -> int:
     """Turn a picture, or several, into a verified part.
 
     Parameters
@@ -49,27 +66,39 @@ def build(*pictures: str, options: Annotated[BuildOptions, Parameter(name="*")] 
         An image file, an SVG, or text:… (a glyph or a word); may be left out where the scene names it.
         Several are several views of one part, spread about the vertical axis: two at right angles,
         three at 60°.
+    open_
+        Open the report in the browser when it is done.
+    events
+        Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
+    from knotfab.cli.options import open_events
     from knotfab.prepare import prepare_build
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
 
+    quiet = options.quiet or events == "-"
+    mode = "quiet" if quiet else options.mode
     command = shlex.join(["knotfab", *sys.argv[1:]])
-    with Progress(options.mode) as progress:
+    with open_events(events) as told, Progress(mode, events=told, began=_call.began) as progress:
         request = prepare_build(pictures, options, command, progress)
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
         outcome = run_build(request, progress)
+        progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
     failed = [c["name"] for c in list_unmet(outcome.report["checks"]) if c["status"] == "fail"]
-    if options.quiet and failed:
+    if quiet and failed:
         print(
             f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
             file=sys.stderr,
         )
-    if not options.quiet:
+    if not quiet:
         from knotfab.cli.summary import print_summary
 
         print_summary(outcome)
+    if open_:
+        import webbrowser
+
+        webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
     return outcome.exit_code
 
 
@@ -134,6 +163,31 @@ def batch(
     if not options.quiet:
         print(f"{len(records) - failed} of {len(records)} passed: see {options.out}/index.html")
     return 1 if failed else 0
+
+
+@app.command
+def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
+    """Open a local page to drop a picture on, set the scene, and watch the knot come about.
+
+    Parameters
+    ----------
+    port
+        Of this machine, which alone can reach it; 0: any that is free.
+    no_open
+        Print the address and open no browser.
+    out
+        The folder for its pictures and builds.
+    """
+    try:
+        from knotfab.studio.run import run_studio
+    except ModuleNotFoundError as error:
+        raise MachineError(
+            "knotfab studio",
+            f"the package {error.name} is not installed",
+            "Install what it needs: pip install 'knotfab[studio]'",
+        ) from error
+    run_studio(port, not no_open, out)
+    return 0
 
 
 @app.command
@@ -204,6 +258,45 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
     from knotfab.verify.shadow import render_shadow
 
     render_shadow(part, scene, out, view)
+    which = "" if view is None else f" in the view {view}"
+    print(f"{out} shows the shadow of {part}{which}.")
+    return 0
+
+
+@app.command(help_epilogue=COMPARE_EXAMPLES)
+def compare(
+    photo: Path,
+    folder: Path,
+    *,
+    corners: tuple[str, str, str, str] | None = None,
+    view: str | None = None,
+    out: Path = Path("knotfab-compare.png"),
+    json: Flag = False,
+) -> int:
+    """Compare a photograph of the real shadow with the picture, and say which way to move the lamp.
+
+    Parameters
+    ----------
+    photo
+        A photograph in which the whole frame on the wall is seen, from wherever it was taken.
+    folder
+        What a build wrote.
+    corners
+        The frame in the photograph, x,y px each: top left, top right, bottom right, bottom left. By default
+        it is found by the plate of a wall mount.
+    view
+        Name of the view; the first by default.
+    out
+        The PNG of where they differ.
+    json
+        Print the figures as JSON.
+    """
+    from knotfab.cli.summary import print_comparison
+    from knotfab.compare.compare import compare_photo, write_comparison
+
+    found = compare_photo(photo, folder, corners, view)
+    write_comparison(found, out)
+    print_comparison(found, out, json)
     return 0
 
 
@@ -303,8 +396,18 @@ def schema() -> int:
 app.register_install_completion_command()
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and leave with its exit code."""
+def main(arguments: list[str] | None = None, began: float | None = None) -> None:
+    """Run the command line and leave with its exit code.
+
+    Args:
+        arguments: those of the process by default.
+        began: `time.perf_counter()` from which its times count; by default the start of the process.
+    """
+    if began is None and arguments is None:
+        from knotfab.progress import process_age
+
+        began = time.perf_counter() - process_age()
+    _call.began = began
     # many small products: threads that wait for each other cost more than they bring, and up to
     # ten times on a shared machine; read when numpy is first imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TextIO
 
 from knotfab.errors import InputError
 from knotfab.verify.verifier import Files
 
-__all__ = ["files_to_validate"]
+__all__ = ["files_to_validate", "open_events"]
 
 
 def files_to_validate(
@@ -53,6 +57,24 @@ def files_to_validate(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
         )
     return Files(part, knots, scene, failures=failures)
+
+
+@contextmanager
+def open_events(name: str | None) -> Iterator[TextIO | None]:
+    """Where the events of a build go: nowhere, standard output for "-", or a file.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if name is None or name == "-":
+        yield None if name is None else sys.stdout
+        return
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(open(name, "w", encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"--events {name}", "it cannot be written", "Name a file.") from error
+        yield file
 
 
 def _beside(measured: Path | None) -> Path | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from knotfab.verify.checks import mark_of
 
 if TYPE_CHECKING:
+    from knotfab.compare.compare import Comparison
     from knotfab.doctor import Finding
     from knotfab.preview.survey import Survey
     from knotfab.request import Outcome
@@ -19,6 +20,7 @@ __all__ = [
     "UNABLE",
     "print_catalogue",
     "print_checks",
+    "print_comparison",
     "print_findings",
     "print_summary",
     "print_survey",
@@ -91,10 +93,14 @@ def print_summary(outcome: Outcome) -> None:
     )
     for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
         console.print(f"  {escape(reason)}")
+    standing = report["print"].get("mount", {}).get("kind") == "stand"
     for view in report["views"]:
         read = view["legibility"].get("45")
+        # what the desk hides below the frame is no fault of the picture
+        framed = standing and view.get("iou_frame") is not None
         console.print(
-            f"  {escape(view['name'])}: IoU {view['iou']:.4f}"
+            f"  {escape(view['name'])}: IoU {view['iou_frame' if framed else 'iou']:.4f}"
+            + (" in the frame" if framed else "")
             + (f" (at best {view['bound']:.4f} without spill)" if "bound" in view else "")
             + (f", legibility at 45° {read:.2f}" if read is not None else "")
         )
@@ -113,6 +119,38 @@ def print_summary(outcome: Outcome) -> None:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
+    console.print(f"  {_last_line(report)}open {escape(str(outcome.folder))}/report.html")
+
+
+def _last_line(report: dict[str, Any]) -> str:
+    """The verdict, hours, grams and supports, as far as they are known."""
+    piece, said = report["print"], []
+    if report["verdict"] is not None:
+        said.append(report["verdict"]["word"])
+    if piece.get("time_s") is not None:
+        said.append(f"{piece['time_s'] / 3600:.1f} h")
+    mass = piece.get("filament_g") or piece["mass_g"]
+    said.append(f"{mass:.0f} g")
+    if piece.get("support_share") is not None:
+        said.append(f"{100 * piece['support_share']:.0f}% of it supports")
+    return ", ".join(said) + ": "
+
+
+def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
+    """How like the picture the photographed shadow is, where not, and what to do, or all of it as JSON."""
+    import json as codec
+
+    from knotfab.compare.compare import advise
+
+    if json:
+        print(codec.dumps({**found.to_dict(), "picture": str(picture)}))
+        return
+    print(
+        f"IoU {found.iou:.3f}: {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled."
+    )
+    if found.lamp is not None:
+        print(f"  {advise(found)}")
+    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 
 def print_survey(found: Survey, picture: Path, json: bool) -> None:

@@ -16,7 +16,7 @@ from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
 from knotfab.errors import SceneError
-from knotfab.knots import Knots
+from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
@@ -33,10 +33,11 @@ from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
-from knotfab.start.start import make_start
+from knotfab.start.start import go_on, make_start
 from knotfab.target.read import Target
 
 __all__ = [
+    "START_FILE",
     "Design",
     "choose_tube",
     "design_knots",
@@ -46,6 +47,7 @@ __all__ = [
 ]
 
 REGION_FILE = "region.stl"
+START_FILE = "start.json"
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
@@ -65,6 +67,7 @@ class Design:
     opening_iou: float
     settings: SearchSettings
     region_stl: bytes | None = None  # of a region that is a mesh: the file that the scene names
+    start_json: bytes | None = None  # the knots that the search went on from, likewise
     unmet: Feasibility | None = None
     binding: tuple[LimitPrice, ...] = ()
     bounds: tuple[HullBound, ...] = ()
@@ -99,6 +102,7 @@ def design_knots(
         question = ask(scene, targets, progress)
     question, radius, start, choice = choose_tube(question, settings, progress)
     problem = question.problem
+    _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
     pose: Pose | None = None
     if budget_s is not None:
@@ -116,7 +120,14 @@ def design_knots(
         if settings.free_view:
             pose, settings = start_pose(scene, problem, radius, settings, device)
         result = search(
-            problem, start, radius, settings, pose=pose, device=device, report=progress.update
+            problem,
+            start,
+            radius,
+            settings,
+            pose=pose,
+            device=device,
+            report=progress.update,
+            watch=progress.show,
         )
         unmet = None if result.feasible else result
         if unmet is not None:
@@ -178,6 +189,10 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
     if region.file is not None:  # the build writes it beside the scene
         region_stl = Path(region.file).read_bytes()
         region = region.model_copy(update={"file": REGION_FILE})
+    start_json = None
+    if settings.start:
+        start_json = Path(settings.start).read_bytes()
+        settings = settings.model_copy(update={"start": START_FILE})
     # what the part must reach: the scene's, or what follows from what its pictures allow
     asked = question.scene.accuracy.iou_floor
     floor = settings.floor(question.most_iou(radius)) if isinstance(asked, str) else asked
@@ -189,6 +204,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         question.opening(radius),
         settings,
         region_stl,
+        start_json,
         bounds=question.bounds,
     )
 
@@ -207,9 +223,18 @@ def choose_tube(
     piece = question.scene.piece
     knots = _knots_asked(question.scene)
     choice: RadiusChoice | None = None
+    if settings.start:
+        knots_then = read_start(Path(settings.start))
+        radius = knots_then.radius_mm
+        if not isinstance(piece.tube_radius_mm, str):
+            radius = piece.tube_radius_mm
+            require_tube(question.scene)
+        question = question.with_depth(radius)
+        return question, radius, go_on(question.problem, knots_then, radius), None
     if isinstance(piece.tube_radius_mm, str):
         with progress.stage("radius"):
-            choice = choose_radius(question, settings, knots, progress.update)
+            _tell_scene(progress, question, None)
+            choice = choose_radius(question, settings, knots, progress.update, progress.show)
         radius = choice.radius_mm
     else:
         radius = piece.tube_radius_mm
@@ -221,6 +246,12 @@ def choose_tube(
         template = None if choice is None else choice.template
         start = make_start(question.problem, radius, settings, knots, template=template)
     return question, radius, start, choice
+
+
+def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
+    """What a picture of the knots is drawn with, for whoever watches."""
+    views = [view.model_dump(mode="json") for view in question.views]
+    progress.tell("scene", views=views, radius_mm=radius)
 
 
 def _knots_asked(scene: Scene) -> int | None:

@@ -13,7 +13,8 @@ from shapely import LinearRing, MultiPolygon, Polygon
 from knotfab.design.candidates import range_of, too_fine, usual_radii
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
-from knotfab.problem import Report, Start
+from knotfab.knots import Knot, Knots
+from knotfab.problem import Report, Start, Watch
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.filling import Template, fill, simple_curves
 from knotfab.start.start import make_start
@@ -56,6 +57,7 @@ class _Trials:
     templates: dict[float, Template] = field(default_factory=dict)
     starts: dict[float, Start] = field(default_factory=dict)
     failures: list[SceneError] = field(default_factory=list)
+    watch: Watch | None = None
 
     @property
     def one_view(self) -> bool:
@@ -67,6 +69,8 @@ class _Trials:
             return self.question.opening(radius)
         polygon = self.question.problem.polygons[0]
         template = self.templates[radius] = fill(polygon, radius, self.knots)
+        if self.watch is not None:
+            self.watch(lambda: _flat_knots(template), False)
         if not simple_curves(list(template.curves)):
             return -np.inf
         return template_iou(template, polygon)
@@ -100,6 +104,7 @@ def choose_radius(
     settings: SearchSettings,
     knots: int | None = None,
     report: Report | None = None,
+    watch: Watch | None = None,
 ) -> RadiusChoice:
     """The largest tube radius that draws the pictures nearly as well as the best one.
 
@@ -111,12 +116,13 @@ def choose_radius(
     Args:
         knots: as for `fill`.
         report: called with (share done, best IoU).
+        watch: called with each filling that is tried.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
     """
     views = question.views
-    trials = _Trials(question, settings, knots)
+    trials = _Trials(question, settings, knots, watch=watch)
     span = range_of(len(views))
     thinnest = question.scene.printer.min_tube_radius_mm
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
@@ -183,6 +189,12 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
         f"it is too fine for any printable tube: at a radius of {min(scores):.2f} mm the shadow "
         f"reaches an IoU of {top:.2f}",
     )
+
+
+def _flat_knots(template: Template) -> Knots:
+    """The filling where it is drawn, in the middle of the scene."""
+    laid = (np.pad(curve, ((0, 0), (0, 1))) for curve in template.curves)
+    return Knots(tuple(Knot(curve) for curve in laid), template.radius)
 
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:

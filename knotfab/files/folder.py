@@ -25,7 +25,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 _OWN = re.compile(
     r"part(-\d+)?\.(stl|3mf|glb|png)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.3mf"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
-    r"|region\.stl|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
+    r"|region\.stl|start\.json|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)"
     r"|(shadow|compare|soft)-[\w-]+\.png|picture-[\w-]+\.\w+"
 )
@@ -105,7 +105,8 @@ class OutputFolder:
         """Move the new files into DIR, over those of an earlier build.
 
         All are on the disk before the first is moved, each move is atomic, and if one fails those
-        before it are undone. An earlier build's own files that this one did not write are removed.
+        before it are undone. An earlier build's own files that this one did not write are removed, and so is
+        what an earlier one left in DIR/rejected.
         """
         with self._explained(MachineError):
             names = self._settle()
@@ -114,6 +115,8 @@ class OutputFolder:
                 found = (p.name for p in self.path.iterdir() if p.is_file())
                 stale = [n for n in found if _OWN.fullmatch(n) and n not in names]
             self._exchange(names, stale)
+            if self._hidden is not None and (self.path / REJECTED / "report.json").is_file():
+                os.replace(self.path / REJECTED, self._hidden / "old" / REJECTED)
             _sync(self.path)
         self._clear()
 

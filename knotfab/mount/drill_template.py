@@ -29,11 +29,10 @@ from knotfab.scene.camera import Camera
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["PLAY_MM", "SPARE_DEPTH_MM", "write_drill_template"]
+__all__ = ["SPARE_DEPTH_MM", "write_drill_template"]
 
 
-PLAY_MM = 0.3  # by which a hole is wider than its dowel
-SPARE_DEPTH_MM = 1.0  # and deeper
+SPARE_DEPTH_MM = 1.0  # by which a hole is deeper than its dowel
 LISTED = 40  # holes on the page of words
 _EDGE_MM = 4.0  # around the frame
 _BEFORE = "drill"  # the ruler is measured
@@ -44,7 +43,7 @@ def write_drill_template(
 ) -> list[str]:
     """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
 
-    They print at full size: each hole a circle of the dowel's diameter and `PLAY_MM`, with cross
+    They print at full size: each hole a circle of its drill's diameter, with cross
     hairs and its number, in the frame's outline, seen from the lamp's side. The same piece gives the
     same bytes.
 
@@ -57,7 +56,7 @@ def write_drill_template(
     if mounted.wall is None or mounted.wall.settings.foot != "dowel":
         return []
     place = placement_of(mounted, camera)
-    across = np.array([2 * peg.foot_radius_mm + PLAY_MM for peg in mounted.wall.pegs])
+    across = np.array([peg.drill_mm for peg in mounted.wall.pegs])
     facts = _facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
     half = np.array(place.frame_mm) / 2 + _EDGE_MM
     reach = np.abs(place.holes).max(axis=0) + across.max()
@@ -72,7 +71,7 @@ def write_drill_template(
 
 def _facts(place: Placement, across: Array, deep: float) -> list[str]:
     """The page of words: what to do, and the table of the holes."""
-    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})
+    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # what is sold has no more digits
     lines = [
         "Print all pages at 100 %, not fitted to the page.",
         f"Measure the ruler: it must be {length(RULER_MM)} mm long. If it is not, do not drill.",

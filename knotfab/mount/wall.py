@@ -34,6 +34,8 @@ HOPELESS = 4.0  # times the limit: thinner pegs do not take away so much
 ROOT_HEIGHT_MM = 3.0
 MARK_MM = 1.5  # depth of the notches in the plate's edges
 LEAST_MARK_MM = 0.5  # none where no deeper ones have room
+PLAY_MM = 0.3  # by which a hole is wider than its dowel
+DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # that shops sell
 OVERLAP_MM = 0.3  # by which a peg goes into its plate or dowel, beyond what its slant needs
 
 
@@ -74,6 +76,17 @@ class Peg:
     @property
     def length_mm(self) -> float:
         return float(np.linalg.norm(self.top - self.foot))
+
+    @property
+    def drill_mm(self) -> float:
+        """The drill for its hole: the largest that shops sell whose dowel leaves the peg its shoulder."""
+        wide = 2 * self.foot_radius_mm + PLAY_MM
+        return max((d for d in DRILLS_MM if d <= wide), default=wide)
+
+    @property
+    def dowel_radius_mm(self) -> float:
+        """Of what goes into the wall."""
+        return 0.5 * (self.drill_mm - PLAY_MM)
 
 
 @dataclass(frozen=True)
@@ -269,7 +282,7 @@ def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]
         return [solid.trim_by_plane(wall[:, 2], inside)]
     deep = settings.dowel_depth_mm
     flat = solid.trim_by_plane(wall[:, 2], float(wall[:, 2] @ peg.foot) - 0.5 * deep)
-    pin = as_manifold(dowel(peg.foot_radius_mm, deep))
+    pin = as_manifold(dowel(peg.dowel_radius_mm, deep))
     return [flat, pin.transform(np.column_stack([wall, peg.foot]))]
 
 

@@ -39,12 +39,15 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _beside(scene: Scene, folder: Path) -> Scene:
-    """The scene with its region's mesh named by its whole path: a build may run elsewhere."""
-    region = scene.region
-    if region.file is None:
-        return scene
-    path = str((folder / region.file).absolute())
-    return scene.model_copy(update={"region": region.model_copy(update={"file": path})})
+    """The scene with its region's mesh and its start named by whole paths: a build may run elsewhere."""
+    update: dict[str, Any] = {}
+    region, start = scene.region, scene.search.get("start")
+    if region.file is not None:
+        path = str((folder / region.file).absolute())
+        update["region"] = region.model_copy(update={"file": path})
+    if isinstance(start, str) and start:
+        update["search"] = {**scene.search, "start": str((folder / start).absolute())}
+    return scene.model_copy(update=update) if update else scene
 
 
 def parse_scene(text: str, what: str = "scene.toml") -> Scene:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from knotfab.errors import InputError, SceneError
+from knotfab.knots import read_start
+from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Scene
 
-__all__ = ["require_mount", "require_several", "require_tube"]
+__all__ = ["require_mount", "require_several", "require_start", "require_tube"]
 
 
 def require_mount(scene: Scene) -> None:
@@ -43,6 +47,31 @@ def require_several(scene: Scene) -> None:
             "Leave it out, or give one picture",
         )
     require_mount(scene)
+
+
+def require_start(scene: Scene) -> None:
+    """Refuse a start that the search cannot go on from.
+
+    Raises:
+        InputError: it is no file of knots in the scene, or holds not the knot that is asked for.
+    """
+    name = scene.search.get("start")
+    if not isinstance(name, str) or not name:
+        return
+    if scene.search.get("free_view", False):
+        raise InputError(
+            "a free view (--free view)",
+            "a search that goes on from knots keeps the view that they were made for",
+            "Leave it out, or leave out --start",
+        )
+    types = [knot.type for knot in read_start(Path(name)).knots]
+    wanted = parse_knot_name(scene.piece.knot).promise
+    if wanted not in types:
+        raise InputError(
+            f"a start of {', '.join(sorted(set(types)))} (--start)",
+            f"the knot that is asked for, {wanted}, is none of them, and no step of a search changes a type",
+            "Leave out --knot, or leave out --start",
+        )
 
 
 def require_tube(scene: Scene) -> None:

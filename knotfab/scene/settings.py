@@ -17,6 +17,7 @@ class SearchSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     seed: int = Field(0, ge=0)
+    start: str = ""  # a file of knots to go on from, beside the scene; "": a template
     method: Literal["flow", "inn", "inn+flow"] = "flow"  # inn: the paper's invertible network
     network_start: Literal["filling", "circle"] = "filling"  # the template that it deforms
     network_depth: int = Field(8, ge=1, le=256)  # coupling layers

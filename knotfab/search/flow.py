@@ -72,7 +72,7 @@ def flow(
     radius: float,
     settings: FlowSettings,
     device: str = "cpu",
-    report: Callable[[float, float], None] | None = None,
+    report: Callable[[float, Array], None] | None = None,
     done: Callable[[Array], bool] | None = None,
     separation: float = 0.0,
     between: Between | None = None,
@@ -80,7 +80,7 @@ def flow(
     """Descend `objective` from `points` (N, 3), mm, keeping the knot type.
 
     Every accepted step is certified to be an isotopy (`certificate.certify`): a step that fails is halved
-    up to six times, then refused. `report(progress, loss)` is called each iteration; `done(points)`
+    up to six times, then refused. `report(progress, points)` is called each iteration; `done(points)`
     may end the flow early. `separation`: least distance of centre lines that the objective asks for, mm.
     `between(points, near, iteration, progress)` is called before each step.
     """
@@ -131,7 +131,7 @@ def flow(
             near = None
         result.points = x
         if report is not None:
-            report(progress, result.losses[-1])
+            report(progress, x)
         if done is not None and iteration % 10 == 9 and done(x):
             break
     return result

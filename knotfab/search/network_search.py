@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -138,6 +139,8 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
             rate *= float(np.sqrt(np.clip(goal / max(moved, 1e-300), 0.5, 2.0)))
         before = x
         update(x, near, iteration - since, progress)
+        if state.watch is not None:  # nothing is certified before the end
+            state.watch(partial(state.knots_at, x, state.rings), False)
         adam.zero_grad()
         torch.autograd.backward(objective(images, near, progress))
         for group in adam.param_groups:

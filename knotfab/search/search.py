@@ -7,8 +7,9 @@ differs from the flow in what moves.
 
 from __future__ import annotations
 
-from knotfab.knots import Knot, Knots
-from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start
+from collections.abc import Callable
+
+from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.chamfer import Chamfer
@@ -22,6 +23,7 @@ from knotfab.search.state import SearchState, begin, resample_state, run_phase
 
 __all__ = ["search"]
 
+_SEEN_EVERY = 10  # iterations between measurements of the IoU that is reported
 _APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
 
 
@@ -38,6 +40,7 @@ def search(
     log: CertificateLog | None = None,
     device: str = "cpu",
     report: Report | None = None,
+    watch: Watch | None = None,
 ) -> SearchResult:
     """Knots that draw every picture of the problem, carried there from the start by certified steps.
 
@@ -52,13 +55,15 @@ def search(
             the knots are turned into the axes of the view found.
         log: of the certified steps that led to the start, to be continued.
         plan: instead of the one that follows from the settings and the number of views.
-        report: called with (share of the search that is done, least IoU at the last phase's end).
+        report: called with (share of the search that is done, least IoU, measured now and then).
+        watch: called each iteration with the knots as they stand; it changes no result.
 
     Returns:
         The result says itself whether it is feasible, or which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, len(problem.views))
     state = begin(problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device)
+    state.watch = watch
     if pose is not None:
         pose.keep(state.points)
     done = 0.0  # share of the search
@@ -80,9 +85,8 @@ def search(
     )
     _settle_pose(state)
     repair(state, plan)
-    parts = zip(state.rings.split(state.points), state.log.types, strict=True)
     return SearchResult(
-        Knots(tuple(Knot(part, kind) for part, kind in parts), state.radius),
+        state.knots_at(state.points, state.rings),
         state.feasibility(),
         state.log,
         state.effects,
@@ -110,18 +114,18 @@ def _run_phases(state: SearchState, phases: tuple[Phase, ...], report: Report | 
 
         def tell(
             progress: float,
-            _: float,
+            measure_iou: Callable[[], float],
             base: int = done,
             n: int = phase.iterations,
-            iou: float | None = seen,
         ) -> None:
+            nonlocal seen
             if report is not None:
-                report((base + progress * n) / total, iou)
+                if round(progress * (n - 1)) % _SEEN_EVERY == 0:
+                    seen = measure_iou()
+                report((base + progress * n) / total, seen)
 
-        objective = run_phase(state, phase, tell)
+        run_phase(state, phase, tell)
         done += phase.iterations
-        if report is not None:
-            seen = min(objective.ious(state.points))
 
 
 def _settle_pose(state: SearchState) -> None:

@@ -14,10 +14,11 @@ from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
+from knotfab.knots import Knot, Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility, measure_feasibility
 from knotfab.limits.guards import guard_limits
-from knotfab.problem import CertificateLog, Problem, Start
+from knotfab.problem import CertificateLog, Problem, Start, Watch
 from knotfab.render.picture import ViewImage
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.balance import Balance
@@ -55,11 +56,17 @@ class SearchState:
     device: str = "cpu"
     balance: Balance | None = None
     numbers: ViewNumbers | None = None  # of the pose, once it is found
+    watch: Watch | None = None
 
     @property
     def limits(self) -> Limits:
         """The hard limits at the present radius."""
         return self.problem.limits(self.radius)
+
+    def knots_at(self, points: Array, rings: Polylines) -> Knots:
+        """Vertices (N, 3) of polylines as knots of their types."""
+        parts = zip(rings.split(points), self.log.types, strict=True)
+        return Knots(tuple(Knot(part, kind) for part, kind in parts), self.radius)
 
     def feasibility(self) -> Feasibility:
         """The hard limits measured on the polylines as they are."""
@@ -174,17 +181,27 @@ def resample_state(state: SearchState, edge_mm: float) -> None:
 def run_phase(
     state: SearchState,
     phase: Phase,
-    report: Callable[[float, float], None] | None = None,
+    report: Callable[[float, Callable[[], float]], None] | None = None,
     until_kept: bool = False,
     loose: NDArray[np.bool_] | None = None,
 ) -> Objective:
     """One phase of the certified flow; `until_kept` ends it as soon as every limit holds.
 
+    Args:
+        report: called each iteration with (share of the phase, what measures the least IoU).
+
     Returns:
         The objective at the end of the phase.
     """
     objective = state.objective(phase, loose)
-    limits = state.limits
+    limits, rings = state.limits, state.rings
+
+    def tell(progress: float, points: Array) -> None:
+        if state.watch is not None:
+            state.watch(lambda: state.knots_at(points, rings), state.log.certified)
+        if report is not None:
+            report(progress, lambda: min(objective.ious(points)))
+
     result = flow(
         state.points,
         state.rings,
@@ -192,7 +209,7 @@ def run_phase(
         limits.radius,
         phase.walk,
         state.device,
-        report,
+        tell,
         (lambda x: not state.wanting(x)) if until_kept else None,
         limits.separation,
         state.between(objective, phase),

@@ -20,6 +20,12 @@ def require_sequence(scene: Scene) -> None:
             f"it has {len(scene.views)} views, and a sequence is seen from one side",
             "Leave one [[views]] in it, or leave out --sequence",
         )
+    if scene.search.get("start"):
+        raise InputError(
+            "a start (--start)",
+            "a sequence begins with a template of its first frame",
+            "Leave it out, or leave out --sequence",
+        )
     if scene.piece.knots not in ("auto", 1):
         raise InputError(
             f"{scene.piece.knots} knots (--knots {scene.piece.knots})",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from knotfab.arrays import Array
+from knotfab.knots import Knots
 from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start
 from knotfab.scene.knot_names import parse_knot_name
@@ -17,7 +18,7 @@ from knotfab.start.lift import lift_template
 from knotfab.start.tie import Room, tie
 from knotfab.start.views import start_between_views, start_ious
 
-__all__ = ["make_start", "tie_knot"]
+__all__ = ["go_on", "make_start", "tie_knot"]
 
 
 def make_start(
@@ -51,6 +52,18 @@ def make_start(
         start = start_between_views(problem, spacing * radius, settings, facing_only=tied)
         start = tie_knot(problem, start, radius)
     if one or start.ious:
+        return start
+    return replace(start, ious=start_ious(problem, start, radius))
+
+
+def go_on(problem: Problem, knots: Knots, radius: float) -> Start:
+    """A start from knots whose types are known, in the scene; `radius` of the tube in mm."""
+    start = Start(
+        tuple(knot.points for knot in knots.knots),
+        "knots that an earlier search had come to by certified steps, as their file states their types",
+        tuple(knot.type for knot in knots.knots),
+    )
+    if len(problem.views) == 1:
         return start
     return replace(start, ious=start_ious(problem, start, radius))
 

@@ -20,6 +20,7 @@ __all__ = [
     "SMALLEST_SIDE",
     "SUFFIXES",
     "check_shape",
+    "count_frames",
     "decode",
     "looks_like_raster",
     "own_box",
@@ -108,6 +109,12 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
                 "Copy or export the file again.",
             ) from error
     return upright, kind
+
+
+def count_frames(data: bytes) -> int:
+    """Frames of a pixel picture that `decode` can read; 1 where it does not move."""
+    with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
+        return int(getattr(image, "n_frames", 1))
 
 
 def silhouette(image: Image.Image, what: str, reading: Reading) -> tuple[Mask, str, Box | None]:

@@ -20,6 +20,7 @@ __all__ = ["PLAIN", "TEXT_PREFIX", "Target", "name_picture", "read_target", "rea
 
 TEXT_PREFIX = "text:"
 PLAIN = Reading()
+_MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
 
 
@@ -172,6 +173,9 @@ def read_targets(
 def _take_target(data: bytes, what: str, name: str, suffix: str, reading: Reading) -> Target:
     image, kind = raster.decode(data, what)
     mask, rule, box = raster.silhouette(image, what, reading)
+    frames = raster.count_frames(data) if kind in _MOVING else 1
+    if frames > 1:
+        rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
     if reading.smooth_px:
         original, mask = mask, smooth(mask, reading.smooth_px)

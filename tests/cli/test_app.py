@@ -209,6 +209,25 @@ def test_a_mount_is_printed(
     assert [request.printing for request in asked] == [printing]
 
 
+def test_the_default_folder_keeps_what_another_picture_came_to(
+    bad: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def build(request: pipeline.Request, progress: object) -> None:
+        raise InputError("the test", "it has seen enough", "Go on")
+
+    monkeypatch.setattr(pipeline, "build", build)
+    monkeypatch.chdir(tmp_path)
+    out = Path("knotfab-out")
+    out.mkdir()
+    (out / "report.json").write_text("{}")
+    (out / "picture-front.png").write_bytes(b"another")
+    assert "built from another picture" in refuse(2, "build", bad / "good.png")
+    for more in (["--force"], ["--out", "knotfab-out"]):
+        assert "seen enough" in refuse(2, "build", bad / "good.png", *more)
+    (out / "picture-front.png").write_bytes((bad / "good.png").read_bytes())
+    assert "seen enough" in refuse(2, "build", bad / "good.png")
+
+
 def test_a_font_is_for_text(bad: Path, tmp_path: Path) -> None:
     call = ("build", "text:R", "--out", tmp_path / "out", "--font")
     assert "no font of that name" in refuse(2, *call, "No Such Family At All")

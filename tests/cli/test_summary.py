@@ -31,6 +31,26 @@ def test_the_first_line_says_what_the_shadow_is_like(
     assert ("3 gaps are bridged" in rest[0]) == (word is not None)
 
 
+def test_the_last_line_says_what_it_takes_and_where_to_look(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = outcome("good")
+    done.report["print"] |= {"time_s": 9000.0, "filament_g": 42.0, "support_share": 0.31}
+    print_summary(done)
+    last = capsys.readouterr().out.splitlines()[-1].strip()
+    assert last == "good, 2.5 h, 42 g, 31% of it supports: open out/report.html"
+
+
+def test_of_a_stand_the_frame_alone_is_quoted(capsys: pytest.CaptureFixture[str]) -> None:
+    done = outcome("good")
+    view = {"name": "front", "iou": 0.7, "iou_frame": 0.95, "legibility": {}}
+    done.report["views"] = [view]
+    for kind, quoted in (("stand", "IoU 0.9500 in the frame"), ("wall", "IoU 0.7000")):
+        done.report["print"]["mount"] = {"kind": kind}
+        print_summary(done)
+        assert f"front: {quoted}\n" in capsys.readouterr().out
+
+
 def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[str]) -> None:
     line = {"measured": 1.0, "limit": 0.5, "unit": "mm", "detail": "too far"}
     print_checks(

@@ -55,6 +55,18 @@ def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> N
     assert set(listing(tmp_path)) == {"report.json", "knots.json", *users}
 
 
+def test_what_an_earlier_build_left_rejected_goes_with_one_that_passes(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as out:
+        out.write("report.json", "failed")
+        out.reject()
+    build(tmp_path, report__json="passed")
+    assert listing(tmp_path) == {"report.json": b"passed"}
+    (tmp_path / REJECTED).mkdir()
+    (tmp_path / REJECTED / "mine.txt").write_text("user")  # no build's
+    build(tmp_path, report__json="passed")
+    assert (tmp_path / REJECTED / "mine.txt").read_text() == "user"
+
+
 def test_without_a_report_nothing_is_taken_for_an_earlier_build(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_text("user")
     build(tmp_path, knots__json="new")

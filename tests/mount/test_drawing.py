@@ -12,8 +12,9 @@ from setups import OFF, Kind, setup
 
 from knotfab.drawing.dimensions import length
 from knotfab.mount.drawing import write_setup
-from knotfab.mount.drill_template import PLAY_MM, write_drill_template
+from knotfab.mount.drill_template import write_drill_template
 from knotfab.mount.placement import placement_of
+from knotfab.mount.wall import DRILLS_MM, PLAY_MM
 
 pytestmark = pytest.mark.slow
 
@@ -129,7 +130,11 @@ def test_holes_are_at_full_size_where_the_pegs_enter(tmp_path: Path) -> None:
                 continue
         circles = [c for page in pages for c in curves(page) if c[1] < 10]  # not of letters
         assert len(circles) == 3
-        wide = [2 * peg.foot_radius_mm + PLAY_MM for peg in mounted.wall.pegs]
+        wide = [peg.drill_mm for peg in mounted.wall.pegs]
+        assert set(wide) <= set(DRILLS_MM)
+        for peg in mounted.wall.pegs:  # a shoulder stays, and no more of it than a drill's step
+            assert 0 <= peg.foot_radius_mm - peg.dowel_radius_mm < 0.25
+            assert peg.drill_mm == pytest.approx(2 * peg.dowel_radius_mm + PLAY_MM)
         assert [d for _, d in circles] == pytest.approx(wide, abs=1e-3)
         middles = np.stack([m for m, _ in circles])
         assert middles - middles[0] == pytest.approx(place.holes - place.holes[0], abs=1e-3)

@@ -11,6 +11,7 @@ from knotfab.design.region import depth_extent
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.knots import Knots
 from knotfab.limits.feasibility import measure_feasibility
 from knotfab.problem import Problem
 from knotfab.scene.model import ResolvedRegion, Scene
@@ -45,8 +46,21 @@ def test_the_search_ends_feasible_and_certified(problem: Problem) -> None:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     short = QUICK.model_copy(update={"coarse_iterations": 10, "fine_iterations": 5})
-    one, two = (start_and_search(problem, 4.0, short, repairs=0) for _ in range(2))
+    seen: list[tuple[Knots, bool]] = []
+    told: list[float | None] = []
+    one = start_and_search(problem, 4.0, short, repairs=0)
+    two = start_and_search(  # watched, which must change nothing
+        problem,
+        4.0,
+        short,
+        repairs=0,
+        watch=lambda knots, certified: seen.append((knots(), certified)),
+        report=lambda _, iou: told.append(iou),
+    )
     assert (one.knots.points == two.knots.points).all()
+    assert len(seen) == short.iterations and all(certified for _, certified in seen)
+    assert (seen[-1][0].points == two.knots.points).all()
+    assert told[-1] == pytest.approx(two.iou_estimate, abs=0.02)
     other = start_and_search(problem, 4.0, short.model_copy(update={"seed": 5}), repairs=0)
     assert other.knots.points.shape != one.knots.points.shape or not np.allclose(
         other.knots.points, one.knots.points

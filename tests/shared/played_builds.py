@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import sys
 import textwrap
 from pathlib import Path
+
+import numpy as np
+
+from knotfab.arrays import Array
+from knotfab.knots import Knot, Knots
+from knotfab.scene.model import ResolvedView
 
 PYTHON = sys.executable  # itself, where that which builds run with is played
 
@@ -12,10 +19,27 @@ PLAYED = """\
     #!{python} -S
     import json, os, pathlib, signal, sys, time
     here = pathlib.Path({runs!r})
+    CURVES = {curves!r}
     out = pathlib.Path(next(a for a in sys.argv if a.startswith("--out=")).removeprefix("--out="))
     at = sys.argv.index("build") + 1
     picture = pathlib.Path(sys.argv[at])
-    told = picture.read_text()
+    text = sys.argv[at].startswith("text:")
+    told = sys.argv[at][5:] if text else picture.read_text(errors="replace")
+    def tell(event, **data):
+        if "--events=-" in sys.argv:
+            print(json.dumps({{"event": event, **data}}), flush=True)
+    def stop(*_):
+        tell("standing", start=START)
+        sys.exit(130)
+    if "--events=-" in sys.argv:
+        signal.signal(signal.SIGTERM, stop)
+    START = {start!r}
+    VIEW = {view!r}
+    tell("stage", name="search", seconds=0.1, left_s=9.0)
+    tell("scene", views=[VIEW], radius_mm=2.0)
+    for k in range(3):
+        tell("knots", radius_mm=2.0, curves=CURVES[k:k + 1])
+        tell("progress", stage="search", fraction=k / 3, share=k / 3, iou=0.9, left_s=5.0)
     if told == "once" and not (here / "b.parent").exists():
         (here / "b.parent").write_text(str(os.getppid()))
         told = "wait"
@@ -32,6 +56,8 @@ PLAYED = """\
         os.kill(os.getpid(), signal.SIGKILL)
     if told == "wait":
         time.sleep(60)
+    if told == "slow":
+        time.sleep(1.5)
     if told == "wrong":
         print("knotfab: " + str(picture) + ": no picture. Draw one.", file=sys.stderr)
         sys.exit(2)
@@ -41,6 +67,9 @@ PLAYED = """\
         {{"views": [{{"iou": 0.97}}, {{"iou": 0.95}}], "verdict": {{"word": "good"}}}}))
     (place / "compare-front.png").write_bytes(b"")
     (place / "report.html").write_text("report")
+    (place / "part.3mf").write_text("a part")
+    (place / "evil.html").write_text("<script>")
+    tell("standing", start=START)
     if told == "fail":
         print("knotfab: shadow failed: see there", file=sys.stderr)
         sys.exit(1)
@@ -52,9 +81,20 @@ def write_player(tmp_path: Path) -> tuple[Path, Path]:
     runs = tmp_path / "runs"
     runs.mkdir()
     script = tmp_path / "played"
-    script.write_text(textwrap.dedent(PLAYED).format(python=PYTHON, runs=str(runs)))
+    rings = [_ring(radius) for radius in (30.0, 40.0, 50.0)]
+    played = {
+        "start": Knots((Knot(rings[-1]),), 2.0).dump_start(),
+        "curves": [base64.b64encode(ring.astype("<f4").tobytes()).decode() for ring in rings],
+        "view": ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0).model_dump(),
+    }
+    script.write_text(textwrap.dedent(PLAYED).format(python=PYTHON, runs=str(runs), **played))
     script.chmod(0o755)
     return script, runs
+
+
+def _ring(radius: float) -> Array:
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    return np.stack([radius * np.cos(t), radius * np.sin(t), 4 * np.sin(2 * t)], axis=1)
 
 
 def draw(folder: Path, **told: str) -> Path:

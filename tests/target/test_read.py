@@ -148,7 +148,9 @@ def test_exif_orientation_is_followed(tmp_path: Path) -> None:
 def test_gif_gives_its_first_frame(tmp_path: Path) -> None:
     second = Image.fromarray(np.full((H, W), 255, dtype=np.uint8))
     path = save(tmp_path / "film.gif", GREY, save_all=True, append_images=[second])
-    assert (read_target(path).mask == SHAPE).all()
+    found = read_target(path)
+    assert (found.mask == SHAPE).all()
+    assert found.rule.startswith("the first of its 2 frames (--sequence takes them all)")
 
 
 def test_half_contrast_is_more_than_half_of_the_largest_difference(tmp_path: Path) -> None:

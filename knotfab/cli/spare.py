@@ -1,0 +1,28 @@
+"""A build's process that has loaded everything beforehand, and waits for its call on standard input."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+
+
+def wait_for_call() -> None:
+    """Load what a build needs, read its arguments, a list as a line of JSON, and run the command line."""
+    import knotfab.pipeline
+    import knotfab.preview.survey  # noqa: F401
+
+    line = sys.stdin.readline()
+    if not line.strip():  # the studio ended
+        return
+    began = time.perf_counter()
+    sys.argv = ["knotfab", *json.loads(line)]
+    from knotfab.cli.app import main
+
+    main(began=began)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        wait_for_call()

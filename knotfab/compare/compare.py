@@ -1,0 +1,215 @@
+"""A photograph of the shadow on the wall against the picture that a build was made for."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from knotfab.arrays import Array, Mask
+from knotfab.compare.lamp import LampFit, find_lamp
+from knotfab.compare.rectify import (
+    find_plate,
+    find_shadow,
+    homography,
+    read_corners,
+    rectify,
+    through,
+)
+from knotfab.errors import InputError
+from knotfab.files.whole import write_whole
+from knotfab.knots import Knot, Knots
+from knotfab.scene.camera import camera_of
+from knotfab.scene.load import load_scene
+from knotfab.scene.model import ResolvedView, Scene
+from knotfab.target.read import read_target
+
+__all__ = ["Comparison", "advise", "compare_photo", "write_comparison"]
+
+_LONGER_PX = 640
+_MARGIN = 0.15  # of the frame on each side, so that spill counts
+_PLATE_SHARE = 0.7  # of the plate's margin: its edge may be rounded, and is found to a px or two
+_LARGEST_PX = 12000
+_GAIN = 0.004  # of IoU below which the lamp may stay
+_LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
+_PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`iou` of the photographed shadow and the picture; shares of the picture's area that are missing, and
+    dark beside it; the lamp, where knots.json is there to tell; the differences as a PNG."""
+
+    iou: float
+    missing: float
+    spilled: float
+    lamp: LampFit | None
+    png: bytes
+
+    def to_dict(self) -> dict[str, Any]:
+        lamp = None
+        if self.lamp is not None:
+            lamp = {k: round(v, 4) for k, v in self.lamp.__dict__.items()}
+        figures = {"iou": self.iou, "missing": self.missing, "spilled": self.spilled}
+        return {
+            **{k: round(v, 4) for k, v in figures.items()},
+            "lamp": lamp,
+            "advice": advise(self),
+        }
+
+
+def compare_photo(
+    photo: Path,
+    folder: Path,
+    corners: Sequence[str] | None = None,
+    view_name: str | None = None,
+) -> Comparison:
+    """Compare a photograph of the shadow with the picture of a folder that a build wrote.
+
+    Args:
+        corners: of the frame in the photograph, `x,y` px each, clockwise from the top left; None: those of
+            the plate that the piece is mounted on are looked for.
+        view_name: the first view by default.
+
+    Raises:
+        InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
+    """
+    scene, view = _read_view(folder, view_name)
+    image = _read_photo(photo)
+    target = read_target(view.picture, view, base=folder)
+    longer = max(target.width, target.height)
+    width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
+    pad = _margin_px(scene, view, width)
+    at = (
+        _corners_of_plate(image, scene, view, str(photo))
+        if corners is None
+        else read_corners(corners, image.shape[1], image.shape[0])
+    )
+    seen = rectify(image @ (0.299, 0.587, 0.114), at, (width, height), pad)
+    shadow = find_shadow(seen, str(photo))
+    asked = Image.fromarray(target.asked).resize((width, height), Image.Resampling.BOX)
+    wanted = np.pad(np.asarray(asked, dtype=bool), ((pad[1], pad[1]), (pad[0], pad[0])))
+    camera = camera_of(view, width, height).padded(*pad)
+    knots = _read_knots(folder / "knots.json", scene)
+    lamp = None if knots is None else find_lamp(knots, camera, shadow)
+    area = max(1, int(wanted.sum()))
+    return Comparison(
+        float((wanted & shadow).sum() / max(1, (wanted | shadow).sum())),
+        float((wanted & ~shadow).sum() / area),
+        float((shadow & ~wanted).sum() / area),
+        lamp,
+        _draw(wanted, shadow),
+    )
+
+
+def advise(found: Comparison) -> str:
+    """Which way to move the lamp, in a sentence."""
+    lamp = found.lamp
+    if lamp is None:
+        return ""
+    moves = (lamp.right_mm, lamp.up_mm, lamp.away_mm)
+    words = (("left", "right"), ("down", "up"), ("nearer to the wall", "away from the wall"))
+    said = [
+        f"{abs(by):.0f} mm {word[0] if by > 0 else word[1]}"
+        for by, word, least in zip(moves, words, _LEAST_MM, strict=True)
+        if abs(by) >= least
+    ]
+    if not said or lamp.iou - lamp.iou_in_place < _GAIN:
+        return "The lamp stands where it should."
+    return f"Move the lamp {', '.join(said)}."
+
+
+def write_comparison(found: Comparison, out: Path) -> None:
+    """Write where they differ.
+
+    Raises:
+        InputError: it is no PNG, or cannot be written.
+    """
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "differences are drawn as PNG", "Name a file in .png.")
+    write_whole(out, found.png)
+
+
+def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView]:
+    if not folder.is_dir():
+        raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
+    scene = load_scene(folder / "scene.toml")
+    views = [v for v in scene.views if name in (None, v.name)]
+    if not views:
+        known = ", ".join(v.name for v in scene.views)
+        raise InputError(f"--view {name}", "the scene has no such view", f"It has: {known}.")
+    if views[0].frame_width_mm is None or views[0].frame_height_mm is None:
+        raise InputError(
+            str(folder / "scene.toml"),
+            "no build has written it",
+            "Name a folder that a build wrote.",
+        )
+    return scene, ResolvedView.model_validate(views[0].model_dump())
+
+
+def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:
+    """How far about the frame is looked: on a plate no further than that, for the wall is unlike it."""
+    margin = _MARGIN * view.longer_mm
+    if _has_plate(scene):
+        margin = min(margin, _PLATE_SHARE * scene.mount.plate_margin_mm)
+    px = max(1, round(margin * width / view.frame_width_mm))
+    return px, px
+
+
+def _has_plate(scene: Scene) -> bool:
+    return scene.mount.kind == "wall" and scene.mount.foot != "dowel"
+
+
+def _read_photo(path: Path) -> Array:
+    """(H, W, 3), 0 to 1, upright."""
+    try:
+        with Image.open(path) as image:
+            if max(image.size) > _LARGEST_PX:
+                raise InputError(
+                    str(path), f"it has more than {_LARGEST_PX} px on a side", "Scale it down."
+                )
+            upright = ImageOps.exif_transpose(image).convert("RGB")
+    except OSError as error:
+        why = error.strerror or "it is no photograph that can be read"
+        raise InputError(str(path), why.lower(), "Name a JPEG or PNG.") from error
+    return np.asarray(upright, dtype=np.float64) / 255.0
+
+
+def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
+    """The frame's corners, a margin inside those of the plate."""
+    if not _has_plate(scene):
+        raise InputError(
+            what,
+            "this piece has no plate that its frame could be found by",
+            "Name the frame's corners in it: --corners x,y x,y x,y x,y.",
+        )
+    (w, h), m = view.frame_mm, scene.mount.plate_margin_mm
+    plate = np.array([[-m, -m], [w + m, -m], [w + m, h + m], [-m, h + m]])
+    frame = np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
+    return through(homography(plate, find_plate(image, what)), frame)
+
+
+def _read_knots(path: Path, scene: Scene) -> Knots | None:
+    """The knots in the scene; None where there are none, or no pose that leads there."""
+    if scene.pose is None or not path.is_file():
+        return None
+    raw = json.loads(path.read_text(encoding="utf-8"))
+    knots = tuple(Knot(np.array(k["points"], dtype=np.float64)) for k in raw["knots"])
+    return Knots(knots, float(raw["radius_mm"])).moved(np.array(scene.pose.matrix))
+
+
+def _draw(wanted: Mask, shadow: Mask) -> bytes:
+    """Grey: both; blue: the picture alone; red: the shadow alone."""
+    sheet = np.full((*wanted.shape, 3), _PAPER, dtype=np.uint8)
+    sheet[wanted & shadow] = _BOTH
+    sheet[wanted & ~shadow] = _MISSING
+    sheet[shadow & ~wanted] = _SPILL
+    buffer = io.BytesIO()
+    Image.fromarray(sheet).save(buffer, "PNG")
+    return buffer.getvalue()

@@ -1,0 +1,113 @@
+"""The pictures of a studio: what is handed in is checked, kept as it is, and shown as a PNG of its own."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Container
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from knotfab.errors import InputError
+from knotfab.files.whole import write_whole
+from knotfab.target import raster, svg, text
+from knotfab.target.read import TEXT_PREFIX, name_picture
+
+__all__ = ["LARGEST_BYTES", "StudioPicture", "keep_picture", "keep_text"]
+
+LARGEST_BYTES = 32 * 2**20
+_LARGEST_PIXELS = 40_000_000
+_LONGEST_TEXT = 40  # characters
+_SHOWN_PX = 512
+
+
+@dataclass(frozen=True)
+class StudioPicture:
+    """A picture to build: `source` as the command line takes it, `shown` a small PNG of it."""
+
+    name: str
+    source: str
+    width: int
+    height: int
+    shown: bytes
+
+
+def keep_picture(data: bytes, file_name: str, folder: Path, taken: Container[str]) -> StudioPicture:
+    """Check a picture and keep it in `folder` under a plain name that is not taken.
+
+    Raises:
+        InputError: it is none that can be read, or too large.
+    """
+    what = "".join(c for c in file_name if c.isprintable())[:80] or "the picture"
+    if not data:
+        raise InputError(what, "the file is empty", "Copy or export it again.")
+    if len(data) > LARGEST_BYTES:
+        raise too_large(what)
+    if raster.looks_like_raster(data):
+        _check_pixels(data, what)
+        image, kind = raster.decode(data, what)
+        suffix = raster.SUFFIXES[kind][0]
+    elif svg.looks_like_svg(data):
+        image, _ = raster.decode(svg.render_svg(data, what), what)
+        suffix = ".svg"
+    else:
+        image, kind = raster.decode(data, what)  # says what it is not
+        suffix = raster.SUFFIXES[kind][0]
+    plain = name = name_picture(what)
+    number = 2
+    while name in taken:
+        name, number = f"{plain}-{number}", number + 1
+    path = folder / f"{name}{suffix}"
+    write_whole(path, data)
+    return StudioPicture(name, str(path), image.width, image.height, _show(image))
+
+
+def keep_text(content: str) -> StudioPicture:
+    """A text as a picture.
+
+    Raises:
+        InputError: it is empty, too long, or cannot be drawn.
+    """
+    content = " ".join(content.split())
+    if not 0 < len(content) <= _LONGEST_TEXT:
+        raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
+    source = TEXT_PREFIX + content
+    image, _ = raster.decode(text.render_text(content, None), source)
+    return StudioPicture(name_picture(source), source, image.width, image.height, _show(image))
+
+
+def too_large(what: str) -> InputError:
+    return InputError(
+        what,
+        f"it has more than {LARGEST_BYTES // 2**20} MB, too much for a picture",
+        "Scale it down; about 1000 pixels on a side are enough.",
+    )
+
+
+def _check_pixels(data: bytes, what: str) -> None:
+    """Refuse a picture whose pixels would fill the memory, before any is decoded."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            width, height = Image.open(io.BytesIO(data)).size
+        except Exception:  # decode says what is wrong with it
+            return
+    if width * height > _LARGEST_PIXELS:
+        raise InputError(
+            what,
+            f"it has {width} x {height} pixels, more than {_LARGEST_PIXELS // 10**6} million",
+            "Scale it down; about 1000 pixels on a side are enough.",
+        )
+
+
+def _show(image: Image.Image) -> bytes:
+    """A small PNG of it: pixels alone, nothing of the file."""
+    small = image.convert("RGBA")
+    small.thumbnail((_SHOWN_PX, _SHOWN_PX))
+    plain = Image.new("RGBA", small.size)
+    plain.paste(small)
+    buffer = io.BytesIO()
+    plain.save(buffer, "PNG")
+    return buffer.getvalue()

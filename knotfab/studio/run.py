@@ -1,0 +1,82 @@
+"""Serve the studio on this machine alone, open it, and end every process with it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from knotfab.errors import InputError
+from knotfab.files.folder import OutputFolder
+from knotfab.studio.server import make_app
+from knotfab.studio.session import Studio
+
+__all__ = ["run_studio"]
+
+_HOST = "127.0.0.1"
+
+
+def run_studio(port: int, open_page: bool, folder: Path) -> None:
+    """Serve until Ctrl-C.
+
+    Args:
+        port: 0 for any that is free. folder: where pictures and builds are kept.
+
+    Raises:
+        InputError: the port is taken, or the folder cannot be written.
+    """
+    with OutputFolder(folder):  # says so now if it cannot be written
+        pass
+    folder = folder.expanduser().resolve()
+    with _bind(port) as listening:
+        port = listening.getsockname()[1]
+        token = secrets.token_urlsafe(24)
+        hosts = (f"{_HOST}:{port}", f"localhost:{port}")
+        address = f"http://{_HOST}:{port}/?token={token}"
+        app = make_app(Studio(folder), token, hosts)
+        config = uvicorn.Config(
+            app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
+        )
+        server = _Server(config, lambda: _announce(address, folder, open_page))
+        with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
+            asyncio.run(server.serve(sockets=[listening]))
+        print("\nThe studio is closed.", flush=True)
+
+
+class _Server(uvicorn.Server):
+    """The server, which says when it is ready."""
+
+    def __init__(self, config: uvicorn.Config, when_ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self.when_ready = when_ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self.when_ready()
+
+
+def _bind(port: int) -> socket.socket:
+    listening = socket.socket()
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((_HOST, port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        reason = getattr(error, "strerror", None) or "it is no port"
+        raise InputError(
+            f"--port {port}", reason.lower(), "Leave it out for any that is free."
+        ) from error
+    return listening
+
+
+def _announce(address: str, folder: Path, open_page: bool) -> None:
+    print(f"knotfab studio: {address}\nBuilds go to {folder}. Ctrl-C ends it.", flush=True)
+    if open_page:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

@@ -1,0 +1,153 @@
+/* The live view: the viewer where there is WebGL, else the knot from the side; the shadow beside it in both. */
+import { asLists, drawShadow, drawSide, unpack } from "./project.js";
+
+const byId = (id) => document.getElementById(id);
+
+/* "none", "software" (a processor draws, which the build needs), or "hardware". */
+function findGraphics() {
+  try {
+    const context = window.KnotfabViewer && document.createElement("canvas").getContext("webgl2");
+    if (!context) return "none";
+    const told = context.getExtension("WEBGL_debug_renderer_info");
+    const name = told ? context.getParameter(told.UNMASKED_RENDERER_WEBGL) : "";
+    context.getExtension("WEBGL_lose_context")?.loseContext();
+    return /swiftshader|llvmpipe|softpipe|software/i.test(name) ? "software" : "hardware";
+  } catch {
+    return "none";
+  }
+}
+
+export class Stage {
+  constructor() {
+    this.views = [];
+    this.curves = [];
+    this.radius = 1;
+    this.pictures = [];
+    this.turn = [-0.7, 0.35];
+    this.viewer = null;
+    this.frames = 0;
+    this.waiting = false;
+    this.resting = 0; // until then nothing is drawn: drawing must not take the build's time
+    this.data = null;
+    const graphics = findGraphics();
+    this.lay(graphics !== "hardware");
+    byId("flat").hidden = graphics === "none";
+    byId("flat").addEventListener("click", () => {
+      this.lay(!this.flat);
+      this.renew();
+    });
+    this.turnByHand(byId("side"));
+    new ResizeObserver(() => this.ask()).observe(byId("shadow"));
+  }
+
+  /* Flat: two drawings. Else the viewer in 3D, with the shadow as a picture in it. */
+  lay(flat) {
+    this.flat = flat;
+    document.querySelector(".live").classList.toggle("flat", flat);
+    byId("viewer").hidden = flat;
+    byId("side").hidden = !flat;
+    byId("flat").textContent = flat ? "Show it in 3D" : "Show it flat";
+    byId("flat").setAttribute("aria-pressed", String(!flat));
+  }
+
+  /* What the knots are drawn with: an event "scene" of the build, and the silhouettes of its pictures. */
+  async setScene(event) {
+    const pictures = await Promise.all(event.views.map((_, k) => silhouette(k)));
+    this.views = event.views;
+    this.pictures = pictures.map((found) => found?.image ?? null);
+    if (event.radius_mm) this.radius = event.radius_mm;
+    const views = event.views.map((view, k) => ({ ...view, picture: pictures[k]?.uri }));
+    this.changed = true;
+    this.data = { unit: "mm", radius: this.radius, curves: asLists(this.curves), views };
+    this.renew();
+  }
+
+  /* The viewer is made when it is first seen: hidden, it has no size. */
+  renew() {
+    if (this.flat || !this.data || byId("show-live").hidden) return this.ask();
+    try {
+      this.data.curves = asLists(this.curves);
+      this.data.radius = this.radius;
+      if (!this.viewer) this.viewer = window.KnotfabViewer.mount(byId("viewer"), this.data, { controls: true });
+      else if (this.changed) this.viewer.setScene(this.data);
+      this.changed = false;
+    } catch (error) {
+      console.warn("no 3D view here:", error.message);
+      this.lay(true);
+      byId("flat").hidden = true;
+    }
+    this.ask();
+  }
+
+  setKnots(event) {
+    this.curves = unpack(event.curves);
+    this.radius = event.radius_mm;
+    this.ask();
+  }
+
+  clear() {
+    this.curves = [];
+    this.ask();
+  }
+
+  /* Draw with the next frame of the screen, once, whatever has come until then. */
+  ask() {
+    if (this.waiting) return;
+    this.waiting = true;
+    setTimeout(() => requestAnimationFrame(() => this.drawAndRest()), Math.max(0, this.resting - performance.now()));
+  }
+
+  /* Draw, and rest twice as long as that took until the screen had it. */
+  drawAndRest() {
+    this.waiting = false;
+    const begun = performance.now();
+    this.draw();
+    requestAnimationFrame(() => setTimeout(() => {
+      const took = performance.now() - begun;
+      this.resting = performance.now() + (took > 40 ? 2 * took : 0);
+    }));
+  }
+
+  draw() {
+    if (!this.views.length || byId("show-live").hidden) return;
+    drawShadow(byId("shadow"), this.views[0], this.curves, this.radius, this.pictures[0]);
+    if (this.flat) drawSide(byId("side"), this.views[0], this.curves, this.radius, this.turn);
+    else if (this.viewer) this.viewer.setCurves(asLists(this.curves), this.radius);
+    this.frames += 1;
+    document.documentElement.dataset.frames = this.frames;
+  }
+
+  turnByHand(canvas) {
+    let from = null;
+    canvas.addEventListener("pointerdown", (e) => {
+      from = [e.clientX, e.clientY];
+      canvas.setPointerCapture(e.pointerId);
+    });
+    canvas.addEventListener("pointermove", (e) => {
+      if (!from) return;
+      this.turn = [this.turn[0] + (e.clientX - from[0]) / 120, this.turn[1] + (e.clientY - from[1]) / 120];
+      from = [e.clientX, e.clientY];
+      this.ask();
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (from = null));
+    canvas.addEventListener("keydown", (e) => {
+      const by = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, -0.15], ArrowDown: [0, 0.15] }[e.key];
+      if (!by) return;
+      e.preventDefault();
+      this.turn = [this.turn[0] + by[0], this.turn[1] + by[1]];
+      this.ask();
+    });
+  }
+}
+
+async function silhouette(number) {
+  const answer = await fetch(`/silhouettes/${number}.png`);
+  if (!answer.ok) return null;
+  const blob = await answer.blob();
+  const uri = await new Promise((done) => {
+    const reader = new FileReader();
+    reader.onload = () => done(reader.result);
+    reader.readAsDataURL(blob);
+  });
+  return { uri, image: await createImageBitmap(blob) };
+}

@@ -1,0 +1,109 @@
+"""The studio's page in a real browser: from an empty page to a built part by mouse alone.
+
+The build is played; `make studio-table` runs real ones.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from played_builds import write_player
+
+pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
+pytest.importorskip("playwright", reason="pip install playwright")
+import uvicorn
+from playwright.sync_api import sync_playwright
+
+from knotfab.studio.server import make_app
+from knotfab.studio.session import Studio
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no browser here: apt-get install chromium"),
+]
+TOKEN = "a-token"
+
+
+@pytest.fixture
+def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A studio that runs, whose builds are played."""
+    script, _ = write_player(tmp_path)
+    monkeypatch.setattr("sys.executable", str(script))
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        host = f"127.0.0.1:{listening.getsockname()[1]}"
+        app = make_app(Studio(tmp_path / "studio", warm=False), TOKEN, (host,))
+        server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=2))
+        serving = threading.Thread(target=lambda: asyncio.run(server.serve([listening])))
+        serving.start()
+        yield f"http://{host}/?token={TOKEN}"
+        server.should_exit = True
+        serving.join(20)
+    assert not serving.is_alive()
+
+
+@pytest.fixture
+def page(address: str) -> Iterator[Any]:
+    """An empty page; whatever its console says against it fails the test."""
+    wrong: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        opened = browser.new_page(viewport={"width": 1280, "height": 800})
+        opened.set_default_timeout(60_000)
+        opened.on("pageerror", lambda error: wrong.append(str(error)))
+        opened.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+        opened.goto(address)
+        opened.wait_for_selector("html[data-ready]", state="attached")
+        yield opened
+        browser.close()
+    assert wrong == []
+
+
+def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: Path) -> None:
+    page.click("#tab-draw")
+    box = page.locator("#drawing").bounding_box()
+    assert box is not None
+    side, middle = box["width"], box["y"] + box["width"] / 2
+    page.mouse.move(box["x"] + 0.25 * side, middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.75 * side, middle, steps=5)
+    page.mouse.up()
+    page.click("#use-drawing")
+    page.wait_for_selector("#survey:not([hidden])")  # what a tube will lose of it
+    assert "1 piece" in page.inner_text("#survey-lines")
+    page.locator("input[value=wall]").check(force=True)
+    page.click("#build")
+    page.wait_for_selector("#result:not([hidden])")
+    assert page.inner_text("#verdict") == "Good"
+    page.click("#tab-live")
+    page.wait_for_selector("html[data-frames]", state="attached")  # the knots were drawn
+    page.click("#tab-result")
+    with page.expect_download() as loading:
+        page.click("#download")
+    assert Path(loading.value.path()).read_text() == "a part"
+    assert page.frame_locator("#report").locator("body").inner_text() == "report"
+    assert (tmp_path / "studio" / "builds" / "drawing" / "part.3mf").is_file()
+
+    page.reload()  # the state is the server's
+    page.wait_for_selector("#pictures button[aria-pressed=true]")
+    assert page.is_checked("input[value=wall]") and page.is_visible("#go-on")
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.focus("#tab-file")  # and by keyboard
+    page.keyboard.press("ArrowRight")
+    assert page.is_visible("#text")
+    page.fill("#text", "wrong")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#pictures li:nth-child(2) button[aria-pressed=true]")
+    page.focus("#build")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#said.bad")
+    assert page.inner_text("#said") == "text:wrong: no picture. Draw one."

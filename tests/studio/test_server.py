@@ -1,0 +1,279 @@
+"""The studio's server: its own page may do all, others nothing; a mishap is one sentence and loses nothing.
+
+Builds are played by a script, which does what the picture's text says.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import picture, square
+from PIL import Image
+from played_builds import write_player
+
+pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from knotfab.knots import read_start
+from knotfab.studio import session
+from knotfab.studio.pictures import LARGEST_BYTES
+from knotfab.studio.server import make_app
+from knotfab.studio.session import Studio
+
+HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"
+ORIGIN, LIVE = {"origin": f"http://{HOST}"}, f"ws://{HOST}/live"
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Builds and previews are played; the folder that keeps a line a run."""
+    script, runs = write_player(tmp_path)
+    monkeypatch.setattr("sys.executable", str(script))
+    monkeypatch.setattr(session, "_preview", lambda *_: ({"lines": [], "error": ""}, b"", ()))
+    return runs
+
+
+@pytest.fixture
+def client(runs: Path, tmp_path: Path) -> Iterator[TestClient]:
+    """A browser that was let in."""
+    studio = Studio(tmp_path / "studio", warm=False)
+    app = make_app(studio, TOKEN, (HOST,))
+    with TestClient(app, base_url=f"http://{HOST}", headers=ORIGIN) as client:
+        client.get(f"/?token={TOKEN}")
+        yield client
+
+
+def ask(client: TestClient, path: str, **data: Any) -> Any:
+    return client.post(path, json=data)
+
+
+def wait_for(client: TestClient, *phases: str) -> dict[str, Any]:
+    until = time.monotonic() + 20
+    while time.monotonic() < until:
+        state: dict[str, Any] = client.get("/api/state").json()
+        if state["build"]["phase"] in phases and state["build"].get("stage") != "start":
+            return state
+        time.sleep(0.02)
+    raise AssertionError(state["build"])
+
+
+def build(client: TestClient, told: str, *phases: str) -> dict[str, Any]:
+    """Build a text that says how it shall go."""
+    assert ask(client, "/api/text", text=told).status_code == 200
+    assert ask(client, "/api/build").status_code == 200
+    return wait_for(client, *(phases or ("done", "rejected", "stopped", "failed")))
+
+
+def refuse(answer: Any, code: int, why: str) -> None:
+    sentence = answer.json()["sentence"] if code == 422 else answer.text
+    assert answer.status_code == code and why in sentence, answer.text
+    assert "\n" not in sentence and sentence[-1] in ".!"
+
+
+def test_the_token_becomes_a_cookie_that_only_this_page_sends(tmp_path: Path) -> None:
+    app = make_app(Studio(tmp_path, warm=False), TOKEN, (HOST,))
+    stranger = TestClient(app, base_url=f"http://{HOST}")
+    for path in ("/", "/?token=guess", "/api/state", "/static/studio.js", "/pictures/a.png"):
+        answer = stranger.get(path)
+        assert answer.status_code == 403 and "token" in answer.text
+    answer = stranger.get(f"/?token={TOKEN}")
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie and "samesite=strict" in cookie
+    page = stranger.get("/")
+    assert page.status_code == 200 and TOKEN not in page.text
+    policy = page.headers["content-security-policy"]
+    assert "script-src 'self';" in policy and "unsafe" not in policy
+    assert page.headers["x-content-type-options"] == "nosniff"
+    for name, kind in (("studio.js", "text/javascript"), ("studio.css", "text/css")):
+        assert stranger.get(f"/static/{name}").headers["content-type"].startswith(kind)
+
+
+def test_other_hosts_and_origins_reach_nothing(client: TestClient, runs: Path) -> None:
+    ask(client, "/api/text", text="pass")
+    evil = {"origin": "http://evil.example"}
+    for headers in (evil, {"host": "evil.example:8000"}, {"origin": "null"}):
+        refuse(client.post("/api/build", json={}, headers=headers), 403, "elsewhere")
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE, headers=headers):
+            pass
+    del client.headers["origin"]
+    refuse(client.post("/api/build", json={}), 403, "elsewhere")
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE):
+        pass
+    assert list(runs.iterdir()) == []
+
+
+def test_what_is_no_picture(client: TestClient, tmp_path: Path) -> None:
+    def hand_in(data: bytes, name: str) -> Any:
+        return client.post(f"/api/pictures?name={name}", content=data)
+
+    refuse(hand_in(b"I am no picture.\n", "words.png"), 422, "words.png: it is not a picture")
+    refuse(hand_in(b"", "empty.png"), 422, "empty")
+    refuse(hand_in(b"\x89PNG\r\n\x1a\n" + b"x" * LARGEST_BYTES, "huge.png"), 422, "more than 32 MB")
+    wide = io.BytesIO()
+    Image.new("1", (7000, 6000)).save(wide, "PNG")
+    refuse(hand_in(wide.getvalue(), "wide.png"), 422, "more than 40 million")
+    outside = b'<svg xmlns="http://www.w3.org/2000/svg"><image href="file:///etc/passwd"/></svg>'
+    refuse(hand_in(outside, "outside.svg"), 422, "outside the file")
+    assert client.get("/api/state").json()["pictures"] == []
+    assert not (tmp_path / "studio" / "pictures").exists()
+
+
+def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_path: Path) -> None:
+    svg = (
+        b'<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">'
+        b'<circle cx="32" cy="32" r="20"/></svg>'
+    )
+    name = client.post("/api/pictures?name=../../drawn.svg", content=svg).json()["name"]
+    assert name == "drawn"
+    shown = client.get("/pictures/drawn.png")
+    assert shown.headers["content-type"] == "image/png"
+    assert np.asarray(Image.open(io.BytesIO(shown.content)).getchannel("A")).std() > 10
+    kept = tmp_path / "studio" / "pictures"
+    assert [p.name for p in kept.iterdir()] == ["drawn.svg"]
+    again = picture(tmp_path / "p.png", square()).read_bytes()
+    assert client.post("/api/pictures?name=drawn.png", content=again).json()["name"] == "drawn-2"
+    for path in ("/pictures/drawn.svg", "/files/drawn/drawn.svg", "/files/..%2fpictures/drawn.svg"):
+        assert client.get(path).status_code == 404
+
+
+def test_a_build_leaves_its_folder_and_no_other_file_can_be_read(
+    client: TestClient, runs: Path, tmp_path: Path
+) -> None:
+    ask(client, "/api/settings", width=150, mount="wall")
+    result = build(client, "pass")["build"]["result"]
+    assert (result["where"], result["verdict"], result["ious"]) == ("pass", "good", [0.97, 0.95])
+    call = (runs / "text:pass.runs").read_text()
+    assert "--width=150" in call and "--mount=wall" in call and "--print" in call
+    assert client.get("/files/pass/part.3mf").text == "a part"
+    report = client.get("/files/pass/report.html").headers["content-security-policy"]
+    assert report.startswith("sandbox allow-scripts;") and "connect-src" not in report
+    evil = client.get("/files/pass/evil.html")
+    assert evil.headers["content-type"] == "application/octet-stream"
+    assert "attachment" in evil.headers["content-disposition"]
+    (tmp_path / "studio" / "builds" / "pass" / "link.png").symlink_to("/etc/passwd")
+    secret = tmp_path / "studio" / "secret.png"
+    secret.write_text("secret")
+    for path in (
+        "/files/pass/link.png", "/files/../secret.png", "/files/%2e%2e/secret.png", "/files/./secret.png",
+        "/files/pass/..%2f..%2f..%2fsecret.png", "/files/pass/%2fetc%2fpasswd", "/static/..%2fserver.py",
+    ):  # fmt: skip
+        assert client.get(path).status_code == 404, path
+
+
+def test_two_tabs_and_a_reload_in_the_middle_see_one_build(client: TestClient) -> None:
+    with client.websocket_connect(LIVE) as one:
+        assert one.receive_json()["build"]["phase"] == "idle"
+        build(client, "wait", "running")
+        seen = [one.receive_json() for _ in range(8)]
+        assert {"scene", "knots"} <= {event["event"] for event in seen}
+        refuse(ask(client, "/api/build"), 422, "one runs already")
+        with client.websocket_connect(LIVE) as two:  # a second tab, or the first loaded anew
+            state, scene, frame = (two.receive_json() for _ in range(3))
+            assert (state["build"]["phase"], state["build"]["stage"]) == ("running", "search")
+            assert scene["event"] == "scene" and len(frame["curves"]) == 1
+            assert state["settings"] == client.get("/api/state").json()["settings"]
+            client.post("/api/stop", json={})
+            while two.receive_json().get("build", {}).get("phase") != "stopped":
+                pass
+
+
+def test_a_build_that_is_killed_fails_or_is_refused(client: TestClient, tmp_path: Path) -> None:
+    builds = tmp_path / "studio" / "builds"
+    assert build(client, "pass")["build"]["phase"] == "done"
+    (builds / "kill").mkdir()
+    (builds / "kill" / "part.3mf").write_text("earlier")
+    state = build(client, "kill")["build"]
+    assert state["phase"] == "failed" and "was killed (signal 9)" in state["sentence"]
+    assert (builds / "kill" / "part.3mf").read_text() == "earlier"
+    state = build(client, "wrong")["build"]
+    assert state["phase"] == "failed" and state["sentence"] == "text:wrong: no picture. Draw one."
+    state = build(client, "fail")["build"]
+    assert state["phase"] == "rejected" and state["result"]["where"] == "fail/rejected"
+    assert client.get("/files/fail/rejected/report.html").status_code == 200
+    assert client.get("/files/pass/part.3mf").status_code == 200
+
+
+def test_a_build_that_was_stopped_goes_on_from_its_knots(
+    client: TestClient, runs: Path, tmp_path: Path
+) -> None:
+    refuse(ask(client, "/api/build"), 422, "no picture is chosen")
+    build(client, "wait", "running")
+    client.post("/api/stop", json={})
+    state = wait_for(client, "stopped")
+    assert state["build"]["can_go_on"]
+    ask(client, "/api/settings", lamp_distance=700)
+    ask(client, "/api/text", text="pass")
+    assert ask(client, "/api/build", go_on=True).status_code == 200
+    wait_for(client, "done")
+    call = (runs / "text:pass.runs").read_text().split()
+    start = next(a for a in call if a.startswith("--start=")).removeprefix("--start=")
+    assert "--lamp-distance=700" in call
+    knots = read_start(Path(start))
+    assert knots.radius_mm == 2.0 and [k.type for k in knots.knots] == ["unknot"]
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"out": "/tmp/elsewhere"}, "there is none of that name"),
+        ({"scene": "/etc/passwd"}, "there is none of that name"),
+        ({"printer": "../../etc/passwd"}, "it is not known"),
+        ({"width": -3}, "out of bounds"),
+        ({"tube_radius": "thick"}, "not a positive number"),
+        ({"width": [1]}, "there is none of that name"),
+    ],
+)
+def test_a_wrong_setting_changes_nothing(
+    client: TestClient, given: dict[str, Any], why: str
+) -> None:
+    before = client.get("/api/state").json()["settings"]
+    refuse(ask(client, "/api/settings", **given), 422, why)
+    assert client.get("/api/state").json()["settings"] == before
+
+
+def test_what_is_no_call(client: TestClient) -> None:
+    refuse(client.post("/api/settings", content=b"{"), 422, "not JSON")
+    refuse(client.post("/api/settings", content=b"[]"), 422, "no table")
+    refuse(ask(client, "/api/text", text="  "), 422, "0 characters")
+    refuse(ask(client, "/api/choose", names=["nothing"]), 422, "none of that name")
+    refuse(client.get("/nowhere"), 404, "nothing at this address")
+
+
+def test_the_studio_ends_its_build_with_itself(runs: Path, tmp_path: Path) -> None:
+    studio = Studio(tmp_path / "studio", warm=False)
+    app = make_app(studio, TOKEN, (HOST,))
+    with TestClient(app, base_url=f"http://{HOST}", headers=ORIGIN) as client:
+        client.get(f"/?token={TOKEN}")
+        build(client, "wait", "running")
+        assert studio.build is not None
+        child = studio.build._child
+        assert child.poll() is None
+    assert child.poll() is not None
+
+
+def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
+    import asyncio
+
+    async def follow() -> list[str]:
+        listener = session.Listener()
+        for k in range(1000):
+            listener.put(f"frame {k}", frame=True)
+        listener.put("state")
+        return await listener.next()
+
+    assert asyncio.run(follow()) == ["state", "frame 999"]
+
+
+def test_a_preview_says_what_is_lost_and_draws_it() -> None:
+    figures, png, seen = session._preview(["text:I"], session._options({"width": 150}))
+    assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
+    assert Image.open(io.BytesIO(png)).width > 700
+    assert np.asarray(Image.open(io.BytesIO(seen[0]))).min() == 0
