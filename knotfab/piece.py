@@ -215,20 +215,24 @@ def finish_build(
 
 
 def _show(pieces: Sequence[WrittenPiece]) -> Record:
-    """The viewer's data of the first piece; of several, the slider goes through them."""
+    """The viewer's data of the first piece; the slider goes through its search, or through several pieces."""
     first = pieces[0]
     bodies = [] if first.part is None else first.part.bodies
-    frames = [
-        HistoryFrame(f"frame {k} of {len(pieces)}", piece.made.knots, piece.targets[0].asked)
-        for k, piece in enumerate(pieces, start=1)
-    ]
+    if several := len(pieces) > 1:
+        frames = [
+            HistoryFrame(f"frame {k} of {len(pieces)}", piece.made.knots, piece.targets[0].asked)
+            for k, piece in enumerate(pieces, start=1)
+        ]
+    else:
+        past = first.made.history
+        frames = [HistoryFrame(f"{100 * k // len(past)} %", knots) for k, knots in enumerate(past)]
     return viewer_data(
         first.scene,
         first.knots,
         bodies,
         [target.asked for target in first.targets],
-        history=frames if len(pieces) > 1 else (),
-        history_label="frame",
+        history=frames,
+        history_label="frame" if several else "search",
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from knotfab.scene.model import (
 )
 from knotfab.scene.require import require_tube
 from knotfab.scene.settings import SearchSettings, search_settings
+from knotfab.search.history import History
 from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
@@ -58,6 +59,7 @@ class Design:
     Where the pictures' own filling could not meet a limit, `unmet` says which and where, and the result is
     the best that meets them all, or if there is none the one that broke them. `binding` says which
     limits keep the pictures from their IoU. `bounds`, of several views: what they leave of each other.
+    `history`: some states of the search that led here, for looking at.
     """
 
     scene: ResolvedScene
@@ -72,6 +74,7 @@ class Design:
     binding: tuple[LimitPrice, ...] = ()
     bounds: tuple[HullBound, ...] = ()
     start_ious: tuple[float, ...] = ()
+    history: tuple[Knots, ...] = ()
 
 
 def design_knots(
@@ -116,6 +119,12 @@ def design_knots(
                 search(problem, start, radius, few, pose=moved, plan=plan, device=device)
 
             settings = scale_to_budget(budget_s - (time.perf_counter() - begun), settings, trial)
+    history = History()
+
+    def watch(knots: Callable[[], Knots], certified: bool) -> None:
+        progress.show(knots, certified)
+        history(knots, certified)
+
     with progress.stage("search"):
         if settings.free_view:
             pose, settings = start_pose(scene, problem, radius, settings, device)
@@ -127,7 +136,7 @@ def design_knots(
             pose=pose,
             device=device,
             report=progress.update,
-            watch=progress.show,
+            watch=watch,
         )
         unmet = None if result.feasible else result
         if unmet is not None:
@@ -135,7 +144,13 @@ def design_knots(
             result = search_sparser(problem, radius, knots, settings, device) or unmet
     if settings.free_view:
         question = question.seen_from(result.views, targets)
-    made = replace(settle_design(question, result, settings), radius=choice, start_ious=start.ious)
+    made = replace(
+        settle_design(question, result, settings),
+        radius=choice,
+        start_ious=start.ious,
+        # what a free view turns in the end, or what sparser strands replaced, led to no such knots
+        history=() if unmet or settings.free_view else tuple(history.states),
+    )
     return price_design(made, question, start, unmet, progress, device)
 
 
