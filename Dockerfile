@@ -1,5 +1,5 @@
 # knotfab on the CPU, with PrusaSlicer and off-screen rendering through EGL:
-#   docker build -t knotfab .
+#   docker build -t knotfab .                    (--build-arg TORCH_INDEX=… : torch for the CPU alone)
 #   docker run --rm -v "$PWD":/work knotfab build cat.png --print --out cat
 FROM python:3.11-slim-bookworm
 
@@ -9,8 +9,8 @@ RUN apt-get update \
 
 WORKDIR /src
 COPY constraints.txt pyproject.toml README.md LICENSE ./
-RUN pip install --no-cache-dir -c constraints.txt --no-deps \
-    --index-url https://download.pytorch.org/whl/cpu torch==2.13.0
+ARG TORCH_INDEX=
+RUN pip install --no-cache-dir -c constraints.txt --no-deps ${TORCH_INDEX:+--index-url "$TORCH_INDEX"} torch==2.13.0
 COPY knotfab knotfab
 COPY validators validators
 COPY fixtures fixtures

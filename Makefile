@@ -6,17 +6,16 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/.installed
 
-# torch for the CPU comes from an index of its own, a tenth of the size; TORCH_INDEX= takes pip's usual one
-TORCH_INDEX ?= $(if $(shell command -v nvidia-smi),,https://download.pytorch.org/whl/cpu)
-TORCH := -q -c constraints.txt --no-deps torch==2.13.0
-FROM_INDEX := $(if $(TORCH_INDEX),--retries 0 --timeout 20 --index-url $(TORCH_INDEX))
+# torch from an index of one's own: that of PyTorch's CPU builds is a tenth of the download
+TORCH_INDEX ?=
+TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
 .PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer browser viewer clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade pip
-	$(BIN)/python -m pip install $(FROM_INDEX) $(TORCH) || $(BIN)/python -m pip install $(TORCH)
+	$(BIN)/python -m pip install $(TORCH)
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
 	touch $(DONE)
 
@@ -71,7 +70,7 @@ wheel-test: system
 	@set -e; place=$$(mktemp -d); trap 'rm -rf "$$place"' EXIT; unset PYTHONPATH; \
 	$(PYTHON) -m venv "$$place/venv"; pip="$$place/venv/bin/python -m pip"; $$pip install -q --upgrade pip; \
 	$$pip wheel -q --no-deps -w "$$place" .; \
-	$$pip install $(FROM_INDEX) $(TORCH) || $$pip install $(TORCH); \
+	$$pip install $(TORCH); \
 	$$pip install -q -c constraints.txt "$$place"/knotfab-*.whl; $$pip check; \
 	cd "$$place"; venv/bin/knotfab build text:A --print --mount wall --accuracy draft --out built; \
 	venv/bin/knotfab validate built; ls built
