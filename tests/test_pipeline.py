@@ -474,7 +474,7 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"
     done = knotfab(
-        "build", png, *quick, "--tube-radius", "4", "--knots", "1", "--depth", "40", "--out", out
+        "build", png, *quick, "--tube-radius", "3", "--knots", "1", "--depth", "40", "--out", out
     )
     assert done.code == 0, done
     (knot,) = json.loads((out / "knots.json").read_text())["knots"]
