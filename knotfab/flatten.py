@@ -23,13 +23,15 @@ def flatten(
 ) -> tuple[Design, Part, Flattening | None]:
     """Search again at the depth that an estimate proposes, where the scene leaves the depth open.
 
-    A depth that the scene gives, or a time budget, is not overruled: then there is a proposal only.
+    A depth that the scene gives, knots to start from, and a time budget are not overruled: then there is a
+    proposal only.
     """
     first = _depth_mm(made)
     proposal = _propose_depth(made, part) if request.printing else None
     if proposal is None:
         return made, part, None
-    if request.scene.piece.depth == "auto" and request.time_budget_s is None:
+    given = request.scene.search.get("start")  # whose depth is as it is
+    if request.scene.piece.depth == "auto" and request.time_budget_s is None and not given:
         choice = made.radius
         for _ in range(ROUNDS):
             piece = request.scene.piece.model_copy(

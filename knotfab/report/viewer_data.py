@@ -28,7 +28,8 @@ LEVELS = 65535  # of a coordinate
 PICTURE_PX = 512  # of the silhouette's longer side
 OFF_TUBE = 1.02  # tube radii from the centre line: what is farther out belongs to the mount
 MOUNT_FACES = 4000
-THIN_RADII = 1.2  # between two vertices of a state of the search, about
+THIN_RADII = 1.2  # between two vertices of a state of the search, about, or more:
+HISTORY_VERTICES = 30_000  # of all states together, so that the page stays small
 SUPPORT_CELL_MM = 3.0
 VIEW_KEYS = (
     "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_diameter_mm",
@@ -45,11 +46,11 @@ class HistoryFrame:
     knots: Knots
     silhouette: Mask | None = None
 
-    def to_dict(self) -> Record:
-        """For the viewer, with few enough vertices to be embedded many times."""
-        curves = [
-            _thin(knot.points, THIN_RADII * self.knots.radius_mm) for knot in self.knots.knots
-        ]
+    def to_dict(self, most: int) -> Record:
+        """For the viewer, with about `most` vertices and no more than can be told apart."""
+        length = sum(knot.length_mm for knot in self.knots.knots)
+        step = max(THIN_RADII * self.knots.radius_mm, length / most)
+        curves = [_thin(knot.points, step) for knot in self.knots.knots]
         found: Record = {"label": self.label, "radius": self.knots.radius_mm}
         found["curves"] = [pack_rows(curve) for curve in curves]
         if self.silhouette is not None:
@@ -100,7 +101,8 @@ def viewer_data(
                 data["print"]["supports"] = packed
     if history:
         data["history_label"] = history_label
-        data["history"] = [frame.to_dict() for frame in history]
+        most = HISTORY_VERTICES // len(history)
+        data["history"] = [frame.to_dict(most) for frame in history]
     return data
 
 

@@ -21,7 +21,13 @@ from knotfab.files.glb import write_glb
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.report.report_html import VIEWER, encode_for_script
-from knotfab.report.viewer_data import HistoryFrame, find_supports, pack_rows, viewer_data
+from knotfab.report.viewer_data import (
+    HISTORY_VERTICES,
+    HistoryFrame,
+    find_supports,
+    pack_rows,
+    viewer_data,
+)
 
 WEB = Path(__file__).parents[2] / "web"
 MASK = np.zeros((120, 150), dtype=bool)
@@ -65,6 +71,17 @@ def test_a_piece_is_shown_in_the_scene_and_its_mount_without_the_tube() -> None:
     assert "history" not in data
     bare = viewer_data(scene_of([view], "none", TURN), knots, bodies_of(knots), [MASK])
     assert "meshes" not in bare and bare["wall_mounted"] is False
+
+
+def test_the_states_of_a_large_piece_stay_small_together() -> None:
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t]) * 40.0
+    many = Knots(tuple(Knot(circle + [0.0, 0.0, 3.0 * k]) for k in range(40)), 0.5)
+    frames = [HistoryFrame(f"{k} %", many) for k in range(24)]
+    data = viewer_data(scene_of([view_of()], "none"), many, [], [MASK], history=frames)
+    shown = [[len(unpacked(curve)) for curve in frame["curves"]] for frame in data["history"]]
+    assert sum(map(sum, shown)) < 1.25 * HISTORY_VERTICES
+    assert min(map(min, shown)) >= 8 and all(len(frame) == 40 for frame in shown)
 
 
 def test_a_history_is_thinned_and_keeps_its_curves() -> None:
