@@ -145,7 +145,7 @@ class Workers(Pool):
             process.kill()
         super().__exit__()
         for process in self._processes:
-            with contextlib.suppress(BrokenPipeError):  # what it did not read any more
+            with contextlib.suppress(OSError):  # what it did not read any more; EINVAL on Windows
                 process.communicate()
         for said in self._said:
             said.close()
@@ -159,7 +159,7 @@ class Workers(Pool):
         try:
             assert process.stdin is not None and process.stdout is not None
             line = ""
-            with contextlib.suppress(BrokenPipeError):
+            with contextlib.suppress(OSError):
                 process.stdin.write(json.dumps(request) + "\n")
                 process.stdin.flush()
                 line = process.stdout.readline()
