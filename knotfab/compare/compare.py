@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,7 @@ _LONGER_PX = 640
 _MARGIN = 0.15  # of the frame on each side, so that spill counts
 _PLATE_SHARE = 0.7  # of the plate's margin: its edge may be rounded, and is found to a px or two
 _LARGEST_PX = 12000
+_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "GIF")  # others would be handed to other programs
 _GAIN = 0.004  # of IoU below which the lamp may stay
 _LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
@@ -168,16 +170,21 @@ def _has_plate(scene: Scene) -> bool:
 
 def _read_photo(path: Path) -> Array:
     """(H, W, 3), 0 to 1, upright."""
-    try:
-        with Image.open(path) as image:
-            if max(image.size) > _LARGEST_PX:
-                raise InputError(
-                    str(path), f"it has more than {_LARGEST_PX} px on a side", "Scale it down."
-                )
-            upright = ImageOps.exif_transpose(image).convert("RGB")
-    except OSError as error:
-        why = error.strerror or "it is no photograph that can be read"
-        raise InputError(str(path), why.lower(), "Name a JPEG or PNG.") from error
+    large = InputError(str(path), f"it has more than {_LARGEST_PX} px on a side", "Scale it down.")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow's, of large pictures: the size is checked here
+        try:
+            with Image.open(path, formats=_FORMATS) as image:
+                if max(image.size) > _LARGEST_PX:
+                    raise large
+                upright = ImageOps.exif_transpose(image).convert("RGB")
+        except InputError:
+            raise
+        except Image.DecompressionBombError as error:
+            raise large from error
+        except Exception as error:  # Pillow's plug-ins raise many kinds on damaged data
+            why = getattr(error, "strerror", None) or "it is no photograph that can be read"
+            raise InputError(str(path), why.lower(), "Name a JPEG or PNG.") from error
     return np.asarray(upright, dtype=np.float64) / 255.0
 
 
@@ -196,12 +203,24 @@ def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str)
 
 
 def _read_knots(path: Path, scene: Scene) -> Knots | None:
-    """The knots in the scene; None where there are none, or no pose that leads there."""
+    """The knots in the scene; None where there are none, or no pose that leads there.
+
+    Raises:
+        InputError: the file is damaged.
+    """
     if scene.pose is None or not path.is_file():
         return None
-    raw = json.loads(path.read_text(encoding="utf-8"))
-    knots = tuple(Knot(np.array(k["points"], dtype=np.float64)) for k in raw["knots"])
-    return Knots(knots, float(raw["radius_mm"])).moved(np.array(scene.pose.matrix))
+    try:
+        raw = json.loads(path.read_text(encoding="utf-8"))
+        knots = tuple(Knot(np.array(k["points"], dtype=np.float64)) for k in raw["knots"])
+        found = Knots(knots, float(raw["radius_mm"])).moved(np.array(scene.pose.matrix))
+        if not np.isfinite(found.points).all():
+            raise ValueError("a number in it is not finite")
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(
+            str(path), "it is damaged", "Remove it, or name another folder that a build wrote."
+        ) from error
+    return found
 
 
 def _draw(wanted: Mask, shadow: Mask) -> bytes:

@@ -99,7 +99,7 @@ def find_shadow(seen: Array, what: str) -> Mask:
     cut = 1.0
     for _ in range(_ROUNDS):
         fitted, *_ = np.linalg.lstsq(terms[lit][::7], seen[lit][::7], rcond=None)
-        wall = np.maximum(terms @ fitted, 1e-3 * float(np.nanmax(seen)))
+        wall = np.maximum(terms @ fitted, max(1e-9, 1e-3 * float(np.nanmax(seen))))
         share = seen / wall
         cut = _threshold(share[known])
         lit = known & (share > 0.5 * (1.0 + cut))

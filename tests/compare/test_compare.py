@@ -163,7 +163,22 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain.png"
     Image.new("RGB", SIZE, (200, 190, 180)).save(plain)
     (tmp_path / "words.png").write_text("no photograph")
+    dark, huge, script = tmp_path / "dark.png", tmp_path / "huge.png", tmp_path / "script.eps"
+    Image.new("RGB", SIZE).save(dark)
+    Image.new("1", (16000, 12000)).save(huge)
+    Image.new("L", (20, 20)).save(script)
+    damaged = [tmp_path / name for name in ("cut", "empty")]
+    for place, text in zip(damaged, ('{"knots": [', "{}"), strict=True):
+        shutil.copytree(folder, place)
+        (place / "knots.json").write_text(text)
     for call, why in (
+        ((dark, folder, "--corners", *words()), "no shadow stands out"),
+        ((huge, folder), "more than 12000 px"),
+        ((script, folder), "no photograph"),
+        *(
+            ((photo, place, "--corners", *words()), "knots.json: it is damaged")
+            for place in damaged
+        ),
         ((photo, folder), "outline is not found"),
         ((plain, folder, "--corners", *words()), "no shadow stands out"),
         ((tmp_path / "words.png", folder), "no photograph"),
