@@ -42,6 +42,7 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
         pool: starts the process, and ends it when it is left.
     """
     begun = time.perf_counter()
+    earlier = _stamp(folder / REJECTED / "report.json")
     # -P: modules come from the installation, never from the folder one happens to be in
     command = [sys.executable, "-P", "-m", "knotfab", "build", task.picture, *task.arguments]
     command += [f"--out={folder}", "--quiet"]
@@ -53,7 +54,9 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
         if code in _ENDINGS:
             break
     seconds = time.perf_counter() - begun
-    report = _read_report(folder if code == 0 else folder / REJECTED) if code in (0, 1) else None
+    report = _read_report(folder) if code == 0 else None
+    if code == 1 and _stamp(folder / REJECTED / "report.json") != earlier:
+        report = _read_report(folder / REJECTED)
     return record_of(task, code, seconds, error, report)
 
 
@@ -117,9 +120,18 @@ def _least_iou(report: dict[str, Any]) -> float | None:
     return min((v["iou"] for v in report["views"] if v.get("iou") is not None), default=None)
 
 
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """What tells a file from one that was there before it."""
+    try:
+        held = path.stat()
+    except OSError:
+        return None
+    return held.st_ino, held.st_mtime_ns
+
+
 def _read_report(folder: Path) -> dict[str, Any] | None:
     try:
-        found: dict[str, Any] = json.loads((folder / "report.json").read_text())
+        found: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
     except (OSError, ValueError):
         return None
     return found

@@ -50,6 +50,17 @@ def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -
     assert count(played) == {"a": 1, "b": 1, "c": 1, "d": 2, "e": 1}
 
 
+def test_a_build_that_left_no_report_has_no_figures_of_an_earlier_one(
+    played: Path, tmp_path: Path
+) -> None:
+    pictures = draw(tmp_path / "pictures", a="fail")
+    assert batch([str(pictures)], options(tmp_path))[0]["iou"] == 0.95
+    (pictures / "a.png").write_text("crash")
+    record = batch([str(pictures)], options(tmp_path))[0]
+    assert (record["exit_code"], record["iou"], record["verdict"]) == (1, None, None)
+    assert record["error"] == "out of ideas"
+
+
 def test_started_again_only_what_is_missing_or_changed_is_built(
     played: Path, tmp_path: Path
 ) -> None:

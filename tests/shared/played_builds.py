@@ -61,6 +61,8 @@ PLAYED = """\
     if told == "wrong":
         print("knotfab: " + str(picture) + ": no picture. Draw one.", file=sys.stderr)
         sys.exit(2)
+    if told == "crash":
+        sys.exit("knotfab: out of ideas")
     place = out / "rejected" if told == "fail" else out
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(
@@ -70,6 +72,7 @@ PLAYED = """\
     (place / "part.3mf").write_text("a part")
     (place / "evil.html").write_text("<script>")
     tell("standing", start=START)
+    tell("end", exit_code=1 if told == "fail" else 0, folder=str(place))
     if told == "fail":
         print("knotfab: shadow failed: see there", file=sys.stderr)
         sys.exit(1)
