@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import secrets
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -84,11 +84,8 @@ class Guard:
                 answer = HTMLResponse(_LET_IN)
                 answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict")
                 return answer
-        try:
-            held = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
-        except CookieError:
-            held = None
-        if held is None or not self._is_token(held.value):
+        # not http.cookies: that stops at the first pair of another local page that it cannot read
+        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self.cookie, "")):
             return PlainTextResponse(NO_TOKEN, 403)
         return None
 

@@ -59,7 +59,8 @@ class Spare:
 def _start(arguments: Sequence[str]) -> subprocess.Popen[str]:
     pipe = subprocess.PIPE
     return subprocess.Popen(
-        [sys.executable, *arguments],
+        # -P: modules come from the installation, never from the folder one happens to be in
+        [sys.executable, "-P", *arguments],
         stdin=pipe,
         stdout=pipe,
         stderr=pipe,

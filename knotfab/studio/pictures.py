@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,8 +33,8 @@ class StudioPicture:
     shown: bytes
 
 
-def keep_picture(data: bytes, file_name: str, folder: Path, taken: Container[str]) -> StudioPicture:
-    """Check a picture and keep it in `folder` under a plain name that is not taken.
+def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
+    """Check a picture and keep it in `folder` under a plain name that no other has.
 
     Raises:
         InputError: it is none that can be read, or too large.
@@ -55,17 +54,12 @@ def keep_picture(data: bytes, file_name: str, folder: Path, taken: Container[str
     else:
         image, kind = raster.decode(data, what)  # says what it is not
         suffix = raster.SUFFIXES[kind][0]
-    plain = name = name_picture(what)
-    number = 2
-    while name in taken:
-        name, number = f"{plain}-{number}", number + 1
-    path = folder / f"{name}{suffix}"
-    write_whole(path, data)
-    return StudioPicture(name, str(path), image.width, image.height, _show(image))
+    path = _keep(data, name_picture(what), suffix, folder)
+    return StudioPicture(path.stem, str(path), image.width, image.height, _show(image))
 
 
-def keep_text(content: str) -> StudioPicture:
-    """A text as a picture.
+def keep_text(content: str, folder: Path) -> StudioPicture:
+    """A text as a picture, kept in `folder` so that no other takes its name.
 
     Raises:
         InputError: it is empty, too long, or cannot be drawn.
@@ -75,7 +69,23 @@ def keep_text(content: str) -> StudioPicture:
         raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
     source = TEXT_PREFIX + content
     image, _ = raster.decode(text.render_text(content, None), source)
-    return StudioPicture(name_picture(source), source, image.width, image.height, _show(image))
+    path = _keep(content.encode(), name_picture(source), ".txt", folder)
+    return StudioPicture(path.stem, source, image.width, image.height, _show(image))
+
+
+def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
+    """Write it to `folder` under that name, numbered where another picture of whatever session has it.
+
+    Builds are named after it: names that differ in case alone are one to some disks.
+    """
+    name, number = plain, 2
+    while held := [p for p in folder.glob("[!.]*.*") if p.stem.casefold() == name.casefold()]:
+        if all(p.suffix == suffix and p.is_file() and p.read_bytes() == data for p in held):
+            return held[0]
+        name, number = f"{plain}-{number}", number + 1
+    path = folder / f"{name}{suffix}"
+    write_whole(path, data)
+    return path
 
 
 def too_large(what: str) -> InputError:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import secrets
+import signal
 import socket
 import threading
 import webbrowser
@@ -45,9 +47,13 @@ def run_studio(port: int, open_page: bool, folder: Path) -> None:
             app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
         )
         server = _Server(config, lambda: _announce(address, folder, open_page))
+        # where nobody (nohup) wants it otherwise, it closes with its terminal, and ends its build
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: setattr(server, "should_exit", True))
         with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
             asyncio.run(server.serve(sockets=[listening]))
-        print("\nThe studio is closed.", flush=True)
+        with contextlib.suppress(OSError):  # the terminal may be gone
+            print("\nThe studio is closed.", flush=True)
 
 
 class _Server(uvicorn.Server):
@@ -64,7 +70,8 @@ class _Server(uvicorn.Server):
 
 def _bind(port: int) -> socket.socket:
     listening = socket.socket()
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if os.name != "nt":  # there it would let two studios share a port
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((_HOST, port))
     except (OSError, OverflowError) as error:

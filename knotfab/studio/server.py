@@ -12,7 +12,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -53,6 +53,10 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
         token: what the address must have once. hosts: what the Host header may be, with the port.
     """
 
+    adding = (
+        asyncio.Lock()
+    )  # a picture is added after the other, so that each finds a name of its own
+
     async def page(_: Request) -> Response:
         return _serve(_STATIC / "index.html")
 
@@ -76,15 +80,17 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     async def add_picture(request: Request) -> Response:
         name = request.query_params.get("name", "picture")
         data = await _read_body(request, LARGEST_BYTES, name)
-        folder, taken = studio.picture_folder, set(studio.pictures)
-        kept = await asyncio.to_thread(keep_picture, data, name, folder, taken)
-        studio.add_picture(kept, request.query_params.get("beside") == "1")
+        async with adding:
+            kept = await asyncio.to_thread(keep_picture, data, name, studio.picture_folder)
+            studio.add_picture(kept, request.query_params.get("beside") == "1")
         return JSONResponse({"name": kept.name})
 
     async def add_text(request: Request) -> Response:
         given = await _read_json(request)
-        kept = await asyncio.to_thread(keep_text, str(given.get("text", "")))
-        studio.add_picture(kept, given.get("beside") is True)
+        text = str(given.get("text", ""))
+        async with adding:
+            kept = await asyncio.to_thread(keep_text, text, studio.picture_folder)
+            studio.add_picture(kept, given.get("beside") is True)
         return JSONResponse({"name": kept.name})
 
     async def choose(request: Request) -> Response:
@@ -222,15 +228,18 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
     """The body, if it is no larger than that.
 
     Raises:
-        InputError: it is.
+        InputError: it is, or it broke off.
     """
     parts, size = [], 0
-    async for part in request.stream():
-        size += len(part)
-        if size <= largest:
-            parts.append(part)
-        elif size > _DRAINED * largest:
-            break
+    try:
+        async for part in request.stream():
+            size += len(part)
+            if size <= largest:
+                parts.append(part)
+            elif size > _DRAINED * largest:
+                break
+    except ClientDisconnect as error:
+        raise InputError(what[:80], "it broke off on its way", "Hand it in again.") from error
     if size > largest:
         raise too_large(what[:80])
     return b"".join(parts)

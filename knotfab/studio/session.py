@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import io
 import json
 import time
@@ -32,6 +33,7 @@ BUILDS = "builds"
 _STARTS, _PICTURES = "starts", "pictures"
 _MOST_PICTURES = 4
 _SILHOUETTE_PX = 1024
+_LONGEST_NAME = 80  # characters of a build's folder
 # the options of `knotfab build` that the page sets; none of them names a file
 SETTINGS = (
     "width", "height", "lamp_distance", "wall_distance", "lamp_diameter", "tube_radius", "depth",
@@ -92,6 +94,7 @@ class Studio:
         self.listeners: set[Listener] = set()
         self._previews = 0
         self._pressed = 0.0
+        self._reported = False  # the build got as far as its report
 
     async def open(self) -> None:
         """Make the folder, and a process that waits for the first build."""
@@ -179,7 +182,13 @@ class Studio:
         for name, known in (("printer", printers()), ("material", materials())):
             if name in wanted and wanted[name] not in known:
                 raise InputError(f"the {name} {wanted[name]}", "it is not known", "Choose another.")
-        check_options(_options(wanted))
+        try:
+            check_options(_options(wanted))
+        except (TypeError, ValueError, AttributeError) as error:
+            names = ", ".join(given)
+            raise InputError(
+                f"the setting {names}", "it is of a wrong kind", "Change it."
+            ) from error
         self.settings = wanted
         self.renew()
 
@@ -222,7 +231,10 @@ class Studio:
             raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
         if go_on and not self.start:
             raise InputError("the build", "there are no knots to go on from", "Build it anew.")
-        name = "-and-".join(self.chosen)[:80]
+        name = "-and-".join(self.chosen)
+        if len(name) > _LONGEST_NAME or tuple(name.split("-and-")) != self.chosen:
+            digest = hashlib.sha256(repr(self.chosen).encode()).hexdigest()[:8]
+            name = f"{name[:_LONGEST_NAME]}-{digest}"
         arguments = [*self._sources(), *list_arguments(_options(self.settings))]
         if go_on:
             start = self.folder / _STARTS / f"{name}.json"
@@ -243,12 +255,18 @@ class Studio:
             "share": 0.0,
             "notes": [],
         }
-        self.build = LiveBuild(self.spare, arguments, self.folder / BUILDS / name, tell)
+        self._reported = False
+        try:
+            self.build = LiveBuild(self.spare, arguments, self.folder / BUILDS / name, tell)
+        except OSError as error:
+            why = f"The build cannot be started ({error.strerror}): try again."
+            self.status |= {"phase": "failed", "exit_code": 3, "sentence": why, "left_s": 0}
         self.tell_state()
 
     def stop(self) -> None:
         """Stop the build that runs; where its knots stand is kept."""
-        if self.running and self.build is not None:
+        # a second signal would break into its tidying up
+        if self.status["phase"] == "running" and self.build is not None:
             self.status["phase"] = "stopping"
             self.build.stop()
             self.tell_state()
@@ -263,6 +281,8 @@ class Studio:
             self._end(event["code"], event["sentence"])
             return
         text = json.dumps(event)
+        if kind == "end":
+            self._reported = True
         if kind == "knots":
             if self.frame is None:
                 self.status["first_frame_s"] = round(time.monotonic() - self._pressed, 3)
@@ -283,7 +303,8 @@ class Studio:
     def _end(self, code: int, sentence: str) -> None:
         """How a build ended, in a word and a sentence."""
         assert self.build is not None
-        if code >= 128 and self.status["phase"] == "stopping":  # before it could tidy up, or after
+        # before it could tidy up, or after
+        if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
             code = 130
         phases = {0: "done", 1: "rejected", 130: "stopped"}
         self.status["phase"] = phases.get(code, "failed")
@@ -291,7 +312,8 @@ class Studio:
         if code == 130:
             self.status["sentence"] = "Stopped; what was built before is as it was."
         report = self.build.folder / ("" if code == 0 else REJECTED) / "report.json"
-        if code == 0 or (code == 1 and report.is_file()):
+        # a report that this build did not write is an earlier one's
+        if code == 0 or (code == 1 and self._reported and report.is_file()):
             self.status["share"] = 1.0
             where = self.status["name"] + ("" if code == 0 else f"/{REJECTED}")
             self.status["result"] = self._result(where)
@@ -319,7 +341,7 @@ class Studio:
         held = {p.name for p in folder.iterdir() if p.is_file()}
         rest = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith("plate-"))
         try:
-            report = json.loads((folder / "report.json").read_text())
+            report = json.loads((folder / "report.json").read_text("utf-8"))
         except (OSError, ValueError):
             report = {}
         views, piece = report.get("views", []), report.get("print", {})

@@ -5,11 +5,16 @@ Builds are played by a script, which does what the picture's text says.
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,11 +24,13 @@ from PIL import Image
 from played_builds import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
+from starlette.requests import Request
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from knotfab.errors import InputError
 from knotfab.knots import read_start
-from knotfab.studio import session
+from knotfab.studio import server, session
 from knotfab.studio.pictures import LARGEST_BYTES
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
@@ -87,6 +94,8 @@ def test_the_token_becomes_a_cookie_that_only_this_page_sends(tmp_path: Path) ->
     answer = stranger.get(f"/?token={TOKEN}")
     cookie = answer.headers["set-cookie"].lower()
     assert "httponly" in cookie and "samesite=strict" in cookie
+    others = {"cookie": f'prefs={{"a":1}}; knotfab-8000={TOKEN}'}  # of another page on this machine
+    assert TestClient(app, base_url=f"http://{HOST}").get("/", headers=others).status_code == 200
     page = stranger.get("/")
     assert page.status_code == 200 and TOKEN not in page.text
     policy = page.headers["content-security-policy"]
@@ -138,10 +147,98 @@ def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_pat
     assert np.asarray(Image.open(io.BytesIO(shown.content)).getchannel("A")).std() > 10
     kept = tmp_path / "studio" / "pictures"
     assert [p.name for p in kept.iterdir()] == ["drawn.svg"]
-    again = picture(tmp_path / "p.png", square()).read_bytes()
-    assert client.post("/api/pictures?name=drawn.png", content=again).json()["name"] == "drawn-2"
     for path in ("/pictures/drawn.svg", "/files/drawn/drawn.svg", "/files/..%2fpictures/drawn.svg"):
         assert client.get(path).status_code == 404
+
+
+def test_no_two_pictures_share_a_name(client: TestClient, tmp_path: Path) -> None:
+    """Of uploads and texts, of this session and earlier ones, and of what a disk may take for the same."""
+    data = [picture(tmp_path / "p.png", square(px)).read_bytes() for px in (64, 96)]
+    kept = tmp_path / "studio" / "pictures"
+    kept.mkdir(parents=True)
+    (kept / "cat.png").write_bytes(b"of an earlier session")
+
+    def hand_in(name: str, number: int = 0) -> str:
+        return str(client.post(f"/api/pictures?name={name}", content=data[number]).json()["name"])
+
+    def type_in(text: str) -> str:
+        return str(ask(client, "/api/text", text=text).json()["name"])
+
+    assert hand_in("cat.png") == "cat-2" and (kept / "cat.png").read_bytes()[:2] == b"of"
+    assert [hand_in("dog.png"), type_in("dog"), hand_in("DOG.png", 1)] == ["dog", "dog-2", "DOG-3"]
+    assert [hand_in("dog.png"), type_in("A"), type_in("A!"), type_in("A")] == [
+        "dog",
+        "A",
+        "A-2",
+        "A",
+    ]
+    assert (kept / "dog.png").read_bytes() == data[0]
+
+
+def test_no_two_choices_share_a_folder(client: TestClient) -> None:
+    long = [20 * letter for letter in "cdefg"]
+    choices = [["a", "b"], ["a-and-b"], long[:4], [*long[:3], long[4]]]
+    for name in ("a", "b", "a-and-b", *long):
+        ask(client, "/api/text", text=name)
+    found = set()
+    for choice in choices:
+        assert ask(client, "/api/choose", names=choice).status_code == 200
+        assert ask(client, "/api/build").status_code == 200
+        found.add(wait_for(client, "done")["build"]["name"])
+    assert len(found) == len(choices) and max(map(len, found)) < 100
+
+
+def test_a_failed_build_is_not_shown_with_an_earlier_report(
+    client: TestClient, tmp_path: Path
+) -> None:
+    earlier = tmp_path / "studio" / "builds" / "crash" / "rejected"
+    earlier.mkdir(parents=True)
+    (earlier / "report.json").write_text("{}")
+    state = build(client, "crash")["build"]
+    assert (state["phase"], state["sentence"]) == ("failed", "out of ideas")
+    assert "result" not in state
+
+
+def test_a_build_that_cannot_be_started_has_failed(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("sys.executable", str(tmp_path / "nowhere"))
+    ask(client, "/api/text", text="pass")
+    assert ask(client, "/api/build").status_code == 200
+    state = client.get("/api/state").json()["build"]
+    assert state["phase"] == "failed" and "cannot be started" in state["sentence"]
+
+
+def test_a_second_stop_does_not_break_into_the_tidying_up(tmp_path: Path) -> None:
+    studio, calls = Studio(tmp_path, warm=False), []
+    studio.build = SimpleNamespace(stop=lambda: calls.append("stop"))  # type: ignore[assignment]
+    studio.status = {"phase": "running"}
+    studio.stop()
+    studio.stop()
+    assert calls == ["stop"] and studio.status["phase"] == "stopping"
+
+
+def test_an_upload_that_breaks_off_is_a_sentence() -> None:
+    async def receive() -> dict[str, str]:
+        return {"type": "http.disconnect"}
+
+    with pytest.raises(InputError, match="it broke off"):
+        asyncio.run(server._read_body(Request({"type": "http"}, receive), 10, "cat.png"))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a terminal that closes sends no signal")
+def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
+    code = (
+        "import functools, pathlib, sys; from knotfab.studio import run;"
+        "run.Studio = functools.partial(run.Studio, warm=False);"
+        "run.run_studio(0, False, pathlib.Path(sys.argv[1]))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None and "127.0.0.1" in child.stdout.readline()
+        child.send_signal(signal.SIGHUP)
+        assert "closed" in child.stdout.read()
+    assert child.returncode == 0
 
 
 def test_a_build_leaves_its_folder_and_no_other_file_can_be_read(
@@ -229,6 +326,7 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
         ({"width": -3}, "out of bounds"),
         ({"tube_radius": "thick"}, "not a positive number"),
         ({"width": [1]}, "there is none of that name"),
+        ({"width": "abc"}, "it is of a wrong kind"),
     ],
 )
 def test_a_wrong_setting_changes_nothing(
@@ -260,8 +358,6 @@ def test_the_studio_ends_its_build_with_itself(runs: Path, tmp_path: Path) -> No
 
 
 def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
-    import asyncio
-
     async def follow() -> list[str]:
         listener = session.Listener()
         for k in range(1000):
