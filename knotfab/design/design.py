@@ -40,6 +40,7 @@ from knotfab.target.read import Target
 __all__ = [
     "START_FILE",
     "Design",
+    "add_work",
     "choose_tube",
     "design_knots",
     "price_design",
@@ -142,6 +143,8 @@ def design_knots(
         if unmet is not None:
             knots = _knots_asked(question.scene)
             result = search_sparser(problem, radius, knots, settings, device) or unmet
+            if result is not unmet:
+                add_work(result, unmet)
     if settings.free_view:
         question = question.seen_from(result.views, targets)
     made = replace(
@@ -224,6 +227,14 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
     )
 
 
+def add_work(result: SearchResult, earlier: SearchResult) -> None:
+    """Enter in a search's limits and effects the calls and seconds of the one that it followed on."""
+    for name, guard in earlier.guards.items():
+        result.guards[name].add(guard)
+    for name, decision in earlier.effects.items():
+        result.effects[name].add(decision)
+
+
 def choose_tube(
     question: Question, settings: SearchSettings, progress: Progress
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
@@ -243,7 +254,8 @@ def choose_tube(
         radius = knots_then.radius_mm
         if not isinstance(piece.tube_radius_mm, str):
             radius = piece.tube_radius_mm
-            require_tube(question.scene)
+        piece = piece.model_copy(update={"tube_radius_mm": radius})
+        require_tube(question.scene.model_copy(update={"piece": piece}))
         question = question.with_depth(radius)
         return question, radius, go_on(question.problem, knots_then, radius), None
     if isinstance(piece.tube_radius_mm, str):

@@ -99,6 +99,13 @@ class Decision:
         finally:
             self.count(stage, 1, time.perf_counter() - begun)
 
+    def add(self, earlier: Decision) -> None:
+        """Enter what an earlier search spent on it, before this one took over."""
+        self.keep_largest(earlier)
+        self.calls += earlier.calls
+        self.seconds += earlier.seconds
+        self.where = list(dict.fromkeys([*earlier.where, *self.where]))
+
     def keep_largest(self, fresh: Decision) -> None:
         """Judged anew: the larger magnitude counts, for nothing that was simulated is taken back."""
         if fresh.magnitude > self.magnitude:

@@ -94,6 +94,11 @@ class Guard:
         self.seconds += time.perf_counter() - begun
         return found
 
+    def add(self, earlier: Guard) -> None:
+        """Enter the calls and seconds of an earlier search, before this one took over."""
+        self.calls += earlier.calls
+        self.seconds += earlier.seconds
+
     def _felt(self, state: State, limits: Limits) -> bool:
         if self.limit.slack is None:
             return True

@@ -165,7 +165,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     fill(axes, [to(p) for p in piece], PIECE)
     axes.plot(*to(wall).T, color=INK, lw=0.8)
     axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
-    draw_lamp(axes, to(lamp), view.light_diameter_mm / to.ratio)
+    draw_lamp(axes, to(lamp), view.light_size_mm / to.ratio)
     hatch(axes, to(wall), to)
     note(axes, to(lamp) + (0, 3.2), lamp_name(view), size=7, ha="center")
     note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")

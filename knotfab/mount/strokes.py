@@ -77,4 +77,4 @@ def lamp_name(view: View) -> str:
     """The lamp and its size, or the eye."""
     if view.kind != "shadow":
         return "eye"
-    return f"lamp, {length(view.light_diameter_mm)} mm" if view.light_diameter_mm > 0 else "lamp"
+    return f"lamp, {length(view.light_size_mm)} mm" if view.light_size_mm > 0 else "lamp"

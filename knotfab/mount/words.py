@@ -158,15 +158,25 @@ def lamp_facts(view: View) -> list[str]:
     if view.kind != "shadow":
         return ["Look with one eye, from the point that is drawn."]
     facts = ["One lamp alone, all others off, bare: no shade, no reflector."]
-    if view.light_diameter_mm > 0:
-        blur = view.light_diameter_mm * view.wall_distance_mm / view.light_distance_mm
+    if view.light_size_mm > 0:
+        blur = view.light_size_mm * view.wall_distance_mm / view.light_distance_mm
         facts.append(
-            f"Its light comes from a spot of {length(view.light_diameter_mm)} mm; outlines blur by "
-            f"{length(blur)} mm. A larger one blurs more, in proportion."
+            f"Its light comes from {_lamp_shape(view)}; outlines blur by {length(blur)} mm. "
+            "A larger one blurs more, in proportion."
         )
     else:
         facts.append("As small as can be had: the scene takes it for a point.")
     return facts
+
+
+def _lamp_shape(view: View) -> str:
+    sides = f"{length(view.light_width_mm)} x {length(view.light_height_mm)} mm"
+    if view.light_shape == "rectangle":
+        return f"a rectangle of {sides}"
+    if view.light_shape == "leds":
+        columns, rows = view.light_leds
+        return f"{columns} x {rows} LEDs of {length(view.light_diameter_mm)} mm over {sides}"
+    return f"a spot of {length(view.light_diameter_mm)} mm"
 
 
 def costs_of(

@@ -32,6 +32,9 @@ def list_effects(result: SearchResult, verdict: Mapping[str, Any]) -> list[Recor
             line["calls"] += calls
             line["seconds"] = round(line["seconds"] + float(verdict["seconds"].get(name, 0.0)), 4)
             line["where"].append("verification")
+        line["simulated"] = line["calls"] > 0
+        if decision.simulated and not line["calls"]:
+            line["reason"] += "; nothing ran it"
         lines.append(line)
     return lines
 
@@ -80,8 +83,8 @@ def add_warnings(report: Record, effects: Mapping[str, Decision]) -> None:
 def add_advice(report: Record, made: Design) -> None:
     """Add to the notes what the shadow of a wide lamp would gain by a wall as near as the piece can have it.
 
-    What a blur adds to the error in brightness is in proportion to it, so the measured error is scaled by
-    the mean blur there over that here; both of all strands.
+    What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
+    that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
     """
     from knotfab.scene.camera import view_axes
 
@@ -90,15 +93,21 @@ def add_advice(report: Record, made: Design) -> None:
         if not found.get("penumbra") or view.wall_tilt_deg != 0:
             continue
         z, light = points @ view_axes(view)[2], view.light_distance_mm
-        near = float(ceil((radius - float(z.min())) / _BACK))
-        if near >= view.wall_distance_mm:
+        # two radii behind the centre lines, as `depth_extent` asks where a build is to have that depth
+        depth = made.scene.piece.depth
+        back = -float(z.min())
+        if not isinstance(depth, str):
+            back = max(back, 0.5 * depth)
+        near = float(ceil((2 * radius + back) / _BACK))
+        if not 0 < near < view.wall_distance_mm:
             continue
 
         def blur(wall: float, z: Any = z, light: float = light) -> float:
             return float(((wall + z) / (light - z)).mean()) * light / (light + wall)
 
         error = float(found["penumbra"]["brightness_error"])
-        left = error * blur(near) / blur(view.wall_distance_mm)
+        hard = min(float(found["penumbra"]["hard_error"]), error)
+        left = hard + (error - hard) * blur(near) / blur(view.wall_distance_mm)
         if error - left >= _GAIN:
             report.setdefault("notes", []).append(
                 f"Move the piece nearer the wall: built for --wall-distance {near:g} "

@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import hypot
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, StrictStr
+from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, StrictStr, field_validator
+from pydantic_core import PydanticCustomError
 
 __all__ = [
     "Accuracy",
@@ -39,6 +40,7 @@ Row = tuple[Number, Number, Number, Number]
 Whole = Annotated[int, Strict(), Field(ge=0)]
 Side = Annotated[int, Strict(), Field(ge=1)]
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
+MOST_LEDS = 400  # of an array: the verification renders a shadow for each
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
@@ -137,6 +139,13 @@ class View(Reading):
     thicken_mm: Positive | Literal["none", "auto"] = (
         "none"  # strokes that are thinner, on the receiver
     )
+
+    @field_validator("light_leds")
+    @classmethod
+    def _few_enough(cls, leds: tuple[int, int]) -> tuple[int, int]:
+        if leds[0] * leds[1] > MOST_LEDS:
+            raise PydanticCustomError("leds", f"an array of at most {MOST_LEDS} LEDs")
+        return leds
 
     @property
     def light_size_mm(self) -> float:

@@ -121,8 +121,7 @@ def chain(
     start = first.knots.points
     rings = polylines_of_sizes((len(start),))
     with progress.stage("search"):
-        log = first.result.log
-        ended = finish(start, rings, problems[0], radius, first.settings, [], log, device)
+        ended = finish(first.result, rings, problems[0], radius, first.settings, [], device)
     made = settle_design(questions[0], ended.result, first.settings)
     yield Frame(replace(made, radius=choice, unmet=first.unmet, binding=first.binding), None, 1.0)
     length, area = first.knots.knots[0].length_mm, polygons[0].area
@@ -149,16 +148,7 @@ def chain(
             held = [Anchor(fine, outlines[k - 1] + radius, radius)]
             if trial.back is not None:
                 held.append(Anchor(fine_start, trial.back.limit_mm, radius))
-            ended = finish(
-                found.points,
-                rings,
-                problems[k],
-                radius,
-                first.settings,
-                held,
-                found.result.log,
-                device,
-            )
+            ended = finish(found.result, rings, problems[k], radius, first.settings, held, device)
         motion = measure(fine, ended.points, outlines[k - 1], radius)
         made = settle_design(questions[k], ended.result, first.settings)
         made = price_design(made, questions[k], None, None, progress, device)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab.arrays import Array
+from knotfab.design.design import add_work
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
@@ -104,17 +105,21 @@ def follow(
 
 
 def finish(
-    points: Array,
+    earlier: SearchResult,
     rings: Polylines,
     problem: Problem,
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-    log: CertificateLog,
     device: str = "cpu",
 ) -> FrameResult:
-    """A frame for its part: twice as many vertices, and the limits repaired where that broke one."""
-    doubled, both = double_vertices(points, rings)
+    """A frame for its part: twice as many vertices, and the limits repaired where that broke one.
+
+    Args:
+        earlier: the search that found the frame, whose log goes on, and whose calls are counted with these.
+    """
+    log = earlier.log
+    doubled, both = double_vertices(earlier.knots.points, rings)
     if doubled.steps:
         log.resamplings += 1
         log.add_margin(doubled.least_margin)
@@ -130,6 +135,7 @@ def finish(
         log=log,
         device=device,
     )
+    add_work(result, earlier)
     return FrameResult(result, _beyond(result, anchors))
 
 

@@ -79,3 +79,14 @@ def test_judged_anew_nothing_is_taken_back() -> None:
 def test_every_effect_has_its_switch_and_only_these() -> None:
     assert [e.name for e in EFFECTS] == list(Switches.model_fields)
     assert list(survey(CONTEXT, Switches().model_dump())) == [e.name for e in EFFECTS]
+
+
+def test_what_an_earlier_search_spent_is_counted() -> None:
+    earlier, later = Decision(effect(9.0), 9.0, 1.0), Decision(effect(4.0), 4.0, 1.0)
+    earlier.count("depth", 300, 0.1)
+    later.count("depth", 20, 0.2)
+    later.count("search", 1, 0.3)
+    later.add(earlier)
+    assert (later.calls, later.magnitude, later.where) == (321, 9.0, ["depth", "search"])
+    assert later.seconds == pytest.approx(0.6)
+    assert (earlier.calls, earlier.where) == (300, ["depth"])

@@ -6,7 +6,9 @@ import numpy as np
 from setups import OFF, setup
 
 from knotfab.mount.placement import placement_of
+from knotfab.mount.strokes import lamp_name
 from knotfab.mount.words import costs_of, lamp_facts, steps_of
+from knotfab.report.for_maker import advise_lamp
 
 
 def test_steps_name_the_figures() -> None:
@@ -61,3 +63,15 @@ def test_the_lamps_size_is_told_with_its_blur() -> None:
     assert "a spot of 20 mm; outlines blur by 4 mm" in " ".join(lamp_facts(view))
     point = view.model_copy(update={"light_diameter_mm": 0.0})
     assert "point" in " ".join(lamp_facts(point))
+    # 300 x 200 mm are 360.6 mm across, of which a fifth blurs
+    keys = {"light_shape": "rectangle", "light_width_mm": 300.0, "light_height_mm": 200.0}
+    panel = scene.views[0].model_copy(update=keys)
+    told = " ".join(lamp_facts(panel))
+    assert "a rectangle of 300 x 200 mm; outlines blur by 72.1 mm" in told
+    assert lamp_name(panel) == "lamp, 360.6 mm"
+    leds = panel.model_copy(update={"light_shape": "leds", "light_leds": (3, 2)})
+    assert "3 x 2 LEDs of 5 mm over 300 x 200 mm" in " ".join(lamp_facts(leds))
+    # and neither a torch nor a bulb stands in for it
+    for view in (panel, leds):
+        assert "torch" not in " ".join(advise_lamp(view, 2.0))
+    assert "torch" in " ".join(advise_lamp(scene.views[0], 2.0))

@@ -5,23 +5,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapely import MultiPolygon, box
 
+from knotfab.design.region import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
+from knotfab.errors import SceneError
 from knotfab.report.of_effects import add_advice, list_effects
-from knotfab.scene.model import ResolvedView
+from knotfab.scene.model import ResolvedView, Scene
 
 
-def advise(wall_mm: float, error: float | None, depth_mm: float = 80.0, **keys: Any) -> list[str]:
+def advise(
+    wall_mm: float, error: float | None, hard: float = 0.0, front_mm: float = 0.0, **keys: Any
+) -> list[str]:
+    """For a piece of 80 mm depth, moved `front_mm` towards the lamp."""
     view = ResolvedView(
         wall_distance_mm=wall_mm, light_diameter_mm=20.0, frame_width_mm=180.0,
         frame_height_mm=180.0, **keys,
     )  # fmt: skip
-    z = np.linspace(-depth_mm / 2, depth_mm / 2, 101)
+    z = np.linspace(-40, 40, 101) + front_mm
     points = np.column_stack([np.zeros((101, 2)), z])
     knots = SimpleNamespace(points=points, radius_mm=2.0)
-    made: Any = SimpleNamespace(knots=knots, scene=SimpleNamespace(views=(view,)))
-    found = {"brightness_error": error} if error is not None else None
+    piece = SimpleNamespace(depth="auto" if front_mm else 60.0)
+    made: Any = SimpleNamespace(knots=knots, scene=SimpleNamespace(views=(view,), piece=piece))
+    found = {"brightness_error": error, "hard_error": hard} if error is not None else None
     report = {"views": [{"penumbra": found}]}
     add_advice(report, made)
     return list(report.get("notes", []))
@@ -29,17 +36,37 @@ def advise(wall_mm: float, error: float | None, depth_mm: float = 80.0, **keys: 
 
 def test_a_nearer_wall_is_advised_with_its_gain() -> None:
     (note,) = advise(100.0, 0.03)
-    # 42 mm behind the middle are 0.9 of 47 mm; the blur of the middle falls from 100/600 to 47/547
-    assert "--wall-distance 47 (100 mm now)" in note and "from 0.030 to about 0.016" in note
+    # 40 mm and two radii behind the middle are 0.9 of 49 mm; its blur falls from 100/600 to 49/549
+    assert "--wall-distance 49 (100 mm now)" in note and "from 0.030 to about 0.016" in note
+    ratio = (49 / 549) / (100 / 600)
     left = float(note.rsplit(" ", 1)[1].rstrip("."))
-    assert left == pytest.approx(0.03 * (47 / 547) / (100 / 600), rel=0.05)
+    assert left == pytest.approx(0.03 * ratio, rel=0.05)
+    # what the hard shadow misses of the picture stays
+    (note,) = advise(100.0, 0.04, hard=0.01)
+    left = float(note.rsplit(" ", 1)[1].rstrip("."))
+    assert left == pytest.approx(0.01 + 0.03 * ratio, rel=0.05)
+
+
+def test_the_advised_wall_is_one_that_a_build_accepts() -> None:
+    polygon = MultiPolygon([box(-60, -60, 60, 60)])
+    scene = Scene.model_validate({"piece": {"depth": 80.0, "tube_radius_mm": 2.0}})
+    for wall, refused in ((49.0, False), (47.0, True)):
+        view = ResolvedView(wall_distance_mm=wall, frame_width_mm=180.0, frame_height_mm=180.0)
+        region = resolve_region(scene.region, [view], [], 2.0)
+        if refused:
+            with pytest.raises(SceneError, match="do not fit"):
+                depth_extent(scene, polygon, region, 2.0)
+        else:
+            assert depth_extent(scene, polygon, region, 2.0) == 80.0
 
 
 @pytest.mark.parametrize(
     ("wall_mm", "error", "keys"),
     [
         (100.0, 0.008, {}),  # little to gain
-        (47.0, 0.03, {}),  # as near as it can be
+        (49.0, 0.03, {}),  # as near as it can be
+        (100.0, 0.03, {"hard": 0.02}),  # blur is the lesser part of it
+        (100.0, 0.03, {"front_mm": 50.0}),  # a piece that stands off the wall's place altogether
         (100.0, None, {}),  # not simulated
         (100.0, 0.03, {"wall_tilt_deg": 20.0}),  # where the wall is, is no one distance
     ],
@@ -59,3 +86,12 @@ def test_an_effects_line_counts_the_design_and_the_verification() -> None:
     (line,) = list_effects(result, {"views": [], "seconds": {}})
     assert (line["calls"], line["where"]) == (300, ["depth"])
     assert decision.calls == 300
+
+
+def test_an_effect_that_nothing_ran_is_not_called_simulated() -> None:
+    result: Any = SimpleNamespace(effects={"penumbra": Decision(PENUMBRA, 9.0, 1.0)})
+    (line,) = list_effects(result, {"views": [], "seconds": {}})
+    assert not line["simulated"] and line["reason"].endswith("; nothing ran it")
+    verdict = {"views": [{"penumbra": {"samples": 19}}], "seconds": {}}
+    (line,) = list_effects(result, verdict)
+    assert line["simulated"] and "nothing" not in line["reason"]

@@ -83,6 +83,7 @@ REFUSED = {
         "205.212 mm before the tilted wall is partly behind it",
         "tilt the wall less",
     ),
+    "[[views]]\nlight_leds = [21, 20]": ("light_leds is [21, 20]", "at most 400"),
     "[[views]]\nwall_distance_mm = -1": ("wall_distance_mm is -1", "greater than 0"),
     "[[views]]\nwall_tilt_deg = 90": ("less than 80",),
     "[[views]]\nname = '../x'": ("letters, digits",),

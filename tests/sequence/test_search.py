@@ -45,6 +45,10 @@ def first() -> SearchResult:
     return search(ask_one(DISC), make_start(ask_one(DISC), RADIUS, QUICK), RADIUS, QUICK)
 
 
+def logged_anew(result: SearchResult) -> SearchResult:
+    return replace(result, log=CertificateLog("the first frame", ("unknot",)))
+
+
 def rings_of(points: Array) -> Polylines:
     return polylines_of_sizes((len(points),))
 
@@ -74,23 +78,26 @@ def test_a_finished_frame_has_twice_the_vertices_and_its_limits_mended(first: Se
     points = first.knots.points
     bends = first.feasibility.bend_mm
     stiff = replace(ask_one(DISC), bend_radius=1.02 * bends)
-    log = CertificateLog("the first frame", ("unknot",))
-    still = finish(points, rings_of(points), ask_one(DISC), RADIUS, QUICK, [], log)
+    still = finish(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
     anchor = Anchor(still.points, 2.0, RADIUS)
-    log = CertificateLog("the first frame", ("unknot",))
-    found = finish(points, rings_of(points), stiff, RADIUS, QUICK, [anchor], log)
+    found = finish(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
     for frame in (still, found):
         assert len(frame.points) == 2 * len(points)
         assert frame.sound and frame.result.log.certified
+        # what the frame's own search spent is counted with what its repair did
+        for name, guard in frame.result.guards.items():
+            assert guard.calls >= first.guards[name].calls
+            assert guard.seconds >= first.guards[name].seconds
+    assert still.result.guards["bend"].calls > 0
+    assert found.result.guards["bend"].calls > first.guards["bend"].calls
     assert found.result.log.repairs > 0
     assert found.result.feasibility.bend_mm >= 1.02 * bends
     assert anchor.kept(found.points)
 
 
 def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
-    points, log = first.knots.points, CertificateLog("the first frame", ("unknot",))
+    points = first.knots.points
     far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]
-    torn = finish(
-        points, rings_of(points), ask_one(DISC), RADIUS, QUICK, [Anchor(far, 1.0, RADIUS)], log
-    )
+    held = [Anchor(far, 1.0, RADIUS)]
+    torn = finish(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
     assert not torn.sound and torn.beyond_mm > 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ import pytest
 from command import knotfab, picture, square
 from questions import ask_heart, start_and_search
 
-from knotfab.errors import InputError
+from knotfab.design.design import choose_tube
+from knotfab.errors import InputError, SceneError
 from knotfab.knots import Knot, Knots, read_start
+from knotfab.progress import Progress
 from knotfab.scene.load import load_scene
+from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.start.start import go_on
 
@@ -48,6 +52,14 @@ def test_a_search_goes_on_and_keeps_the_type(tmp_path: Path) -> None:
     one, two = (start_and_search(problem, 2.0, FEW, start, repairs=0) for _ in range(2))
     assert (one.knots.points == two.knots.points).all()
     assert one.log.certified and [k.type for k in one.knots.knots] == ["3_1"]
+
+
+def test_a_start_thinner_than_the_printer_prints_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "start.json", Knots((Knot(TREFOIL, "3_1"),), 0.05))
+    settings = FEW.model_copy(update={"start": str(path)})
+    question: Any = SimpleNamespace(scene=Scene())  # which leaves the radius to the start
+    with pytest.raises(SceneError, match=r"0\.05 mm is thinner than prusa-mk4 prints"):
+        choose_tube(question, settings, Progress("quiet"))
 
 
 @pytest.mark.parametrize(

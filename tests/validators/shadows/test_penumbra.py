@@ -88,6 +88,13 @@ def test_an_array_is_sampled_led_by_led() -> None:
     assert {int(n.sum()) for n in near} == {len(points) // 6}
 
 
+def test_a_large_array_is_a_point_an_led() -> None:
+    for columns, each in ((10, 7), (11, 1)):
+        leds = Lamp("shadow", "leds", 2.0, 30.0, 10.0, (columns, 10))
+        assert len(lamp_points(leds, 30.0, 0.25)) == columns * 10 * each
+    assert parse_scene({"views": [{"light_leds": [20, 20]}]}).views[0].light_leds == (20, 20)
+
+
 @needs_rendering
 def test_the_half_light_line_is_the_sharp_one_and_the_error_is_the_blurs() -> None:
     found = average(Lamp(light_diameter_mm=30.0))
@@ -98,6 +105,7 @@ def test_the_half_light_line_is_the_sharp_one_and_the_error_is_the_blurs() -> No
     assert found.brightness_error == pytest.approx(
         4 / (3 * np.pi) / 2 * blur * 240 / 120**2, rel=0.03
     )
+    assert found.hard_error == 0.0  # the picture is the sharp shadow
     row = found.soft[PIXELS // 2]
     assert row[PIXELS // 2] == 1.0 and row[5] == 0.0
     falling = row[PIXELS // 2 :]
@@ -155,6 +163,7 @@ def test_the_blur_of_a_tilted_wall_is_that_of_its_plane() -> None:
 @pytest.mark.parametrize(
     "keys",
     [{"light_shape": "star"}, {"light_leds": [0, 1]}, {"light_leds": [3]}, {"light_leds": 5},
+     {"light_leds": [21, 20]},
      {"light_width_mm": -1.0}],
 )  # fmt: skip
 def test_a_lamp_that_cannot_be_is_refused(keys: dict[str, Any]) -> None:

@@ -39,6 +39,7 @@ MOST_BYTES = 1_000_000
 MOST_DOTS = 200
 LAMPS = ("disc", "ball", "rectangle", "leds")
 MOST_LEDS = 100  # across or up
+MOST_IN_ARRAY = 400  # for each is a shadow to render
 SWITCH = ("auto", "on", "off")
 INKS = ("auto", "dark", "light", "alpha", "flood")
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
@@ -370,6 +371,10 @@ def _leds(table: Table) -> tuple[int, int]:
     whole = isinstance(value, list) and all(type(n) is int and 1 <= n <= MOST_LEDS for n in value)
     if not whole or len(value) != 2:
         raise BadFile(f"{table.where} light_leds must be two numbers from 1 to {MOST_LEDS}")
+    if value[0] * value[1] > MOST_IN_ARRAY:
+        raise BadFile(
+            f"{table.where} light_leds are {value[0] * value[1]} LEDs, more than {MOST_IN_ARRAY}"
+        )
     return value[0], value[1]
 
 

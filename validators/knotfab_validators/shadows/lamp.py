@@ -14,6 +14,7 @@ __all__ = ["SceneLamp", "lamp_points", "lamp_size"]
 # the other side and has an odd number, so the half-light line of a straight edge is exact.
 RINGS = {7: (6,), 25: (8, 16), 101: (6, 14, 20, 26, 34)}
 GRIDS = {7: 3, 25: 5, 101: 11}  # of a rectangle: so many rows and columns
+MOST_DISCS = 100  # LEDs that are sampled as discs; of a larger array each is a point
 WIDE_PX = 10.0  # a blur from which on all points are taken
 
 
@@ -64,6 +65,8 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
         return 0.5 * lamp.light_diameter_mm * _disc(RINGS[count])
     rows = [np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in lamp.light_leds]
     leds = np.stack(np.meshgrid(*rows), axis=-1).reshape(-1, 2) * half
+    if len(leds) > MOST_DISCS:
+        return leds
     each = 0.5 * lamp.light_diameter_mm * _disc(RINGS[7 if len(leds) > 4 else few])
     return (leds[:, None] + each).reshape(-1, 2)
 

@@ -28,13 +28,15 @@ class Penumbra:
 
     `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
     hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
-    to dark, summed over all of the wall and spread over the picture's frame; `soft` (H, W) is the
-    share of the lamp that is hidden at each pixel.
+    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same of the
+    shadow that the lamp's middle alone throws; `soft` (H, W) is the share of the lamp that is hidden at
+    each pixel.
     """
 
     widest_px: float
     iou: float
     brightness_error: float
+    hard_error: float
     samples: int
     soft: NDArray[np.float32]
 
@@ -44,6 +46,7 @@ class Penumbra:
             "widest_px": self.widest_px,
             "iou": self.iou,
             "brightness_error": self.brightness_error,
+            "hard_error": self.hard_error,
             "samples": self.samples,
         }
 
@@ -93,6 +96,8 @@ def measure_penumbra(
         light = geometry.light + right * geometry.right + up * geometry.up
         hidden += renderer.render(replace(geometry, light=light))
     soft = (hidden / len(points)).astype(np.float32)
-    error = float(np.abs(soft - target).sum(dtype=np.float64)) / (frame.width * frame.height)
+    size = frame.width * frame.height
+    error = float(np.abs(soft - target).sum(dtype=np.float64)) / size
+    hard = float(np.count_nonzero(renderer.render(geometry) != target)) / size
     dark = 2 * hidden >= len(points)
-    return Penumbra(widest, overlap(dark, target).iou, error, len(points), soft)
+    return Penumbra(widest, overlap(dark, target).iou, error, hard, len(points), soft)
