@@ -229,7 +229,8 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a terminal that closes sends no signal")
 def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
     code = (
-        "import functools, pathlib, sys; from knotfab.studio import run;"
+        "import functools, pathlib, signal, sys; from knotfab.studio import run;"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL);"  # whatever the tests were begun with
         "run.Studio = functools.partial(run.Studio, warm=False);"
         "run.run_studio(0, False, pathlib.Path(sys.argv[1]))"
     )
