@@ -163,18 +163,17 @@ def report_piece(
     plan = _plan_bends(folder, piece, progress)
     if plan is not None:
         verdict["checks"] += plan.checks
+    cameras = _cameras(piece)
     drawings: list[str] = []
     if request.printing:
         with progress.stage("drawings"):
-            drawings = write_drawings(
-                folder, part, piece.scene, piece.targets, verdict, piece.suffix
-            )
+            drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
     with progress.stage("report"):
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
-        report["print"]["setup"] = tell_setup(part.mounted, _cameras(piece), piece.knots.radius_mm)
+        report["print"]["setup"] = tell_setup(part.mounted, cameras, piece.knots.radius_mm)
         add_binding(report, made)
         add_warnings(report, made.result.effects)
         add_advice(report, made)

@@ -153,6 +153,11 @@ class Progress:
             seen = None if iou is None else round(iou, 4)
             self.tell("progress", **told, iou=seen, left_s=left)
 
+    @property
+    def watched(self) -> bool:
+        """Whether anybody sees what `update` says: a search need not measure it for nobody."""
+        return self._bar is not None or self._events is not None
+
     def show(self, knots: Callable[[], Knots], certified: bool) -> None:
         """Show the knots as they stand to whoever watches; they are made only where somebody does.
 

@@ -34,6 +34,21 @@ def run(mode: Mode, stream: io.StringIO) -> Progress:
     return progress
 
 
+@pytest.mark.parametrize(
+    ("stream", "events", "watched"),
+    [
+        (io.StringIO(), None, False),
+        (Terminal(), None, True),
+        (io.StringIO(), io.StringIO(), True),
+    ],
+)
+def test_a_search_measures_for_a_bar_and_for_events_alone(
+    stream: io.StringIO, events: io.StringIO | None, watched: bool
+) -> None:
+    with Progress("auto", stream, events) as progress:
+        assert progress.watched is watched
+
+
 @pytest.mark.parametrize("mode", ["auto", "quiet", "verbose"])
 @pytest.mark.parametrize("kind", [io.StringIO, Terminal])
 def test_every_mode_times_the_stages(mode: Mode, kind: type[io.StringIO]) -> None:

@@ -195,9 +195,10 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
     vertices = move_points(mesh.vertices, np.asarray(setting.pose))
     print("lamp, mm  points  IoU ours  Mitsuba   RMS  error ours  Mitsuba")
     with SilhouetteRenderer(vertices, mesh.faces) as renderer:
+        sharp = renderer.render(seen)
         for diameter in (5.0, 20.0, 50.0):
             lamp: Any = _Lamp(diameter)
-            ours = measure_penumbra(renderer, vertices, seen, target, frame, lamp, 0.25)
+            ours = measure_penumbra(renderer, vertices, seen, target, sharp, frame, lamp, 0.25)
             traced = trace_shadow(vertices, mesh.faces, seen, diameter, samples)
             grey = (traced > 0.005) & (traced < 0.995)
             rms = float(np.sqrt(((ours.soft - traced)[grey] ** 2).mean()))

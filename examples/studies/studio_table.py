@@ -27,12 +27,12 @@ import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
 from knotfab.knots import read_start
+from knotfab.report.report_html import VIEWER
 from knotfab.scene.load import load_scene
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
 
 TOKEN = "a-token"
-VIEWER = Path(__file__).parents[2] / "knotfab" / "report" / "viewer" / "viewer.js"
 SETTINGS = {"print": True, "mount": "auto"}
 FPS_S = 4.0
 

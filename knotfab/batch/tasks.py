@@ -15,10 +15,8 @@ from knotfab.target.read import TEXT_PREFIX, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
-RECORDS, INDEX = (
-    "batch.json",
-    "index.html",
-)  # what a batch writes beside the folders of its pictures
+# what a batch writes beside the folders of its pictures
+RECORDS, INDEX = "batch.json", "index.html"
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".svg"}
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself

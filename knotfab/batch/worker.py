@@ -25,6 +25,7 @@ __all__ = [
     "build_apart",
     "build_parcel",
     "pack_task",
+    "read_report",
     "record_of",
     "run_apart",
     "unpack_result",
@@ -54,9 +55,9 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
         if code in _ENDINGS:
             break
     seconds = time.perf_counter() - begun
-    report = _read_report(folder) if code == 0 else None
+    report = read_report(folder) if code == 0 else None
     if code == 1 and _stamp(folder / REJECTED / "report.json") != earlier:
-        report = _read_report(folder / REJECTED)
+        report = read_report(folder / REJECTED)
     return record_of(task, code, seconds, error, report)
 
 
@@ -129,7 +130,8 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     return held.st_ino, held.st_mtime_ns
 
 
-def _read_report(folder: Path) -> dict[str, Any] | None:
+def read_report(folder: Path) -> dict[str, Any] | None:
+    """The report.json of a build; None where there is none that can be read."""
     try:
         found: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
     except (OSError, ValueError):

@@ -15,7 +15,7 @@ from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError
 
 from knotfab import __version__
-from knotfab.errors import InputError, KnotfabError, MachineError
+from knotfab.errors import InputError, KnotfabError, needs_extra
 from knotfab.options import (
     BATCH_EXAMPLES,
     BUILD_EXAMPLES,
@@ -178,14 +178,8 @@ def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-st
     out
         The folder for its pictures and builds.
     """
-    try:
+    with needs_extra("knotfab studio", "studio"):
         from knotfab.studio.run import run_studio
-    except ModuleNotFoundError as error:
-        raise MachineError(
-            "knotfab studio",
-            f"the package {error.name} is not installed",
-            "Install what it needs: pip install 'knotfab[studio]'",
-        ) from error
     run_studio(port, not no_open, out)
     return 0
 

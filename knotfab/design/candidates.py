@@ -30,8 +30,8 @@ class RadiusRange:
     candidates: int | None  # None: as the settings say
     drawn: float  # score below which thinner tubes are tried as well
     thinner: int  # of these
-    hopeless: float  # score behind the best that nothing makes up for
-    trials: int
+    hopeless: float  # score behind the best that nothing makes up for; of several views
+    trials: int  # starts that are drawn of these
     give: float  # IoU of the template, or of the start
 
 

@@ -136,7 +136,7 @@ def design_knots(
             settings,
             pose=pose,
             device=device,
-            report=progress.update,
+            report=progress.update if progress.watched else None,
             watch=watch,
         )
         unmet = None if result.feasible else result

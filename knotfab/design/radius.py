@@ -144,9 +144,7 @@ def choose_radius(
         _require_picture(question, scores)
         well = max(scores.values()) - span.give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too
-        for radius in sorted(scores, key=lambda r: (scores[r] >= well, min(scores[r], well), r))[
-            ::-1
-        ]:
+        for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
             found[radius] = trials.begin(radius)
             if found[radius]:
                 break

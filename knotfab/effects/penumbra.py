@@ -20,14 +20,11 @@ VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which blurs
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
 _FULL_PX = 32.0  # of blur above the threshold, from which on it is that
-_DRAWS = (
-    2.0,
-    0.7,
-)  # tube radii from the outline: a strand there draws none of it; over which that fades
+# tube radii from the outline: a strand there draws none of it; over which that fades
+_DRAWS = (2.0, 0.7)
 _SMOOTH = 8.0  # along the curve, in tube radii: strands cannot change depth at once
-_ABS_BLUR = (
-    4 / (3 * np.pi) / 2
-)  # what a disc's blur b adds along an edge: b times the mean |x| in it
+# what a disc's blur b adds along an edge: b times the mean |x| in it
+_ABS_BLUR = 4 / (3 * np.pi) / 2
 _WEIGHT = 1.0  # of the brightness error, against legibility
 
 

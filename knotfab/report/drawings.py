@@ -9,9 +9,8 @@ from knotfab.files.folder import OutputFolder
 from knotfab.mount.drawing import write_setup
 from knotfab.mount.drill_template import write_drill_template
 from knotfab.part.assemble import Part
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene
-from knotfab.target.read import Target
 
 __all__ = ["write_drawings"]
 
@@ -20,17 +19,16 @@ def write_drawings(
     folder: OutputFolder,
     part: Part,
     scene: ResolvedScene,
-    targets: Sequence[Target],
+    cameras: Sequence[Camera],
     verdict: Mapping[str, Any],
     suffix: str = "",
 ) -> list[str]:
     """Write setup.pdf, setup.svg and, for dowels, the drill templates; returns their names.
 
     Args:
-        targets: the pictures of all views. verdict: the validators', whose views say what a misplaced
-            lamp costs. suffix: of the files' names.
+        cameras: of all views, on the pixels of their pictures. verdict: the validators', whose views
+            say what a misplaced lamp costs. suffix: of the files' names.
     """
-    cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
     views = verdict.get("views") or [{} for _ in cameras]
     costs = [view.get("misplacement") for view in views]
     names = write_setup(folder.work, part.mounted, scene, cameras, costs, suffix)

@@ -15,9 +15,8 @@ __all__ = ["add_advice", "add_warnings", "limits_as_effects", "list_effects", "l
 
 Record = dict[str, Any]
 
-_BACK = (
-    0.9  # of the distance to the wall that a piece may reach into, as in regions that are "auto"
-)
+# of the distance to the wall that a piece may reach into, as in regions that are "auto"
+_BACK = 0.9
 _GAIN = 0.01  # of brightness, from which on a nearer wall is worth a word
 
 

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
+from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
 from knotfab.part.assemble import rules_of
 from knotfab.scene.model import ResolvedScene
@@ -165,7 +166,9 @@ def _pack_mesh(mesh: Mesh) -> Record:
 
 def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]:
     """The faces of bodies (file coordinates) that stick out of the tubes about `knots` (scene)."""
-    middles = cKDTree(_fine(knots))
+    step = 0.1 * knots.radius_mm
+    fine = [sample_evenly(knot.points, step, at_most=True) for knot in knots.knots]
+    middles = cKDTree(np.concatenate(fine))
     found: list[Mesh] = []
     for vertices, faces in bodies:
         points = vertices @ matrix[:3, :3].T + matrix[:3, 3]
@@ -188,17 +191,6 @@ def _fewer(mesh: Mesh) -> Mesh:
     sheet = pyvista.PolyData.from_regular_faces(vertices, triangles)
     less = sheet.decimate(1.0 - MOUNT_FACES / len(faces))
     return np.asarray(less.points, dtype=np.float64), np.asarray(less.regular_faces, dtype=np.int32)
-
-
-def _fine(knots: Knots) -> Array:
-    """Points along the centre lines, a tenth of a radius apart at most."""
-    found = []
-    for knot in knots.knots:
-        a, b = knot.points, np.roll(knot.points, -1, axis=0)
-        n = int(np.ceil(np.linalg.norm(b - a, axis=1).max() / (0.1 * knots.radius_mm)))
-        share = (np.arange(n) / n)[:, None, None]
-        found.append((a + share * (b - a)).reshape(-1, 3))
-    return np.concatenate(found)
 
 
 def _picture_uri(mask: Mask) -> str:

@@ -46,10 +46,8 @@ ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radiu
 _TURN_RATE = 0.4  # degrees a step at the start
 _LENGTH_RATE = 0.008  # share of a length a step at the start
 _LAST = 0.05  # share of these rates at the end
-_LIGHT_SHARE, _WALL_SHARE = (
-    0.25,
-    0.9,
-)  # of a distance that the piece may reach into, as in auto regions
+# of a distance that the piece may reach into, as in auto regions
+_LIGHT_SHARE, _WALL_SHARE = 0.25, 0.9
 _CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
 _SHARP = 12.0  # tau times the projected radius that the pose is judged by
 _CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over

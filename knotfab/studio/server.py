@@ -19,6 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from knotfab.errors import InputError, KnotfabError
 from knotfab.files.folder import REJECTED
+from knotfab.report.report_html import VIEWER
 from knotfab.scene.catalogue import materials, printers
 from knotfab.studio.guard import REPORT_POLICY, Guard
 from knotfab.studio.pictures import LARGEST_BYTES, keep_picture, keep_text, too_large
@@ -27,7 +28,6 @@ from knotfab.studio.session import BUILDS, Studio
 __all__ = ["make_app"]
 
 _STATIC = Path(__file__).parent / "static"
-_VIEWER = Path(__file__).parent.parent / "report" / "viewer" / "viewer.js"
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -52,10 +52,8 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     Args:
         token: what the address must have once. hosts: what the Host header may be, with the port.
     """
-
-    adding = (
-        asyncio.Lock()
-    )  # a picture is added after the other, so that each finds a name of its own
+    # a picture is added after the other, so that each finds a name of its own
+    adding = asyncio.Lock()
 
     async def page(_: Request) -> Response:
         return _serve(_STATIC / "index.html")
@@ -63,7 +61,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     async def static(request: Request) -> Response:
         name = request.path_params["name"]
         if name == "viewer.js":
-            return _serve(_VIEWER)
+            return _serve(VIEWER)
         known = {path.name: path for path in _STATIC.iterdir() if path.suffix != ".html"}
         return _serve(known[name]) if name in known else _lost()
 

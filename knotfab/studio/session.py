@@ -18,6 +18,7 @@ from PIL import Image
 
 from knotfab.arrays import Mask
 from knotfab.batch.tasks import list_arguments
+from knotfab.batch.worker import read_report
 from knotfab.errors import InputError, KnotfabError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
@@ -183,7 +184,7 @@ class Studio:
             if name in wanted and wanted[name] not in known:
                 raise InputError(f"the {name} {wanted[name]}", "it is not known", "Choose another.")
         try:
-            check_options(_options(wanted))
+            check_options(options_from(wanted))
         except (TypeError, ValueError, AttributeError) as error:
             names = ", ".join(given)
             raise InputError(
@@ -206,7 +207,7 @@ class Studio:
         await asyncio.sleep(0.15)
         if number != self._previews:
             return
-        sources, options = self._sources(), _options(self.settings)
+        sources, options = self._sources(), options_from(self.settings)
         try:
             found, png, seen = await asyncio.to_thread(_preview, sources, options)
         except KnotfabError as error:
@@ -235,7 +236,7 @@ class Studio:
         if len(name) > _LONGEST_NAME or tuple(name.split("-and-")) != self.chosen:
             digest = hashlib.sha256(repr(self.chosen).encode()).hexdigest()[:8]
             name = f"{name[:_LONGEST_NAME]}-{digest}"
-        arguments = [*self._sources(), *list_arguments(_options(self.settings))]
+        arguments = [*self._sources(), *list_arguments(options_from(self.settings))]
         if go_on:
             start = self.folder / _STARTS / f"{name}.json"
             write_whole(start, self.start.encode())
@@ -340,10 +341,7 @@ class Studio:
         folder = self.folder / BUILDS / where
         held = {p.name for p in folder.iterdir() if p.is_file()}
         rest = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith("plate-"))
-        try:
-            report = json.loads((folder / "report.json").read_text("utf-8"))
-        except (OSError, ValueError):
-            report = {}
+        report = read_report(folder) or {}
         views, piece = report.get("views", []), report.get("print", {})
         return {
             "where": where,
@@ -364,11 +362,6 @@ class Studio:
     def _send(self, text: str, frame: bool = False) -> None:
         for listener in self.listeners:
             listener.put(text, frame)
-
-
-def _options(settings: Mapping[str, Any]) -> BuildOptions:
-    """The settings as options, in the types that these have."""
-    return options_from(settings)
 
 
 def _preview(

@@ -370,7 +370,7 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
 
 
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
-    figures, png, seen = session._preview(["text:I"], session._options({"width": 150}))
+    figures, png, seen = session._preview(["text:I"], session.options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
     assert Image.open(io.BytesIO(png)).width > 700
     assert np.asarray(Image.open(io.BytesIO(seen[0]))).min() == 0

@@ -15,10 +15,5 @@ PRINTING = (
     *("bridge", "floating", "islands", "standing"),
 )
 PLATES = ("plate_mesh", "plates", "plates_volume")
-SHADOWS = (
-    "shadow",
-    "shadow_exact",
-    "outline",
-    "wrong_outline",
-    "recognisable",
-)  # `intrusion` too, of a mount
+# `intrusion` too, of a mount
+SHADOWS = ("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable")

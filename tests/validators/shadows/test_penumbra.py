@@ -51,7 +51,7 @@ def average(lamp: Lamp, part: Mesh = SLAB) -> Penumbra:
     frame = WorkingFrame(PIXELS, PIXELS, 0, 0)
     with SilhouetteRenderer(part.vertices, part.faces) as renderer:
         sharp = renderer.render(seen)
-        return measure_penumbra(renderer, part.vertices, seen, sharp, frame, lamp, 0.25)
+        return measure_penumbra(renderer, part.vertices, seen, sharp, sharp, frame, lamp, 0.25)
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,7 @@ def verify_shadows(
                         vertices,
                         fine,
                         found.target,
+                        found.shadow,
                         found.frame,
                         view,
                         scene.effects.tolerance_px,

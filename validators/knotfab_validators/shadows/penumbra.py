@@ -79,6 +79,7 @@ def measure_penumbra(
     vertices: Array,
     geometry: ViewGeometry,
     target: Mask,
+    sharp: Mask,
     frame: WorkingFrame,
     lamp: SceneLamp,
     tolerance_px: float,
@@ -88,6 +89,7 @@ def measure_penumbra(
     Args:
         renderer: of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
         geometry: the view on the pixels of `target` (H, W), the padded `frame`.
+        sharp: (H, W) the shadow that the lamp's middle throws, as `renderer` draws it.
     """
     widest = blur_px(vertices, geometry, lamp_size(lamp))
     points = lamp_points(lamp, widest, tolerance_px)
@@ -98,6 +100,6 @@ def measure_penumbra(
     soft = (hidden / len(points)).astype(np.float32)
     size = frame.width * frame.height
     error = float(np.abs(soft - target).sum(dtype=np.float64)) / size
-    hard = float(np.count_nonzero(renderer.render(geometry) != target)) / size
+    hard = float(np.count_nonzero(sharp != target)) / size
     dark = 2 * hidden >= len(points)
     return Penumbra(widest, overlap(dark, target).iou, error, hard, len(points), soft)
