@@ -1,7 +1,8 @@
-"""Grace: the bending energy of the centre lines, which the picture seldom asks for and the eye dislikes.
+"""Grace: the energy of an elastic curve under tension, which the eye dislikes and few pictures ask for.
 
-Without it every strand crumples until it bends nearly as tightly as it may, for a crumpled curve draws a
-picture no worse than a smooth one.
+Without it every strand crumples until it bends nearly as tightly as it may, and grows half as long again
+as what it fills, for a crumpled curve draws a picture no worse than a smooth one. What is longer than it
+need be hides strands behind each other: it costs filament, and makes the picture easier to read from aside.
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ from knotfab.search.objective import Term, Weights
 __all__ = ["Grace"]
 
 
+_TENSION = 0.5  # of a curve one tube radius long, in units of the bending energy
+
+
 @dataclass(frozen=True)
 class Grace(Term):
-    """Callable term: weight * r * integral of squared curvature, free of scale.
+    """Callable term: weight * (r * integral of squared curvature + tension * length / r), free of scale.
 
-    On a polyline the sum over vertices of |t' - t|^2 / l, t and t' the unit tangents before and after,
-    l the mean of the two edges (the discrete elastica energy of Bergou et al., "Discrete elastic
-    rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge folds back).
+    Euler's elastica under tension. On a polyline the bending energy is the sum over vertices of
+    |t' - t|^2 / l, t and t' the unit tangents before and after, l the mean of the two edges (Bergou et
+    al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge
+    folds back).
     """
 
     radius_mm: float
@@ -32,5 +37,6 @@ class Grace(Term):
         one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
         turn = state.after / two[:, None] - state.edge / one[:, None]
         energy = ((turn * turn).sum(-1) / (0.5 * (one + two))).sum()
-        loss: Tensor = self.weight * weights.grace * self.radius_mm * energy
+        bending, stretched = self.radius_mm * energy, one.sum() / self.radius_mm
+        loss: Tensor = self.weight * weights.grace * (bending + _TENSION * stretched)
         return loss
