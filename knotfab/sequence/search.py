@@ -79,7 +79,7 @@ def follow(
         anchors: frames that this one must stay near.
     """
     old, new = problems
-    # room for the vertices that `finish` adds: the spline bends more than the polygon in places
+    # room for the vertices that `finish` adds: where edges are uneven those bend more in places
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now) + 0.5 * radius
