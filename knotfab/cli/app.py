@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -56,6 +57,7 @@ def build(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
     open_: Annotated[bool, Parameter(name="--open", negative="", show_default=False)] = False,
+    watch: Flag = False,
     events: Annotated[str | None, Parameter(show=False)] = None,
 ) -> int:
     """Turn a picture, or several, into a verified part.
@@ -68,10 +70,13 @@ def build(
         three at 60°.
     open_
         Open the report in the browser when it is done.
+    watch
+        Open a page in the browser that shows knot and shadow as they come about.
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
-    from knotfab.cli.options import open_events
+    from knotfab.cli.options import open_events, open_page
+    from knotfab.cli.terminal_shadow import draw_shadow
     from knotfab.prepare import prepare_build
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
@@ -79,8 +84,15 @@ def build(
     quiet = options.quiet or events == "-"
     mode = "quiet" if quiet else options.mode
     command = shlex.join(["knotfab", *sys.argv[1:]])
-    with open_events(events) as told, Progress(mode, events=told, began=_call.began) as progress:
+    with (
+        ExitStack() as page,
+        open_events(events) as told,
+        Progress(mode, events=told, began=_call.began, draw=draw_shadow) as progress,
+    ):
         request = prepare_build(pictures, options, command, progress)
+        if watch:
+            events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
+            progress.listen(events_of_page)
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
         outcome = run_build(request, progress)
