@@ -31,7 +31,8 @@ THIN_RADII = 1.2  # between two vertices of a state of the search, about, or mor
 HISTORY_VERTICES = 30_000  # of all states together, so that the page stays small
 SUPPORT_CELL_MM = 3.0
 VIEW_KEYS = (
-    "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm",
+    "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_shape",
+    "light_diameter_mm", "light_width_mm", "light_height_mm", "light_leds",
     "wall_distance_mm", "wall_tilt_deg", "azimuth_deg", "elevation_deg", "frame_up_mm",
 )  # fmt: skip
 
@@ -82,9 +83,7 @@ def viewer_data(
         "radius": knots.radius_mm,
         "curves": _pack_curves(placed),
         "views": [
-            {key: getattr(view, key) for key in VIEW_KEYS}
-            # of any lamp: the viewer blurs as a disc that is as large does
-            | {"light_diameter_mm": view.light_size_mm, "picture": silhouette_uri(mask)}
+            {key: getattr(view, key) for key in VIEW_KEYS} | {"picture": silhouette_uri(mask)}
             for view, mask in zip(scene.views, silhouettes, strict=True)
         ],
         "wall_mounted": scene.mount.kind == "wall",
