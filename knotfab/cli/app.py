@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import time
+import webbrowser
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,8 +109,6 @@ def build(
 
         print_summary(outcome)
     if open_:
-        import webbrowser
-
         webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
     return outcome.exit_code
 
@@ -275,6 +274,7 @@ def compare(
     folder: Path,
     *,
     corners: tuple[str, str, str, str] | None = None,
+    click: Flag = False,
     view: str | None = None,
     out: Path = Path("knotfab-compare.png"),
     json: Flag = False,
@@ -289,7 +289,9 @@ def compare(
         What a build wrote.
     corners
         The frame in the photograph, x,y px each: top left, top right, bottom right, bottom left. By default
-        it is found by the plate of a wall mount.
+        it is found by the four marks of setup.pdf, or by the plate of a wall mount.
+    click
+        Open a page to point at the four corners: it says the command with --corners.
     view
         Name of the view; the first by default.
     out
@@ -300,6 +302,15 @@ def compare(
     from knotfab.cli.summary import print_comparison
     from knotfab.compare.compare import compare_photo, write_comparison
 
+    if click:
+        from knotfab.compare.click import write_click_page
+
+        page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
+        command = ["knotfab", "compare", str(photo), str(folder), *more, "--out", str(out)]
+        write_click_page(photo, command, page)
+        print(f"Point at the corners of the frame on {page}: it says how to go on.")
+        webbrowser.open(page.resolve().as_uri())
+        return 0
     found = compare_photo(photo, folder, corners, view)
     write_comparison(found, out)
     print_comparison(found, out, json)
