@@ -61,6 +61,7 @@ COMPARE_EXAMPLES = """Examples:
 
 ```
 knotfab compare wall.jpg knotfab-out
+knotfab compare wall.jpg knotfab-out --click
 knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,1455
 ```
 """
