@@ -16,7 +16,7 @@ from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch
+from knotfab.scene.model import Placing, ResolvedRegion, ResolvedView, Switch
 
 __all__ = [
     "CertificateLog",
@@ -76,6 +76,7 @@ class Problem:
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
     switches: Mapping[str, Switch] = field(default_factory=dict)  # of effects, by name
+    placing: Placing = field(default_factory=Placing)
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""

@@ -116,6 +116,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
         switches=scene.effects.model_dump(),
+        placing=scene.placing,
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from knotfab.arrays import Array
-from knotfab.scene.model import ResolvedView, Switch
+from knotfab.scene.model import Placing, ResolvedView, Switch
 
-__all__ = ["Decision", "Effect", "EffectContext", "decide"]
+__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "decide"]
+
+VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which magnitudes are told
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,14 @@ class EffectContext:
     """What an effect's magnitude is judged from: the views, and the curves that stand before them.
 
     `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
-    than. `tolerance_px`: of the accuracy setting.
+    than. `tolerance_px`: of the accuracy setting. `placing`: what is expected of people.
     """
 
     views: tuple[ResolvedView, ...]
     points: Array
     radius: float  # of the tube, mm
     tolerance_px: float
+    placing: Placing = field(default_factory=Placing)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,14 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
 
-__all__ = ["add_advice", "add_warnings", "limits_as_effects", "list_effects", "list_limits"]
+__all__ = [
+    "add_advice",
+    "add_warnings",
+    "limits_as_effects",
+    "list_effects",
+    "list_limits",
+    "tell_move",
+]
 
 Record = dict[str, Any]
 
@@ -77,6 +84,17 @@ def add_warnings(report: Record, effects: Mapping[str, Decision]) -> None:
     found = [decision.warning for decision in effects.values() if decision.warning is not None]
     if found:
         report.setdefault("notes", []).extend(found)
+
+
+def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
+    """A move of a view's misplacement in words: "the lamp 5 mm to the side"."""
+    from knotfab.mount.words import LAMP_WAYS, TURN_WAYS
+
+    off = view["misplacement"]
+    if move["of"] == "turn":
+        return f"the piece turned by {off['turn_deg']:g}° {TURN_WAYS[move['way']]}"
+    what = "eye" if view["kind"] == "eye" else "lamp"
+    return f"the {what} {off['lamp_mm']:g} mm {LAMP_WAYS[move['way']]}"
 
 
 def add_advice(report: Record, made: Design) -> None:

@@ -13,6 +13,7 @@ __all__ = [
     "Material",
     "Mount",
     "Piece",
+    "Placing",
     "Plate",
     "Pose",
     "Printer",
@@ -167,6 +168,14 @@ class Switches(_Table):
     """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
 
     penumbra: Switch = "auto"
+    misplacement: Switch = "auto"
+
+
+class Placing(_Table):
+    """How far off people are expected to place lamp (or eye) and piece."""
+
+    lamp_mm: NotNegative = 5.0
+    turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
 
 
 class Accuracy(_Table):
@@ -222,6 +231,7 @@ class Scene(_Table):
     printer: Printer = Printer()
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
+    placing: Placing = Placing()
     effects: Switches = Switches()
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}

@@ -22,6 +22,7 @@ __all__ = [
     "Material",
     "Mount",
     "Piece",
+    "Placing",
     "Pose",
     "Printer",
     "Region",
@@ -148,6 +149,15 @@ class Effects:
 
     penumbra: str = "auto"
     tolerance_px: float = 0.25
+    misplacement: str = "auto"
+
+
+@dataclass(frozen=True)
+class Placing:
+    """How far off people place lamp (or eye) and piece."""
+
+    lamp_mm: float = 5.0
+    turn_deg: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -177,6 +187,7 @@ class Scene:
     pose: Pose | None
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
     effects: Effects = Effects()
+    placing: Placing = Placing()
 
 
 def read_scene(path: Path) -> Scene:
@@ -221,6 +232,7 @@ def parse_scene(
     printer = Table(data.get("printer", {}), f"{name}: [printer]")
     accuracy = Table(data.get("accuracy", {}), f"{name}: [accuracy]")
     effects = Table(data.get("effects", {}), f"{name}: [effects]")
+    placing = Table(data.get("placing", {}), f"{name}: [placing]")
     search = Table(data.get("search", {}), f"{name}: [search]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
@@ -257,7 +269,12 @@ def parse_scene(
         plates=_plates(data.get("pose"), name),
         effects=Effects(
             penumbra=effects.word("penumbra", "auto", SWITCH),
+            misplacement=effects.word("misplacement", "auto", SWITCH),
             tolerance_px=search.number("tolerance_px", 0.25, above=0),
+        ),
+        placing=Placing(
+            lamp_mm=placing.number("lamp_mm", 5.0, least=0),
+            turn_deg=placing.number("turn_deg", 1.0, least=0, most=10),
         ),
     )
 
