@@ -78,20 +78,20 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 
 def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     """How far the region reaches towards the light and towards the wall, mm."""
+    from knotfab.scene.camera import view_axes
+
     size = scene.region.size_mm
     if isinstance(size, str) or scene.region.kind == "mesh":
         return None
-    azimuth, elevation = math.radians(view.azimuth_deg), math.radians(view.elevation_deg)
-    y, level = math.sin(elevation), math.cos(elevation)
-    x, z = math.sin(azimuth) * level, math.cos(azimuth) * level
+    ahead = view_axes(view)[2]
+    x, y, z = view_axes(scene.region) @ ahead
     if scene.region.kind == "box":
         half = 0.5 * (abs(x) * size[0] + abs(y) * size[1] + abs(z) * size[2])
     elif scene.region.kind == "cylinder":
-        half = 0.5 * (level * size[0] + abs(y) * size[1])
+        half = 0.5 * (math.hypot(x, z) * size[0] + abs(y) * size[1])
     else:
         half = 0.5 * size[0]
-    cx, cy, cz = scene.region.center_mm
-    middle = x * cx + y * cy + z * cz
+    middle = float(ahead @ scene.region.center_mm)
     return middle + half, half - middle
 
 
@@ -119,6 +119,12 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             what,
             f'[region] file goes with kind = "mesh", not with "{scene.region.kind}"',
             "Leave one of the two out.",
+        )
+    if scene.region.kind == "mesh" and (scene.region.azimuth_deg or scene.region.elevation_deg):
+        raise InputError(
+            what,
+            "[region] azimuth_deg and elevation_deg turn boxes and cylinders, not a mesh",
+            "Turn the mesh in its file, and leave them out.",
         )
     if not isinstance(size, str) and 2.0 * radius >= min(size):
         raise InputError(

@@ -63,12 +63,17 @@ class Piece(_Table):
 
 
 class Region(_Table):
-    """What the whole tube must stay inside (scene coordinates)."""
+    """What the whole tube must stay inside (scene coordinates).
+
+    Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
+    """
 
     kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"
     file: StrictStr | None = None  # of kind "mesh" alone: a closed STL, beside the scene
     center_mm: Vector = (0.0, 0.0, 0.0)
     size_mm: Extent | Literal["auto"] = "auto"
+    azimuth_deg: Number = 0.0
+    elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
 
 
 class Material(_Table):

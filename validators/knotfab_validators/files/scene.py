@@ -66,6 +66,8 @@ class Region:
     center_mm: Vector
     size_mm: Vector | None
     surface: Mesh | None = None
+    azimuth_deg: float = 0.0  # it is turned about its middle, as a view of these angles is
+    elevation_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -290,6 +292,8 @@ def _region(table: Table, folder: Path | None) -> Region:
         kind=kind,
         center_mm=table.vector("center_mm", (0.0, 0.0, 0.0)) or (0.0, 0.0, 0.0),
         size_mm=table.vector("size_mm", (240.0, 240.0, 180.0), above=0),
+        azimuth_deg=table.number("azimuth_deg", 0.0),
+        elevation_deg=table.number("elevation_deg", 0.0, least=-90, most=90),
         surface=surface,
     )
 
