@@ -83,8 +83,8 @@ def follow(
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now) + 0.5 * radius
-    light = new.views[0].view.light_distance_mm
-    moved = transport(before.points, rings, was, now, light, radius, furthest)
+    light, axes = new.views[0].view.light_distance_mm, new.views[0].axes
+    moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
     log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)
@@ -92,7 +92,7 @@ def follow(
     phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
     result = search(
         new,
-        Start(tuple(rings.split(moved.points)), log.template, log.types),
+        Start(tuple(rings.split(moved.points @ axes)), log.template, log.types),
         radius,
         settings,
         terms=(*anchors, Tautness(taut_mm, radius)),
