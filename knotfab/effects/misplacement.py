@@ -19,7 +19,7 @@ _WORST = 0.7  # of the largest: points whose surroundings are looked at
 def magnitude(context: EffectContext) -> float:
     """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
     return max(
-        max(parting_mm(view, context.points, context.radius, context.placing))
+        max(parting_mm(view, context.points, context.radius, context.world.placing))
         / (view.longer_mm / VERIFIED_PX)
         for view in context.views
     )

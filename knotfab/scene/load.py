@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from knotfab.errors import InputError
+from knotfab.scene.camera import view_axes
 from knotfab.scene.explain import explain, toml_reason
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Scene, View
@@ -78,8 +79,6 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
 
 def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     """How far the region reaches towards the light and towards the wall, mm."""
-    from knotfab.scene.camera import view_axes
-
     size = scene.region.size_mm
     if isinstance(size, str) or scene.region.kind == "mesh":
         return None
@@ -150,6 +149,16 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
                 f"wall_distance_mm is {view.wall_distance_mm:g}",
                 "Move the wall away, or make the piece flatter or its tube thinner.",
             )
+        if not isinstance(scene.room.second_lamp_mm, str) and view.kind == "shadow":
+            tilt, axes = math.radians(view.wall_tilt_deg), view_axes(view)
+            normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
+            if normal @ scene.room.second_lamp_mm <= 0:
+                raise InputError(
+                    what,
+                    f"{where}: the second lamp, second_lamp_mm = {list(scene.room.second_lamp_mm)}, stands "
+                    "behind the middle of the piece, where it throws no shadow on this wall",
+                    "Move it before the piece, or leave it out.",
+                )
         room = view.light_distance_mm - reach
         if 0.5 * view.light_size_mm >= room:
             raise InputError(

@@ -25,6 +25,7 @@ __all__ = [
     "ResolvedRegion",
     "ResolvedScene",
     "ResolvedView",
+    "Room",
     "Scene",
     "Switch",
     "Switches",
@@ -91,6 +92,7 @@ class Material(_Table):
     springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
     young_modulus_mpa: Positive = 2300.0
     yield_mpa: Positive = 50.0
+    transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # 0: opaque
     color: Color = "#d9d4c7"
 
 
@@ -174,6 +176,17 @@ class Switches(_Table):
 
     penumbra: Switch = "auto"
     misplacement: Switch = "auto"
+    contrast: Switch = "auto"
+
+
+class Room(_Table):
+    """What light there is beside the lamp's own: none by default."""
+
+    ambient: NotNegative = 0.0  # over the lamp's own in the middle of the wall's picture
+    area_m2: NotNegative = 0.0  # of walls, floor and ceiling together; 0: no room
+    reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # of all of these
+    second_lamp_mm: Vector | Literal["none"] = "none"  # in the scene
+    second_lamp_share: NotNegative = 1.0  # of its light there, over the lamp's own
 
 
 class Placing(_Table):
@@ -237,6 +250,7 @@ class Scene(_Table):
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
     placing: Placing = Placing()
+    room: Room = Room()
     effects: Switches = Switches()
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}

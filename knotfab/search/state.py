@@ -81,8 +81,8 @@ class SearchState:
     def judge_effects(self) -> None:
         """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
         views = tuple(v.view for v in self.problem.views)
-        tolerance, placing = self.settings.tolerance_px, self.problem.placing
-        context = EffectContext(views, self.points, self.radius, tolerance, placing)
+        tolerance, world = self.settings.tolerance_px, self.problem.world
+        context = EffectContext(views, self.points, self.radius, tolerance, world)
         for name, fresh in survey(context, self.problem.switches).items():
             if name in self.effects:
                 self.effects[name].keep_largest(fresh)
