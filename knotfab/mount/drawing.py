@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_setup"]
 
-Misplacement = Mapping[str, Mapping[str, float]] | None
+Misplacement = Mapping[str, Any] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)

@@ -103,8 +103,8 @@ def follow(
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now) + 0.5 * radius
-    light = new.views[0].view.light_distance_mm
-    moved = transport(before.points, rings, was, now, light, radius, furthest)
+    light, axes = new.views[0].view.light_distance_mm, new.views[0].axes
+    moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)
     # half as many iterations as from a template: the transport has done the rest
@@ -112,7 +112,7 @@ def follow(
     result = search(
         new,
         Start(
-            tuple(rings.split(moved.points)),
+            tuple(rings.split(moved.points @ axes)),
             log.template,
             log.types,
             far=is_far(moved.points, now, light, radius),

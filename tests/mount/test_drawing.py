@@ -88,7 +88,7 @@ def test_a_leaning_wall_and_a_far_lamp_stay_on_the_page(kind: Kind, tmp_path: Pa
 def test_nothing_measured_is_said(tmp_path: Path) -> None:
     mounted, scene, camera = setup("none")
     write_setup(tmp_path, mounted, scene, [camera], [None])
-    assert "Not measured: nothing was rendered." in texts(tmp_path / "setup.svg")
+    assert "Not measured: too little to see, or nothing rendered." in texts(tmp_path / "setup.svg")
 
 
 def test_the_shadow_is_drawn_where_it_falls(tmp_path: Path) -> None:
