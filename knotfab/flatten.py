@@ -11,6 +11,7 @@ from knotfab.part.assemble import Part, part_of, rules_of
 from knotfab.part.flatter import Flattening, flatter_depth
 from knotfab.progress import Progress
 from knotfab.request import Request
+from knotfab.scene.camera import view_axes
 from knotfab.target.read import Target
 
 __all__ = ["flatten"]
@@ -54,4 +55,4 @@ def _propose_depth(made: Design, part: Part) -> float | None:
 
 
 def _depth_mm(made: Design) -> float:
-    return float(np.ptp(made.knots.points[:, 2]))
+    return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))

@@ -61,6 +61,7 @@ COMPARE_EXAMPLES = """Examples:
 
 ```
 knotfab compare wall.jpg knotfab-out
+knotfab compare wall.jpg knotfab-out --click
 knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,1455
 ```
 """
@@ -128,6 +129,8 @@ class BuildOptions(PictureOptions):
     sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
     the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+    no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """With --sequence: the last frame need not lead back to the first."""
 
     depth: Annotated[str | None, Parameter(group=_PIECE)] = None
     """Extent along the view in mm, auto (default: unreadable from elsewhere), or flat."""

@@ -31,7 +31,7 @@ from knotfab.report.of_build import (
     check_limits,
     report_of,
 )
-from knotfab.report.of_effects import add_advice, add_warnings
+from knotfab.report.of_effects import add_advice, add_warnings, tell_contrast
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
@@ -177,6 +177,7 @@ def report_piece(
         add_binding(report, made)
         add_warnings(report, made.result.effects)
         add_advice(report, made)
+        tell_contrast(report)
         add_bounds(report, made)
         add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)
     return report

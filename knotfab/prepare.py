@@ -40,6 +40,10 @@ def prepare_build(
         InputError: an option, the scene or a picture is wrong.
     """
     skipped = read_skips(options.skip)
+    if options.no_loop and not options.sequence:
+        raise InputError(
+            "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
+        )
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     if options.out is BuildOptions.out and not options.force:  # nobody named it
@@ -63,6 +67,7 @@ def prepare_build(
         command=command,
         colours=options.colours,
         sequence=options.sequence,
+        loop=not options.no_loop,
         targets=call.targets,
         preview=tuple(describe(found)),
     )

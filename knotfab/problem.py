@@ -10,7 +10,7 @@ import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array, Mask
-from knotfab.effects.base import Decision
+from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
@@ -76,6 +76,7 @@ class Problem:
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
     switches: Mapping[str, Switch] = field(default_factory=dict)  # of effects, by name
+    world: World = field(default_factory=World)
 
     def limits(self, radius: float) -> Limits:
         """The hard limits for a tube of this radius."""

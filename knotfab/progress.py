@@ -9,24 +9,30 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TextIO
+from typing import IO, TYPE_CHECKING, Any, Literal, TextIO
 
 if TYPE_CHECKING:
     import rich.progress
     import rich.text
 
     from knotfab.knots import Knots
+    from knotfab.scene.model import ResolvedView
 
 __all__ = ["Mode", "Progress", "process_age"]
 
 Mode = Literal["auto", "quiet", "verbose"]
+# the views, the knots as they stand, and the columns and rows that there are: lines of a terminal
+Draw = Callable[["Sequence[ResolvedView]", "Knots", int, int], str]
 _log = logging.getLogger("knotfab")
 _FRAME_S = 0.1  # between events of one kind, so that watching costs next to nothing
+_DRAWN_S = 0.25  # between pictures on a terminal
 _KEPT_S = 5.0  # between knots at full precision, which a build that is killed leaves behind
 _DOUBT_S = 3.0  # of the usual times: so much must have been measured before they count for half
+_LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # of a picture on a terminal
+_MOST_COLUMNS, _MOST_ROWS = 96, 24
 _AT_LEAST = 0.1  # of a stage's usual time is still to come, however long it has run
 
 
@@ -47,6 +53,7 @@ class Progress:
     Args:
         events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).
         began: `time.perf_counter()` at the beginning of what `total` counts; now by default.
+        draw: draws the knots below the bar, where a terminal has room for them; None: nothing does.
     """
 
     def __init__(
@@ -55,11 +62,15 @@ class Progress:
         stream: TextIO | None = None,
         events: TextIO | None = None,
         began: float | None = None,
+        draw: Draw | None = None,
     ) -> None:
         self.mode: Mode = mode
         self.timings: dict[str, float] = {}
         self._stream = sys.stderr if stream is None else stream
-        self._events = events
+        self._events: list[IO[str]] = [] if events is None else [events]
+        self._draw_knots = draw
+        self._views: Sequence[ResolvedView] = ()
+        self._picture = ""  # below the bar
         self._lock = threading.Lock()  # trials of radii run side by side
         self._due: dict[str, float] = {}
         self._standing: Callable[[], Knots] | None = None
@@ -85,7 +96,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         if self.draws:
-            self._bar = _bar(self._stream, self._remaining)
+            self._bar = _bar(self._stream, self._remaining, lambda: self._picture)
             self._bar.start()
         if self.mode == "verbose":
             _log.addHandler(self._shown)
@@ -102,6 +113,10 @@ class Progress:
             self._bar = None
         if self._standing is not None:
             self.tell("standing", start=self._standing().dump_start())
+
+    def listen(self, events: IO[str]) -> None:
+        """Write the events to one more place."""
+        self._events.append(events)
 
     def plan(self, usual: Mapping[str, float]) -> None:
         """Say which stages will come and how long they usually take, s: what the time left is judged by."""
@@ -147,7 +162,7 @@ class Progress:
         name = self._stages[-1][0]
         self._fraction = min(max(fraction, 0.0), 1.0)
         self._draw(name, None if iou is None else f"IoU {iou:.3f}")
-        if self._is_due("progress"):
+        if self._events and self._is_due("progress"):
             share, left = self._whole()
             told = {"stage": name, "fraction": round(self._fraction, 4), "share": round(share, 4)}
             seen = None if iou is None else round(iou, 4)
@@ -156,7 +171,19 @@ class Progress:
     @property
     def watched(self) -> bool:
         """Whether anybody sees what `update` says: a search need not measure it for nobody."""
-        return self._bar is not None or self._events is not None
+        return self._bar is not None or bool(self._events)
+
+    def set_scene(
+        self,
+        views: Sequence[ResolvedView],
+        pictures: Callable[[], list[str]],
+        radius_mm: float | None,
+    ) -> None:
+        """Say what the knots are drawn with: the views, and their silhouettes as data URIs."""
+        self._views = views
+        if self._events:
+            told = [view.model_dump(mode="json") for view in views]
+            self.tell("scene", views=told, pictures=pictures(), radius_mm=radius_mm)
 
     def show(self, knots: Callable[[], Knots], certified: bool) -> None:
         """Show the knots as they stand to whoever watches; they are made only where somebody does.
@@ -164,7 +191,10 @@ class Progress:
         Args:
             certified: certified steps led to them, so that a search may go on from them.
         """
-        if self._events is None:
+        if self._views and (room := self._room()) and self._is_due("picture", _DRAWN_S):
+            assert self._draw_knots is not None
+            self._picture = self._draw_knots(self._views, knots(), *room)
+        if not self._events:
             return
         if certified:
             self._standing = knots
@@ -175,16 +205,31 @@ class Progress:
             curves = [_pack(knot.points) for knot in seen.knots]
             self.tell("knots", radius_mm=seen.radius_mm, curves=curves)
 
+    def _room(self) -> tuple[int, int] | None:
+        """Columns and rows below the bar that a picture may fill; None where there are none."""
+        if self._bar is None or self._draw_knots is None:
+            return None
+        console = self._bar.console
+        (columns, rows), said = console.size, len(self._bar.tasks)
+        able = console.is_terminal and not console.is_dumb_terminal and not console.legacy_windows
+        if not able or not console.encoding.startswith("utf"):
+            return None
+        # a line stays free above the bar for what was said, and one below the picture
+        free = min(columns, _MOST_COLUMNS), min(rows - said - 2, _MOST_ROWS)
+        return free if free[0] >= _LEAST_COLUMNS and free[1] >= _LEAST_ROWS else None
+
     def tell(self, event: str, **data: Any) -> None:
         """Write an event; one that nobody reads any more is no error."""
-        if self._events is None:
+        if not self._events:
             return
+        line = json.dumps({"event": event, **data}) + "\n"
         with self._lock:
-            try:
-                self._events.write(json.dumps({"event": event, **data}) + "\n")
-                self._events.flush()
-            except (OSError, ValueError):  # ValueError: it is closed
-                self._events = None
+            for events in list(self._events):
+                try:
+                    events.write(line)
+                    events.flush()
+                except (OSError, ValueError):  # ValueError: it is closed
+                    self._events.remove(events)
 
     def note(self, text: str) -> None:
         """A plain line for the log, which `verbose` shows."""
@@ -205,8 +250,6 @@ class Progress:
 
     def _is_due(self, event: str, every_s: float = _FRAME_S) -> bool:
         """Whether an event that comes often is to be written now."""
-        if self._events is None:
-            return False
         now = time.perf_counter()
         with self._lock:
             due = now >= self._due.get(event, 0.0)
@@ -288,8 +331,10 @@ def _pack(points: Any) -> str:
     return base64.b64encode(points.astype("<f4").tobytes()).decode("ascii")
 
 
-def _bar(stream: TextIO, remaining: Callable[[], str]) -> rich.progress.Progress:
-    from rich.console import Console
+def _bar(
+    stream: TextIO, remaining: Callable[[], str], picture: Callable[[], str]
+) -> rich.progress.Progress:
+    from rich.console import Console, RenderableType
     from rich.progress import (
         BarColumn,
         Progress,
@@ -309,7 +354,15 @@ def _bar(stream: TextIO, remaining: Callable[[], str]) -> rich.progress.Progress
                 return TimeElapsedColumn().render(task)
             return Text(remaining(), style="progress.remaining")
 
-    return Progress(
+    class Below(Progress):
+        """The bar, and a picture below it."""
+
+        def get_renderables(self) -> Iterator[RenderableType]:
+            yield from super().get_renderables()
+            if drawn := picture():
+                yield Text(drawn, no_wrap=True, overflow="crop")
+
+    return Below(
         SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=32),

@@ -16,7 +16,6 @@ import pytest
 from command import knotfab
 
 import knotfab as package
-from knotfab.errors import MachineError, needs_extra
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 
@@ -95,8 +94,13 @@ def test_a_missing_extra_is_named_with_its_remedy(
     assert "--cluster tcp://127.0.0.1:1: it needs distributed, which is not" in done.err
     assert "pip install 'knotfab[dask]'" in done.err
     assert not (tmp_path / "out").exists()
-    with pytest.raises(MachineError, match=r"knotfab\[studio\]"), needs_extra("studio", "studio"):
-        raise ImportError("no such module", name="starlette")
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    for module in [name for name in sys.modules if name.startswith("knotfab.studio")]:
+        monkeypatch.delitem(sys.modules, module)
+    for call in (("studio",), ("build", "text:l", "--watch")):
+        done = knotfab(*call, "--out", tmp_path / "out")
+        assert done.code == 3 and "needs uvicorn, which is not installed" in done.err
+        assert "pip install 'knotfab[studio]'" in done.err and not (tmp_path / "out").exists()
 
 
 def _known(node: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:

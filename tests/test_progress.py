@@ -9,12 +9,14 @@ import logging
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from knotfab.knots import Knot, Knots
 from knotfab.progress import Mode, Progress
+from knotfab.scene.model import ResolvedView
 
 
 class Terminal(io.StringIO):
@@ -209,3 +211,47 @@ def test_verbose_leaves_the_logger_as_it_was() -> None:
     before = logger.level, list(logger.handlers)
     run("verbose", io.StringIO())
     assert (logger.level, logger.handlers) == before
+
+
+def test_a_terminal_with_room_shows_the_knots_below_the_bar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    view = ResolvedView(frame_width_mm=100.0, frame_height_mm=100.0)
+    asked: list[tuple[int, int]] = []
+
+    def draw(views: Sequence[ResolvedView], knots: Knots, columns: int, rows: int) -> str:
+        asked.append((columns, rows))
+        assert list(views) == [view] and knots.radius_mm == 1.5
+        return "THE\nKNOTS"
+
+    def show(columns: int, lines: int, term: str, stream: io.StringIO) -> str:
+        for name, value in (("COLUMNS", columns), ("LINES", lines), ("TERM", term)):
+            monkeypatch.setenv(name, str(value))
+        with Progress("auto", stream, draw=draw) as progress, progress.stage("search"):
+            progress.set_scene([view], list, 1.5)
+            for _ in range(50):  # few of these are drawn
+                progress.show(lambda: ring(30.0), certified=True)
+            if progress._bar is not None:
+                progress._bar.refresh()
+        return stream.getvalue()
+
+    assert "KNOTS" in show(80, 24, "xterm-256color", Terminal())
+    ((columns, rows),) = asked
+    assert columns <= 80 and 8 <= rows <= 22
+    for unfit in ((20, 24, "xterm"), (80, 9, "xterm"), (80, 24, "dumb")):
+        assert "KNOTS" not in show(*unfit, Terminal())
+    assert show(80, 24, "xterm", io.StringIO()) == "" and len(asked) == 1
+
+
+def test_every_reader_of_the_events_is_told_until_it_goes_away() -> None:
+    first, second = io.StringIO(), io.StringIO()
+    with Progress("quiet", events=first) as progress:
+        progress.tell("one")
+        progress.listen(second)
+        progress.tell("two")
+        first.close()
+        progress.tell("three")
+    assert [json.loads(line)["event"] for line in second.getvalue().splitlines()] == [
+        "two",
+        "three",
+    ]

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.measurement import build_apart
-from knotfab.effects.base import EffectContext
-from knotfab.effects.penumbra import PENUMBRA, VERIFIED_PX, blurs_mm
+from examples.parting import bounds_and_truths
+from knotfab.effects.base import VERIFIED_PX, EffectContext
+from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.survey import survey
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import ResolvedView
@@ -121,17 +122,24 @@ def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
 
 
 def print_bounds(scenes: int) -> None:
-    """Violations and ratios by kind of lamp."""
-    print("penumbra   scenes  violations  median ratio  largest")
-    for kind in KINDS:
-        rng = np.random.default_rng(KINDS.index(kind))
-        pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
-        ratio = pairs[:, 0] / pairs[:, 1]
+    """Violations and ratios by effect and kind."""
+    print("magnitude               scenes  violations  median ratio  largest")
+
+    def tell(kind: str, ratio: Array) -> None:
         print(
-            f"{kind:<10} {scenes:>6}  {(ratio < 1).sum():>10}  {np.median(ratio):>12.4f}  "
+            f"{kind:<22}  {scenes:>6}  {(ratio < 1).sum():>10}  {np.median(ratio):>12.4f}  "
             f"{ratio.max():>7.4f}",
             flush=True,
         )
+
+    for kind in KINDS:
+        rng = np.random.default_rng(KINDS.index(kind))
+        pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
+        tell(f"penumbra, {kind}", pairs[:, 0] / pairs[:, 1])
+    rng = np.random.default_rng(0)
+    parted = np.array([np.divide(*bounds_and_truths(rng)) for _ in range(scenes)])
+    for what, ratio in zip(("lamp", "turn"), parted.T, strict=True):
+        tell(f"misplacement, {what}", ratio)
 
 
 def print_deciding() -> None:

@@ -7,6 +7,8 @@ import shlex
 import signal
 import sys
 import time
+import webbrowser
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -56,6 +58,7 @@ def build(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
     open_: Annotated[bool, Parameter(name="--open", negative="", show_default=False)] = False,
+    watch: Flag = False,
     events: Annotated[str | None, Parameter(show=False)] = None,
 ) -> int:
     """Turn a picture, or several, into a verified part.
@@ -68,10 +71,13 @@ def build(
         three at 60°.
     open_
         Open the report in the browser when it is done.
+    watch
+        Open a page in the browser that shows knot and shadow as they come about.
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
-    from knotfab.cli.options import open_events
+    from knotfab.cli.options import open_events, open_page
+    from knotfab.cli.terminal_shadow import draw_shadow
     from knotfab.prepare import prepare_build
     from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
@@ -79,8 +85,15 @@ def build(
     quiet = options.quiet or events == "-"
     mode = "quiet" if quiet else options.mode
     command = shlex.join(["knotfab", *sys.argv[1:]])
-    with open_events(events) as told, Progress(mode, events=told, began=_call.began) as progress:
+    with (
+        ExitStack() as page,
+        open_events(events) as told,
+        Progress(mode, events=told, began=_call.began, draw=draw_shadow) as progress,
+    ):
         request = prepare_build(pictures, options, command, progress)
+        if watch:
+            events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
+            progress.listen(events_of_page)
         from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
 
         outcome = run_build(request, progress)
@@ -96,8 +109,6 @@ def build(
 
         print_summary(outcome)
     if open_:
-        import webbrowser
-
         webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
     return outcome.exit_code
 
@@ -263,6 +274,7 @@ def compare(
     folder: Path,
     *,
     corners: tuple[str, str, str, str] | None = None,
+    click: Flag = False,
     view: str | None = None,
     out: Path = Path("knotfab-compare.png"),
     json: Flag = False,
@@ -277,7 +289,9 @@ def compare(
         What a build wrote.
     corners
         The frame in the photograph, x,y px each: top left, top right, bottom right, bottom left. By default
-        it is found by the plate of a wall mount.
+        it is found by the four marks of setup.pdf, or by the plate of a wall mount.
+    click
+        Open a page to point at the four corners: it says the command with --corners.
     view
         Name of the view; the first by default.
     out
@@ -288,6 +302,15 @@ def compare(
     from knotfab.cli.summary import print_comparison
     from knotfab.compare.compare import compare_photo, write_comparison
 
+    if click:
+        from knotfab.compare.click import write_click_page
+
+        page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
+        command = ["knotfab", "compare", str(photo), str(folder), *more, "--out", str(out)]
+        write_click_page(photo, command, page)
+        print(f"Point at the corners of the frame on {page}: it says how to go on.")
+        webbrowser.open(page.resolve().as_uri())
+        return 0
     found = compare_photo(photo, folder, corners, view)
     write_comparison(found, out)
     print_comparison(found, out, json)

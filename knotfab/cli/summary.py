@@ -103,6 +103,7 @@ def print_summary(outcome: Outcome) -> None:
             + (" in the frame" if framed else "")
             + (f" (at best {view['bound']:.4f} without spill)" if "bound" in view else "")
             + (f", legibility at 45° {read:.2f}" if read is not None else "")
+            + _misplaced(view)
         )
     piece, knots = report["print"], report["knots"]
     size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
@@ -120,6 +121,14 @@ def print_summary(outcome: Outcome) -> None:
     if outcome.exit_code == 3:
         console.print(UNABLE)
     console.print(f"  {_last_line(report)}open {escape(str(outcome.folder))}/report.html")
+
+
+def _misplaced(view: dict[str, Any]) -> str:
+    """What a person sees of a view where lamp or piece are off the worst way."""
+    from knotfab.report.of_effects import tell_move
+
+    worst = (view.get("misplacement") or {}).get("worst")
+    return f", {worst['fitted']:.2f} with {tell_move(worst, view)}" if worst is not None else ""
 
 
 def _last_line(report: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from PIL import Image, ImageOps
 
 from knotfab.arrays import Array, Mask
 from knotfab.compare.lamp import LampFit, find_lamp
+from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import (
     find_plate,
     find_shadow,
@@ -26,12 +27,13 @@ from knotfab.compare.rectify import (
 from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
 from knotfab.knots import Knot, Knots
+from knotfab.mount.marks import CARD_MM, card_middles
 from knotfab.scene.camera import camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.read import read_target
 
-__all__ = ["Comparison", "advise", "compare_photo", "write_comparison"]
+__all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 
 _LONGER_PX = 640
 _MARGIN = 0.15  # of the frame on each side, so that spill counts
@@ -75,25 +77,31 @@ def compare_photo(
     """Compare a photograph of the shadow with the picture of a folder that a build wrote.
 
     Args:
-        corners: of the frame in the photograph, `x,y` px each, clockwise from the top left; None: those of
-            the plate that the piece is mounted on are looked for.
+        corners: of the frame in the photograph, `x,y` px each, clockwise from the top left; None: the four
+            marks of setup.pdf are looked for, and then the plate that the piece is mounted on.
         view_name: the first view by default.
 
     Raises:
         InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
     """
     scene, view = _read_view(folder, view_name)
-    image = _read_photo(photo)
+    image = read_photo(photo)
     target = read_target(view.picture, view, base=folder)
     longer = max(target.width, target.height)
     width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
     pad = _margin_px(scene, view, width)
-    at = (
-        _corners_of_plate(image, scene, view, str(photo))
-        if corners is None
-        else read_corners(corners, image.shape[1], image.shape[0])
-    )
-    seen = rectify(image @ (0.299, 0.587, 0.114), at, (width, height), pad)
+    grey = image @ (0.299, 0.587, 0.114)
+    cards = None
+    if corners is not None:
+        at = read_corners(corners, image.shape[1], image.shape[0])
+    elif (marks := find_marks(grey)) is not None:
+        cards = card_middles(view.frame_mm, _plate_margin(scene))
+        at = through(homography(cards, marks), _corners_of(view))
+    else:
+        at = _corners_of_plate(image, scene, view, str(photo))
+    seen = rectify(grey, at, (width, height), pad)
+    if cards is not None:
+        _leave_out(seen, cards * width / view.frame_width_mm + pad, width / view.frame_width_mm)
     shadow = find_shadow(seen, str(photo))
     asked = Image.fromarray(target.asked).resize((width, height), Image.Resampling.BOX)
     wanted = np.pad(np.asarray(asked, dtype=bool), ((pad[1], pad[1]), (pad[0], pad[0])))
@@ -168,7 +176,11 @@ def _has_plate(scene: Scene) -> bool:
     return scene.mount.kind == "wall" and scene.mount.foot != "dowel"
 
 
-def _read_photo(path: Path) -> Array:
+def _plate_margin(scene: Scene) -> float:
+    return scene.mount.plate_margin_mm if _has_plate(scene) else 0.0
+
+
+def read_photo(path: Path) -> Array:
     """(H, W, 3), 0 to 1, upright."""
     large = InputError(str(path), f"it has more than {_LARGEST_PX} px on a side", "Scale it down.")
     with warnings.catch_warnings():
@@ -188,18 +200,35 @@ def _read_photo(path: Path) -> Array:
     return np.asarray(upright, dtype=np.float64) / 255.0
 
 
+def _corners_of(view: ResolvedView) -> Array:
+    """(4, 2) the frame's corners, mm right and down from the first, clockwise."""
+    w, h = view.frame_mm
+    return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
+
+
 def _corners_of_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
-    """The frame's corners, a margin inside those of the plate."""
+    """The frame's corners in the photograph, a margin inside those of the plate."""
+    remedy = (
+        "Put the four marks of setup.pdf about it, or point at the frame's corners (--click), or name them: "
+        "--corners x,y x,y x,y x,y."
+    )
     if not _has_plate(scene):
-        raise InputError(
-            what,
-            "this piece has no plate that its frame could be found by",
-            "Name the frame's corners in it: --corners x,y x,y x,y x,y.",
-        )
-    (w, h), m = view.frame_mm, scene.mount.plate_margin_mm
-    plate = np.array([[-m, -m], [w + m, -m], [w + m, h + m], [-m, h + m]])
-    frame = np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
-    return through(homography(plate, find_plate(image, what)), frame)
+        why = "it does not show the four marks, and this piece has no plate to find its frame by"
+        raise InputError(what, why, remedy)
+    plate = find_plate(image)
+    if plate is None:
+        why = "it shows neither the four marks nor the plate's outline clearly enough"
+        raise InputError(what, why, remedy)
+    frame, m = _corners_of(view), scene.mount.plate_margin_mm
+    return through(homography(frame + m * np.sign(frame - frame.mean(axis=0)), plate), frame)
+
+
+def _leave_out(seen: Array, middles: Array, scale: float) -> None:
+    """Make NaN what cards cover: squares about middles (4, 2) px, `scale` px to a mm."""
+    v, u = np.mgrid[: seen.shape[0], : seen.shape[1]]
+    half = (CARD_MM / 2 + 1.0) * scale
+    for x, y in middles:
+        seen[(np.abs(u - x) <= half) & (np.abs(v - y) <= half)] = np.nan
 
 
 def _read_knots(path: Path, scene: Scene) -> Knots | None:

@@ -12,7 +12,15 @@ from scipy import ndimage
 from knotfab.arrays import Array, Mask
 from knotfab.errors import InputError
 
-__all__ = ["find_plate", "find_shadow", "homography", "read_corners", "rectify"]
+__all__ = [
+    "find_plate",
+    "find_shadow",
+    "from_top_left",
+    "homography",
+    "read_corners",
+    "rectify",
+    "through",
+]
 
 _LOOKED_PX = 500  # longer side at which the plate is looked for
 _STRIP = 0.04  # of its width, along its edge, that is taken to be wall
@@ -126,14 +134,14 @@ def _threshold(values: Array) -> float:
     return float(0.5 * (low[best] + high[best]))
 
 
-def find_plate(photo: NDArray[np.float64], what: str) -> Array:
+def find_plate(photo: NDArray[np.float64]) -> Array | None:
     """(4, 2) px of a mount's plate: the quadrilateral that stands out from the wall about it.
 
     Args:
         photo: (H, W, 3), 0 to 1.
 
-    Raises:
-        InputError: none is found.
+    Returns:
+        Its corners clockwise from the top left; None where none is found.
     """
     step = max(1, round(max(photo.shape[:2]) / _LOOKED_PX))
     small = ndimage.gaussian_filter(photo, (0.7 * step, 0.7 * step, 0))[::step, ::step]
@@ -153,11 +161,7 @@ def find_plate(photo: NDArray[np.float64], what: str) -> Array:
         if best is None or like > best[0]:
             best = like, corners
     if best is None or best[0] < _LIKE_A_PLATE:
-        raise InputError(
-            what,
-            "the plate's outline is not found in it",
-            "Name the frame's corners: --corners x,y x,y x,y x,y.",
-        )
+        return None
     return np.asarray((best[1] + 0.5) * step - 0.5)
 
 
@@ -205,10 +209,10 @@ def _quadrilateral(region: Mask) -> Array | None:
         if abs(np.linalg.det(np.stack([n, m]))) < 0.1:
             return None
         corners.append(np.linalg.solve(np.stack([n, m]), [d, e]))
-    return _from_top_left(np.array(corners))
+    return from_top_left(np.array(corners))
 
 
-def _from_top_left(corners: Array) -> Array:
+def from_top_left(corners: Array) -> Array:
     """The corners clockwise as seen, from the one at the top left."""
     middle = corners.mean(axis=0)
     ordered = corners[np.argsort(np.arctan2(*(corners - middle).T[::-1]))]

@@ -35,6 +35,7 @@ from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
+from knotfab.target.data_uri import silhouette_uri
 from knotfab.target.read import Target
 
 __all__ = [
@@ -277,8 +278,8 @@ def choose_tube(
 
 def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
     """What a picture of the knots is drawn with, for whoever watches."""
-    views = [view.model_dump(mode="json") for view in question.views]
-    progress.tell("scene", views=views, radius_mm=radius)
+    masks = [view.mask for view in question.problem.views]
+    progress.set_scene(question.views, lambda: [silhouette_uri(mask) for mask in masks], radius)
 
 
 def _knots_asked(scene: Scene) -> int | None:

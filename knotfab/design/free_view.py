@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from knotfab.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Material, Scene
@@ -16,8 +17,18 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
 
     A scene that a build has written holds the numbers that were found, and in its settings those that
     were started from: started there, the search finds the same again.
+
+    Raises:
+        InputError: the view is turned, where its turn is one of the unknowns.
     """
     (view,) = scene.views
+    if view.azimuth_deg or view.elevation_deg:
+        raise InputError(
+            "a free view (--free view)",
+            f"the view has azimuth_deg = {view.azimuth_deg:g} and elevation_deg = {view.elevation_deg:g}, "
+            "and which way a piece is turned is what is looked for",
+            "Leave these two keys out, or --free",
+        )
     light = settings.free_light_mm or view.light_distance_mm
     wall = settings.free_wall_mm or view.wall_distance_mm
     settings = settings.model_copy(update={"free_light_mm": light, "free_wall_mm": wall})

@@ -15,6 +15,7 @@ from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
+from knotfab.effects.base import World
 from knotfab.errors import InputError
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
@@ -116,6 +117,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         # a third picture leaves the others little room; two are drawn best as equals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 else None,
         switches=scene.effects.model_dump(),
+        world=World.of(scene),
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
 

@@ -11,6 +11,7 @@ from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
 from knotfab.errors import SceneError
 from knotfab.limits.region_mesh import region_mesh
+from knotfab.scene.camera import view_axes
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["depth_extent", "resolve_region"]
@@ -24,8 +25,8 @@ def resolve_region(
 ) -> ResolvedRegion:
     """The region with its extents: those of the scene, or what the pictures need.
 
-    Of one view, clear of wall and lamp and a quarter wider than the picture; of several, the visual hull's
-    extents about its middle, with a tube radius (mm) of play.
+    Of one view, clear of wall and lamp, a quarter wider than the picture and turned as the view is; of
+    several, the visual hull's extents about its middle, with a tube radius (mm) of play.
 
     Raises:
         InputError: a mesh is unfit.
@@ -44,6 +45,7 @@ def resolve_region(
         around = {"cylinder": float(np.hypot(x, z)), "sphere": float(np.linalg.norm([x, y, z]))}
     else:
         (view,) = views
+        known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
         x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
         z = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
         widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
@@ -77,7 +79,7 @@ def depth_extent(
         least, most = region_mesh(region.file, region.center_mm).bounds
         across = 2 * float(min(most[2], -least[2]))
     else:
-        across = region.size_mm[2] - 2 * abs(region.center_mm[2])
+        across = region.size_mm[2] - 2 * abs(float(view_axes(region)[2] @ region.center_mm))
     room = across - 4.0 * radius
     if room <= 0:
         raise SceneError(

@@ -9,9 +9,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from knotfab.arrays import Array
-from knotfab.scene.model import ResolvedView, Switch
+from knotfab.scene.model import Material, Placing, ResolvedView, Room, Scene, Switch
 
-__all__ = ["Decision", "Effect", "EffectContext", "decide"]
+__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "World", "decide"]
+
+VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which magnitudes are told
+
+
+@dataclass(frozen=True)
+class World:
+    """What a scene says of people, room and matter."""
+
+    placing: Placing = field(default_factory=Placing)
+    room: Room = field(default_factory=Room)
+    material: Material = field(default_factory=Material)
+
+    @staticmethod
+    def of(scene: Scene) -> World:
+        """The world of a scene."""
+        return World(scene.placing, scene.room, scene.material)
 
 
 @dataclass(frozen=True)
@@ -26,6 +42,7 @@ class EffectContext:
     points: Array
     radius: float  # of the tube, mm
     tolerance_px: float
+    world: World = field(default_factory=World)
 
 
 @dataclass(frozen=True)

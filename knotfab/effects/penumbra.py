@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -10,13 +11,11 @@ from scipy.ndimage import gaussian_filter1d
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Decision, Effect, EffectContext
-from knotfab.scene.camera import camera_of
+from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext
+from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
-
-VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which blurs are told
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
 _FULL_PX = 32.0  # of blur above the threshold, from which on it is that
@@ -25,6 +24,7 @@ _DRAWS = (2.0, 0.7)
 _SMOOTH = 8.0  # along the curve, in tube radii: strands cannot change depth at once
 # what a disc's blur b adds along an edge: b times the mean |x| in it
 _ABS_BLUR = 4 / (3 * np.pi) / 2
+_MOST = 400  # points whose surroundings are looked at
 _WEIGHT = 1.0  # of the brightness error, against legibility
 
 
@@ -47,31 +47,61 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
 
         h (tan(t + a) - tan(t - a)) = 2 R cos(a) h D / ((H - h)² - R²),
 
-    which is d h / (H - h) / cos t / (1 - x² - (R / D)²), x = R tan(t) / D, with cos a taken as 1. A disc,
-    a rectangle or a row of lamps lies within its ball. f(h, D) is largest in the direction of its
-    slope; what that leaves out is of second order in radius / (H - h), and added.
+    which is d h / (H - h) / cos t / (1 - x² - (R / D)²), x = R tan(t) / D, with cos a taken as 1. A disc
+    lies within its ball. A rectangle, or an array of LEDs, is the hull of its corners: the longest line in
+    its image leads from one of these to another, and at both ends the longer part of a ball's ellipse,
+    1 + tan(t) tan(a) of its half, is added. Each is largest in the direction of its slope, which is steepest
+    where it is large: of all points but the largest few the bound is that of the middle alone. What that
+    leaves out is of second order in radius / (H - h), and added.
     """
-    size = view.light_size_mm
-    if view.kind == "eye" or size == 0 or len(points) == 0:
+    if view.kind == "eye" or view.light_size_mm == 0 or len(points) == 0:
         return np.zeros(len(points))
     camera = camera_of(view, 1, 1)  # where light and wall are: its pixels do not matter
-    normal, offset = camera.receiver[:3], camera.receiver[3]
-    lamp = float(normal @ camera.eye + offset)
-    height = points @ normal + offset
-    off = np.linalg.norm(points - camera.eye - np.outer(height - lamp, normal), axis=1)
-    half = 0.5 * size
+    plane, lamps = camera.receiver, _lamps_of(view, camera.eye)
 
-    def blur(height: Array, off: Array) -> Array:
-        below = np.maximum(lamp - height, 1.001 * half)  # the lamp's own ball reaches no strand
-        found = size * height * np.hypot(below, off) / (below**2 - half**2)
-        return np.maximum(np.asarray(found), 0.0)
+    def blur(points: Array) -> Array:
+        """(pairs of lamps, N)"""
+        thrown = [_throw(points, plane, lamp, size) for lamp, size in lamps]
+        if len(thrown) == 1:
+            return np.asarray(2 * thrown[0][1][None])
+        ends = [half * lean for _, half, lean in thrown]
+        return np.stack(
+            [
+                np.linalg.norm(thrown[i][0] - thrown[j][0], axis=1) + ends[i] + ends[j]
+                for i, j in combinations(range(len(lamps)), 2)
+            ]
+        )
 
-    step = 1e-6 * lamp
-    here = blur(height, off)
-    up, out = blur(height + step, off) - here, blur(height, off + step) - here
-    steep = np.maximum(np.hypot(up, out), 1e-300)
-    worst = blur(height + radius * up / steep, off + radius * out / steep)
-    return np.asarray(worst * (1.0 + (radius / np.maximum(lamp - height, radius)) ** 2))
+    below = camera.eye @ plane[:3] - points @ plane[:3]
+    here, step = blur(points), 1e-6 * view.light_distance_mm
+    found, few = here.max(axis=0), np.argsort(here.max(axis=0))[-_MOST:]
+    near, here = points[few], here[:, few]
+    slope = np.stack([blur(near + step * way) - here for way in np.eye(3)], axis=-1)
+    slope /= np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
+    found[few] = np.max([blur(near + radius * way)[n] for n, way in enumerate(slope)], axis=0)
+    return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
+
+
+def _lamps_of(view: ResolvedView, middle: Array) -> list[tuple[Array, float]]:
+    """Places (3,) and diameters of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
+    if view.light_shape in ("disc", "ball"):
+        return [(middle, view.light_diameter_mm)]
+    right, up, _ = view_axes(view)
+    size = view.light_diameter_mm if view.light_shape == "leds" else 0.0
+    wide, high = 0.5 * view.light_width_mm, 0.5 * view.light_height_mm
+    return [(middle + x * wide * right + y * high * up, size) for x in (-1, 1) for y in (-1, 1)]
+
+
+def _throw(points: Array, plane: Array, lamp: Array, size: float) -> tuple[Array, Array, Array]:
+    """Where a ball's middle casts points (N, 3), half the axis of what it blurs them to, and how it leans."""
+    height, above = points @ plane[:3] + plane[3], float(lamp @ plane[:3] + plane[3])
+    # the lamp's own ball reaches no strand
+    below = np.maximum(above - height, max(0.5005 * size, 1e-9))
+    height, ray = np.maximum(height, 0.0), points - lamp
+    far = np.maximum(np.linalg.norm(ray, axis=1), below)
+    half = 0.5 * size * height * far / (below**2 - size**2 / 4)
+    lean = 1 + 0.5 * size * np.sqrt((far / below) ** 2 - 1) / np.sqrt(far**2 - size**2 / 4)
+    return points + ray * (height / below)[:, None], half, lean
 
 
 PENUMBRA = Effect(

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
+from knotfab.effects.contrast import CONTRAST
+from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.scene.model import Switch
 
 __all__ = ["EFFECTS", "survey"]
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA,)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

@@ -13,6 +13,7 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.render.known import known
+from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
@@ -21,7 +22,7 @@ __all__ = ["REGION", "outside", "tube_outside"]
 def outside(points: Tensor, region: ResolvedRegion, radius: float) -> Tensor:
     """[N] how far a ball of `radius` about each point sticks out, mm (negative inside).
 
-    For a box the largest excess over its faces; cylinder (axis y): over mantle and ends.
+    For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends.
     """
     if region.kind == "mesh":
         assert region.file is not None
@@ -29,6 +30,8 @@ def outside(points: Tensor, region: ResolvedRegion, radius: float) -> Tensor:
     center = torch.tensor(region.center_mm, dtype=points.dtype, device=points.device)
     half = 0.5 * torch.tensor(region.size_mm, dtype=points.dtype, device=points.device)
     p = points - center
+    if region.azimuth_deg or region.elevation_deg:
+        p = p @ torch.as_tensor(view_axes(region).T, dtype=points.dtype, device=points.device)
     if region.kind == "box":
         excess: Tensor = (p.abs() - half + radius).amax(-1)
         return excess

@@ -18,6 +18,7 @@ from knotfab.drawing.dimensions import (
     project_outlines,
 )
 from knotfab.drawing.pages import PAPERS, Box, make_page, write_pages
+from knotfab.mount.marks import draw_marks_page
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement, placement_of
 from knotfab.mount.plan_view import plan_sheet
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_setup"]
 
-Misplacement = Mapping[str, Mapping[str, float]] | None
+Misplacement = Mapping[str, Any] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
@@ -63,7 +64,8 @@ def write_setup(
     """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
 
     With one view that is one page. With several, the first page, which is the SVG, shows all lamps and
-    walls from above, and each view has a page of its own after it.
+    walls from above, and each view has a page of its own after it. The PDF's last page has the marks for a
+    photograph.
 
     Args:
         mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
@@ -78,7 +80,9 @@ def write_setup(
     if len(pages) > 1:
         pages.insert(0, plan_sheet(mounted, places, scene.views))
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
-    write_pages(folder / names[0], "Setting up", pages)
+    plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
+    marks = draw_marks_page(PAPERS["a4"], plate)
+    write_pages(folder / names[0], "Setting up", [*pages, marks])
     settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
     about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
     with rc_context(settings):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import radians, sin
+from typing import Any
 
 import numpy as np
 
@@ -179,9 +180,7 @@ def _lamp_shape(view: View) -> str:
     return f"a spot of {length(view.light_diameter_mm)} mm"
 
 
-def costs_of(
-    misplacement: Mapping[str, Mapping[str, float]] | None, view: View, *, on_wall: bool
-) -> list[str]:
+def costs_of(misplacement: Mapping[str, Any] | None, view: View, *, on_wall: bool) -> list[str]:
     """What is lost when lamp or piece are not quite there, a line each.
 
     A piece that is fixed to its wall turns with it, which is the lamp moving about both.
@@ -191,7 +190,7 @@ def costs_of(
             measured it. on_wall: the piece is fixed to the wall.
     """
     if misplacement is None:
-        return ["Not measured: nothing was rendered."]
+        return ["Not measured: too little to see, or nothing rendered."]
     lamp, turn = misplacement["lamp_iou_per_mm"], misplacement.get("turn_iou_per_deg", {})
     shift = LAMP_MM * view.wall_distance_mm / view.light_distance_mm
     lines = []

@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
 
-__all__ = ["add_advice", "add_warnings", "limits_as_effects", "list_effects", "list_limits"]
+__all__ = [
+    "add_advice",
+    "add_contrast",
+    "add_warnings",
+    "limits_as_effects",
+    "list_effects",
+    "list_limits",
+    "tell_contrast",
+    "tell_move",
+]
 
 Record = dict[str, Any]
 
@@ -26,7 +35,7 @@ def list_effects(result: SearchResult, verdict: Mapping[str, Any]) -> list[Recor
     for name, decision in result.effects.items():
         line = decision.to_dict()
         runs = [view[name] for view in verdict["views"] if view.get(name)]
-        calls = sum(int(run["samples"]) for run in runs)
+        calls = sum(int(run.get("samples", 0)) for run in runs)
         if calls:
             line["calls"] += calls
             line["seconds"] = round(line["seconds"] + float(verdict["seconds"].get(name, 0.0)), 4)
@@ -77,6 +86,52 @@ def add_warnings(report: Record, effects: Mapping[str, Decision]) -> None:
     found = [decision.warning for decision in effects.values() if decision.warning is not None]
     if found:
         report.setdefault("notes", []).extend(found)
+
+
+def add_contrast(views: Sequence[Record], made: Design) -> None:
+    """Add to the views what light is where, where the scene calls for it."""
+    from knotfab.effects.base import World
+    from knotfab.effects.contrast import CONTRAST, contrast_of
+
+    decision = made.result.effects.get(CONTRAST.name)
+    if decision is None or not decision.simulated:
+        return
+    world = World.of(made.scene)
+    for view, record in zip(made.scene.views, views, strict=False):
+        with decision.called("report"):
+            found = contrast_of(view, made.knots.points, made.knots.radius_mm, world)
+        if found is not None:
+            record["contrast"] = found.to_dict()
+
+
+def tell_contrast(report: Record) -> None:
+    """Add to the notes how dark the shadows are, where that was looked at."""
+    for view in report["views"]:
+        found = view.get("contrast")
+        if found is None:
+            continue
+        ghost = (
+            f" The second lamp throws a shadow of {found['ghost_contrast']:.2f} "
+            f"{found['ghost_shift_mm']:.0f} mm aside."
+            if found["ghost_shift_mm"] is not None
+            else ""
+        )
+        report.setdefault("notes", []).append(
+            f"Light and dark, {view['name']}: a contrast of {found['contrast']:.2f} of 1 in the middle of "
+            f"the picture, of {found['contrast_least']:.2f} where it is least; there the lamp gives "
+            f"{found['falloff']:.2f} of its light.{ghost}"
+        )
+
+
+def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
+    """A move of a view's misplacement in words: "the lamp 5 mm to the side"."""
+    from knotfab.mount.words import LAMP_WAYS, TURN_WAYS
+
+    off = view["misplacement"]
+    if move["of"] == "turn":
+        return f"the piece turned by {off['turn_deg']:g}° {TURN_WAYS[move['way']]}"
+    what = "eye" if view["kind"] == "eye" else "lamp"
+    return f"the {what} {off['lamp_mm']:g} mm {LAMP_WAYS[move['way']]}"
 
 
 def add_advice(report: Record, made: Design) -> None:

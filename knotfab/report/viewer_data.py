@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Mask
@@ -20,20 +18,21 @@ from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
 from knotfab.part.assemble import rules_of
 from knotfab.scene.model import ResolvedScene
+from knotfab.target.data_uri import silhouette_uri
 
 __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 
 Record = dict[str, Any]
 
 LEVELS = 65535  # of a coordinate
-PICTURE_PX = 512  # of the silhouette's longer side
 OFF_TUBE = 1.02  # tube radii from the centre line: what is farther out belongs to the mount
 MOUNT_FACES = 4000
 THIN_RADII = 1.2  # between two vertices of a state of the search, about, or more:
 HISTORY_VERTICES = 30_000  # of all states together, so that the page stays small
 SUPPORT_CELL_MM = 3.0
 VIEW_KEYS = (
-    "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm",
+    "name", "kind", "frame_width_mm", "frame_height_mm", "light_distance_mm", "light_shape",
+    "light_diameter_mm", "light_width_mm", "light_height_mm", "light_leds",
     "wall_distance_mm", "wall_tilt_deg", "azimuth_deg", "elevation_deg", "frame_up_mm",
 )  # fmt: skip
 
@@ -55,7 +54,7 @@ class HistoryFrame:
         found: Record = {"label": self.label, "radius": self.knots.radius_mm}
         found["curves"] = [pack_rows(curve) for curve in curves]
         if self.silhouette is not None:
-            found["picture"] = _picture_uri(self.silhouette)
+            found["picture"] = silhouette_uri(self.silhouette)
         return found
 
 
@@ -84,9 +83,7 @@ def viewer_data(
         "radius": knots.radius_mm,
         "curves": _pack_curves(placed),
         "views": [
-            {key: getattr(view, key) for key in VIEW_KEYS}
-            # of any lamp: the viewer blurs as a disc that is as large does
-            | {"light_diameter_mm": view.light_size_mm, "picture": _picture_uri(mask)}
+            {key: getattr(view, key) for key in VIEW_KEYS} | {"picture": silhouette_uri(mask)}
             for view, mask in zip(scene.views, silhouettes, strict=True)
         ],
         "wall_mounted": scene.mount.kind == "wall",
@@ -191,16 +188,3 @@ def _fewer(mesh: Mesh) -> Mesh:
     sheet = pyvista.PolyData.from_regular_faces(vertices, triangles)
     less = sheet.decimate(1.0 - MOUNT_FACES / len(faces))
     return np.asarray(less.points, dtype=np.float64), np.asarray(less.regular_faces, dtype=np.int32)
-
-
-def _picture_uri(mask: Mask) -> str:
-    """A silhouette as a small PNG of two colours."""
-    image = Image.fromarray(~mask)
-    scale = PICTURE_PX / max(image.size)
-    if scale < 1:
-        size = max(1, round(image.width * scale)), max(1, round(image.height * scale))
-        grey = image.convert("L").resize(size, Image.Resampling.BOX)
-        image = grey.point(lambda value: 255 if value > 127 else 0)
-    file = io.BytesIO()
-    image.convert("1", dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.scene.model import ResolvedView, View
+from knotfab.scene.model import Region, ResolvedView, View
 
 __all__ = ["Camera", "camera_of", "view_axes"]
 
@@ -74,8 +74,8 @@ def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
     return Camera(view.light_distance_mm * back, corner, du, dv, width, height)
 
 
-def view_axes(view: View) -> Array:
-    """(3, 3) rows: the view's right, up and towards its light, in the scene."""
+def view_axes(view: View | Region) -> Array:
+    """(3, 3) rows: the view's right, up and towards its light, in the scene; of a region its own axes."""
     azimuth, elevation = np.deg2rad(view.azimuth_deg), np.deg2rad(view.elevation_deg)
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
     level = np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from knotfab.errors import InputError
+from knotfab.scene.camera import view_axes
 from knotfab.scene.explain import explain, toml_reason
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Scene, View
@@ -81,17 +82,15 @@ def _depth_span(scene: Scene, view: View) -> tuple[float, float] | None:
     size = scene.region.size_mm
     if isinstance(size, str) or scene.region.kind == "mesh":
         return None
-    azimuth, elevation = math.radians(view.azimuth_deg), math.radians(view.elevation_deg)
-    y, level = math.sin(elevation), math.cos(elevation)
-    x, z = math.sin(azimuth) * level, math.cos(azimuth) * level
+    ahead = view_axes(view)[2]
+    x, y, z = view_axes(scene.region) @ ahead
     if scene.region.kind == "box":
         half = 0.5 * (abs(x) * size[0] + abs(y) * size[1] + abs(z) * size[2])
     elif scene.region.kind == "cylinder":
-        half = 0.5 * (level * size[0] + abs(y) * size[1])
+        half = 0.5 * (math.hypot(x, z) * size[0] + abs(y) * size[1])
     else:
         half = 0.5 * size[0]
-    cx, cy, cz = scene.region.center_mm
-    middle = x * cx + y * cy + z * cz
+    middle = float(ahead @ scene.region.center_mm)
     return middle + half, half - middle
 
 
@@ -120,6 +119,12 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
             f'[region] file goes with kind = "mesh", not with "{scene.region.kind}"',
             "Leave one of the two out.",
         )
+    if scene.region.kind == "mesh" and (scene.region.azimuth_deg or scene.region.elevation_deg):
+        raise InputError(
+            what,
+            "[region] azimuth_deg and elevation_deg turn boxes and cylinders, not a mesh",
+            "Turn the mesh in its file, and leave them out.",
+        )
     if not isinstance(size, str) and 2.0 * radius >= min(size):
         raise InputError(
             what,
@@ -144,6 +149,16 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
                 f"wall_distance_mm is {view.wall_distance_mm:g}",
                 "Move the wall away, or make the piece flatter or its tube thinner.",
             )
+        if not isinstance(scene.room.second_lamp_mm, str) and view.kind == "shadow":
+            tilt, axes = math.radians(view.wall_tilt_deg), view_axes(view)
+            normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
+            if normal @ scene.room.second_lamp_mm <= 0:
+                raise InputError(
+                    what,
+                    f"{where}: the second lamp, second_lamp_mm = {list(scene.room.second_lamp_mm)}, stands "
+                    "behind the middle of the piece, where it throws no shadow on this wall",
+                    "Move it before the piece, or leave it out.",
+                )
         room = view.light_distance_mm - reach
         if 0.5 * view.light_size_mm >= room:
             raise InputError(

@@ -13,6 +13,7 @@ __all__ = [
     "Material",
     "Mount",
     "Piece",
+    "Placing",
     "Plate",
     "Pose",
     "Printer",
@@ -24,6 +25,7 @@ __all__ = [
     "ResolvedRegion",
     "ResolvedScene",
     "ResolvedView",
+    "Room",
     "Scene",
     "Switch",
     "Switches",
@@ -62,12 +64,17 @@ class Piece(_Table):
 
 
 class Region(_Table):
-    """What the whole tube must stay inside (scene coordinates)."""
+    """What the whole tube must stay inside (scene coordinates).
+
+    Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
+    """
 
     kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"
     file: StrictStr | None = None  # of kind "mesh" alone: a closed STL, beside the scene
     center_mm: Vector = (0.0, 0.0, 0.0)
     size_mm: Extent | Literal["auto"] = "auto"
+    azimuth_deg: Number = 0.0
+    elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
 
 
 class Material(_Table):
@@ -85,6 +92,7 @@ class Material(_Table):
     springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
     young_modulus_mpa: Positive = 2300.0
     yield_mpa: Positive = 50.0
+    transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # 0: opaque
     color: Color = "#d9d4c7"
 
 
@@ -167,6 +175,25 @@ class Switches(_Table):
     """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
 
     penumbra: Switch = "auto"
+    misplacement: Switch = "auto"
+    contrast: Switch = "auto"
+
+
+class Room(_Table):
+    """What light there is beside the lamp's own: none by default."""
+
+    ambient: NotNegative = 0.0  # over the lamp's own in the middle of the wall's picture
+    area_m2: NotNegative = 0.0  # of walls, floor and ceiling together; 0: no room
+    reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # of all of these
+    second_lamp_mm: Vector | Literal["none"] = "none"  # in the scene
+    second_lamp_share: NotNegative = 1.0  # of its light there, over the lamp's own
+
+
+class Placing(_Table):
+    """How far off people are expected to place lamp (or eye) and piece."""
+
+    lamp_mm: NotNegative = 5.0
+    turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
 
 
 class Accuracy(_Table):
@@ -222,6 +249,8 @@ class Scene(_Table):
     printer: Printer = Printer()
     views: Annotated[tuple[View, ...], Field(min_length=1)] = (View(),)
     accuracy: Accuracy = Accuracy()
+    placing: Placing = Placing()
+    room: Room = Room()
     effects: Switches = Switches()
     mount: Mount = Mount()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}

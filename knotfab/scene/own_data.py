@@ -25,7 +25,7 @@ MODELS: dict[Kind, type[Printer] | type[Material]] = {"printer": Printer, "mater
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
 USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
 USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
-USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa"}
+USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
 
 
 def data_folder() -> Path:

@@ -81,7 +81,8 @@ class SearchState:
     def judge_effects(self) -> None:
         """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
         views = tuple(v.view for v in self.problem.views)
-        context = EffectContext(views, self.points, self.radius, self.settings.tolerance_px)
+        tolerance, world = self.settings.tolerance_px, self.problem.world
+        context = EffectContext(views, self.points, self.radius, tolerance, world)
         for name, fresh in survey(context, self.problem.switches).items():
             if name in self.effects:
                 self.effects[name].keep_largest(fresh)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
@@ -14,9 +14,10 @@ from knotfab.progress import Progress
 from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
-from knotfab.sequence.chain import Frame, chain
+from knotfab.sequence.chain import Chain, Frame
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.gif import write_shadows_gif
+from knotfab.sequence.kept import keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
 from knotfab.sequence.report import (
     Ring,
@@ -32,7 +33,7 @@ from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import read_target
-from knotfab.verify.checks import PRINTER_CHECKS
+from knotfab.verify.checks import PRINTER_CHECKS, list_unmet
 from knotfab.verify.verifier import Files, Verifier
 
 __all__ = ["GIF", "build_sequence"]
@@ -72,13 +73,32 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         jobs = min(len(targets), max(1, count_jobs() // 2))
         with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
             left = request.search_budget_s(progress.total)
-            searched = chain(request.scene, targets, request.device, progress, left)
-            frames: list[Frame] = []
-            pieces: list[WrittenPiece] = []
-            work = folder, request, verifier, slicer, progress
-            for frame, target in zip(searched, targets, strict=True):
-                frames.append(frame)
-                pieces.append(write_piece(frame.made, [target], *work, frame_suffix(target)))
+            chain = Chain(
+                request.scene,
+                targets,
+                request.device,
+                progress,
+                left,
+                loop=request.loop,
+                kept=(kept := keep_for(request, targets)),
+            )
+            found: dict[int, tuple[Frame, WrittenPiece]] = {}
+
+            def write(frame: Frame) -> WrittenPiece:
+                target = targets[frame.number]
+                work = folder, request, verifier, slicer, progress
+                return write_piece(frame.made, [target], *work, frame_suffix(target))
+
+            for frame in chain.frames():
+                if chain.resumed == len(found) + 1:
+                    progress.say(f"Frame {frame.number + 1} was done before, and is kept.")
+                found[frame.number] = frame, write(frame)
+            for number, (frame, piece) in found.items():
+                with progress.stage("verify"):
+                    _ = piece.verdict
+                found[number] = _mend(chain, frame, piece, write)
+            ordered = [found[number] for number in sorted(found)]
+            frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
             write_scene(folder, request.scene, pieces[0].scene)
             with progress.stage("zoetrope"):
                 ring = _make_ring(folder, pieces, verifier) if request.printing else None
@@ -86,16 +106,43 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
         with progress.stage("motion"):
             motions = _motions(folder, pieces)
-        checks = [check_motion(motions[:-1]), check_closing(motions[-1]), *printed]
+        closing = [check_closing(motions[-1])] if request.loop else []
+        checks = [check_motion(motions[:-1]), *closing, *printed]
         with progress.stage("report"):
             shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
             if all(path.is_file() for path in shadows):
-                write_shadows_gif(folder.file(GIF), shadows, motions[-1].held)
+                write_shadows_gif(folder.file(GIF), shadows, request.loop and motions[-1].held)
             spun = None if ring is None else ring.spun
             report = sequence_report(reports, pieces, frames, motions, checks, spun, progress)
+            report["settings"]["sequence"] |= {"loop": request.loop, "resumed": chain.resumed}
             sliced = {name: one for piece in pieces for name, one in piece.sliced.items()}
             add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
-        return finish_build(folder, request, report, "a sequence", pieces)
+        outcome = finish_build(folder, request, report, "a sequence", pieces)
+        kept.discard()
+        return outcome
+
+
+def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
+    """The required checks that a frame fails, by name."""
+    limits = [] if frame.made.result.feasible else ["limits"]
+    unmet = list_unmet(piece.verdict["checks"])
+    return [*limits, *(str(c["name"]) for c in unmet if c["status"] == "fail")]
+
+
+def _mend(
+    chain: Chain, frame: Frame, piece: WrittenPiece, write: Callable[[Frame], WrittenPiece]
+) -> tuple[Frame, WrittenPiece]:
+    """A frame that fails for no limit that forbids its picture, from another start, where that is better."""
+    failed = _fails(frame, piece)
+    if not failed or frame.made.unmet or frame.made.binding:
+        return frame, piece
+    again = chain.retry(frame.number)
+    _ = piece.sliced  # the slicer reads files that are now replaced
+    other = write(again)
+    if len(_fails(again, other)) < len(failed):
+        chain.accept(again)
+        return again, other
+    return frame, write(frame)
 
 
 def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: Verifier) -> Ring:

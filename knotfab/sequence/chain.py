@@ -1,59 +1,82 @@
-"""The chain of a sequence: the first frame from a template, every other one from the frame before."""
+"""The chain of a sequence: one frame from a template, every other one from a neighbour."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
 from knotfab.design.design import Design, design_knots, price_design, settle_design
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import SearchSettings, search_settings
-from knotfab.sequence.motion import Anchor, Motion, measure, outline_motion
+from knotfab.sequence.kept import KeptFrames
+from knotfab.sequence.motion import Motion, measure, outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import finish
-from knotfab.sequence.starts import Following, Likeness
+from knotfab.sequence.starts import (
+    Attempt,
+    Following,
+    Likeness,
+    Tie,
+    list_attempts,
+    list_retries,
+)
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 
-__all__ = ["Frame", "chain", "radius_for_all"]
+__all__ = ["Chain", "Frame", "list_ties", "pick_first", "radius_for_all"]
 
-_SLACK = 1.1  # length of a frame's knot over the first one's, for a picture of the same area
-_GIVE = (
-    0.01  # IoU that a frame's opening may lose against the first one's before the tube is thinner
-)
+_SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
+_GIVE = 0.01  # IoU that a frame's opening may lose against that one's before the tube is thinner
 _THINNER = 0.93
-_OF_FIRST = 0.8  # time of a later frame's search and finish over the first one's search
+_AS_MUCH = 0.98  # of the most ink
+_OF_FIRST = 0.8  # time of a later frame's search and finish over the search of the first
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame: its design in scene coordinates, and how it moved there from the frame before.
+    """One frame, its `number` from 0: its design in scene coordinates, and how it came there.
 
-    `motion` is None for the first. `transported`: share of the displacement between the pictures that
-    could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it began as.
+    `motion`: from the neighbour found before it; None for the one that is searched first, from a template.
+    `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
+    the pictures that could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it
+    began as. `closes`: whether it was bound to what leads back around the loop.
     """
 
+    number: int
     made: Design
-    motion: Motion | None
-    transported: float
-    origin: int = 0
+    searched: Knots
+    motion: Motion | None = None
+    transported: float = 1.0
+    origin: int | None = None
+    closes: bool = True
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What the frame searched first settles for all: the scene, its view's name aside, and the settings."""
+
+    scene: ResolvedScene
+    settings: SearchSettings
+    radius_mm: float
 
 
 def radius_for_all(
     question: Question, polygons: Sequence[MultiPolygon], settings: SearchSettings
 ) -> tuple[float, RadiusChoice | None]:
-    """A tube radius (mm) that draws the first frame well, and no other much worse.
+    """A tube radius (mm) that draws that frame well, and no other much worse.
 
     Args:
-        question: of the first frame. polygons: the silhouettes of the others.
+        question: of the frame searched first. polygons: the silhouettes of the others.
     """
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
@@ -68,93 +91,213 @@ def radius_for_all(
     return round(radius, 4), choice
 
 
-def chain(
-    scene: Scene,
-    targets: Sequence[Target],
-    device: str = "cpu",
-    progress: Progress | None = None,
-    budget_s: float | None = None,
-) -> Iterator[Frame]:
-    """The frames one after the other, each final as it comes.
+def pick_first(targets: Sequence[Target]) -> int:
+    """The frame (from 0) to search first: the one with the most ink, or frame 0 where it has all but as much.
 
-    All are one knot with the same vertices: the radius, their number and their order are those of the
-    first frame. A vertex keeps within the motion bound of the frame before; and, so that the sequence
-    may close, within what the outlines' motion back to the first frame allows.
+    Limbs that one silhouette hides have no strands there, and no vertices: they could not come out.
+    """
+    inks = [int(target.mask.sum()) for target in targets]
+    return 0 if inks[0] >= _AS_MUCH * max(inks) else inks.index(max(inks))
+
+
+def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> tuple[Tie, ...]:
+    """The known frames that frame `number` must stay near, one on each side of it around the loop.
 
     Args:
-        scene: of one view, as for `design_knots`. A free view is found with the first frame: lamp and wall
-            stand where they are while the frames change.
-        budget_s: seconds that all searches may take; the iterations are set to fit, on the first frame.
+        outlines: mm that the pictures' outlines go, from each frame to the next, from the last to the first.
+    """
+    count, ties = len(outlines), []
+    for step in (1, -1):
+        away, loop, k = 0.0, False, number
+        while True:
+            between = k if step > 0 else (k - 1) % count
+            away, loop = away + outlines[between], loop or between == count - 1
+            k = (k + step) % count
+            if k in known or k == number:
+                break
+        if k != number:
+            ties.append(Tie(k, away, loop))
+    return tuple(ties)
+
+
+class Chain:
+    """All frames as one knot with the same vertices: radius, their number and order are those of one frame.
+
+    That is the one with the most ink; the others follow, neighbour by neighbour, to the end and back to
+    the beginning. A vertex keeps within the motion bound of the neighbour; and, so that the sequence may be
+    played round and round, within what the outlines' motion around its end allows.
+
+    Args:
+        scene: of one view, as for `design_knots`. A free view is found with the frame searched first: lamp
+            and wall stand where they are while the frames change.
+        budget_s: seconds that all searches may take; the iterations are set to fit, on that frame.
+        loop: whether the last frame is to lead back to the first.
+        kept: frames that an interrupted build of the same sequence had done.
 
     Raises:
         SceneError, InputError: as `design_knots`.
     """
-    begun = time.perf_counter()
-    require_sequence(scene)
-    progress = progress or Progress("quiet")
-    settings = search_settings(scene.accuracy.name, scene.search)
-    if settings.free_view:
-        scene, settings = place_start(scene, settings)
-    with progress.stage("radius"):
-        question = ask(scene, targets[:1])
-        others = [silhouette_polygon(question.views[0], target) for target in targets[1:]]
-        radius, choice = radius_for_all(question, others, settings)
-    piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
-    view = scene.views[0].model_copy(update={"name": targets[0].name})
-    asked = scene.model_copy(update={"piece": piece, "views": (view,)})
-    share = None
-    if budget_s is not None:
-        share = (budget_s - (time.perf_counter() - begun)) / (1.0 + _OF_FIRST * (len(targets) - 1))
-    first = design_knots(asked, targets[:1], device, progress, share)
-    # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and what is
-    # required of the IoU, unless it was given, follows from the frame's own picture
-    update = {"region": question.problem.region, "accuracy": scene.accuracy}
-    within = first.scene.model_copy(update=update)
-    with progress.stage("search"):
-        questions = [ask(_rename_view(within, t), [t]) for t in targets]
-        problems = [question.problem for question in questions]
-        polygons = [problem.polygons[0] for problem in problems]
-        outlines = [
-            outline_motion(p, q)
-            for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
-        ]
-    start = first.knots.points
-    rings = polylines_of_sizes((len(start),))
-    with progress.stage("search"):
-        ended = finish(first.result, rings, problems[0], radius, first.settings, [], device)
-    made = settle_design(questions[0], ended.result, first.settings)
-    yield Frame(replace(made, radius=choice, unmet=first.unmet, binding=first.binding), None, 1.0)
-    length, area = first.knots.knots[0].length_mm, polygons[0].area
-    known, fine, fine_start = [first.knots], ended.points, ended.points
-    alike, closing = Likeness([t.mask for t in targets]), True
-    for k in range(1, len(targets)):
-        following = Following(
-            tuple(known),
-            tuple(problems[: k + 1]),
-            rings,
-            radius,
-            first.settings,
-            _SLACK * length * max(1.0, polygons[k].area / area),
-            Anchor(start, sum(outlines[k:]) + radius, radius) if closing else None,
-            outlines[k - 1],
-            device,
-        )
+
+    def __init__(
+        self,
+        scene: Scene,
+        targets: Sequence[Target],
+        device: str = "cpu",
+        progress: Progress | None = None,
+        budget_s: float | None = None,
+        loop: bool = True,
+        kept: KeptFrames | None = None,
+    ) -> None:
+        require_sequence(scene)
+        self._scene, self._targets, self._device = scene, targets, device
+        self._progress = progress or Progress("quiet")
+        self._budget_s = budget_s
+        self._closing, self._kept = loop, kept
+        self.resumed = 0  # frames that were kept
+        self._first = pick_first(targets)
+        self._alike = Likeness([t.mask for t in targets])
+        self._known: dict[int, Knots] = {}
+        self._fine: dict[int, Array] = {}
+        self._origins: dict[int, int | None] = {}
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames, each final as it comes; the one with the most ink comes first."""
+        common, frame = self._recall(self._first) or self._begin()
+        self._settle(common)
+        yield self._add(common, frame)
+        count = len(self._targets)
+        for number in (*range(self._first + 1, count), *range(self._first - 1, -1, -1)):
+            recalled = self._recall(number)
+            yield self._add(common, recalled[1] if recalled else self._follow(number))
+
+    def retry(self, number: int) -> Frame:
+        """A frame that did not come out once more, from another start, near its neighbours as they are.
+
+        It takes its place where it is given to `accept`.
+        """
+        neighbours = [j for j in (number - 1, number + 1) if j in self._known]
+        others = [j for j in self._known if j != number]
+        nearest = self._alike.start_of(number, neighbours[0], others)
+        attempts = list_retries([nearest, *neighbours], self._origins[number], self._closing)
+        return self._search(number, neighbours[0], attempts)
+
+    def accept(self, frame: Frame) -> None:
+        """Let a frame take its place: what follows stays near it."""
+        self._known[frame.number] = frame.searched
+        self._fine[frame.number] = frame.made.knots.points
+        self._origins[frame.number] = frame.origin
+        self._closing = self._closing and frame.closes
+
+    def _add(self, common: _Common, frame: Frame) -> Frame:
+        self.accept(frame)
+        if self._kept is not None:
+            self._kept.store(frame.number, (common, frame))
+        return frame
+
+    def _recall(self, number: int) -> tuple[_Common, Frame] | None:
+        """What is kept of a frame, where an interrupted build had done it."""
+        found: tuple[_Common, Frame] | None = None
+        if self._kept is not None:
+            found = self._kept.load(number)
+        self.resumed += found is not None
+        return found
+
+    def _begin(self) -> tuple[_Common, Frame]:
+        """The frame with the most ink, from a template, and with it all that holds for all frames."""
+        begun = time.perf_counter()
+        scene, targets, progress = self._scene, self._targets, self._progress
+        settings = search_settings(scene.accuracy.name, scene.search)
+        if settings.free_view:
+            scene, settings = place_start(scene, settings)
+        target = targets[self._first]
+        with progress.stage("radius"):
+            question = ask(scene, [target])
+            others = [
+                silhouette_polygon(question.views[0], other)
+                for other in targets
+                if other is not target
+            ]
+            radius, choice = radius_for_all(question, others, settings)
+        piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
+        view = scene.views[0].model_copy(update={"name": target.name})
+        asked = scene.model_copy(update={"piece": piece, "views": (view,)})
+        share = None
+        if self._budget_s is not None:
+            left = self._budget_s - (time.perf_counter() - begun)
+            share = left / (1.0 + _OF_FIRST * (len(targets) - 1))
+        first = design_knots(asked, [target], self._device, progress, share)
+        # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
+        # what is required of the IoU, unless it was given, follows from the frame's own picture
+        update = {"region": question.problem.region, "accuracy": scene.accuracy}
+        within = first.scene.model_copy(update=update)
+        question = ask(_rename_view(within, target), [target])
+        rings = polylines_of_sizes((len(first.knots.points),))
         with progress.stage("search"):
-            trial = following.search(
-                alike.before(k),
-                lambda part, _, base=k: progress.update((base + part) / len(targets)),  # type: ignore[misc]
+            ended = finish(
+                first.result, rings, question.problem, radius, first.settings, [], self._device
             )
-            found, closing = trial.found, trial.back is not None
-            held = [Anchor(fine, outlines[k - 1] + radius, radius)]
-            if trial.back is not None:
-                held.append(Anchor(fine_start, trial.back.limit_mm, radius))
-            ended = finish(found.result, rings, problems[k], radius, first.settings, held, device)
-        motion = measure(fine, ended.points, outlines[k - 1], radius)
-        made = settle_design(questions[k], ended.result, first.settings)
-        made = price_design(made, questions[k], None, None, progress, device)
-        yield Frame(made, motion, found.transported, trial.origin)
-        known.append(found.result.knots)
-        fine = ended.points
+        made = settle_design(question, ended.result, first.settings)
+        made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
+        return _Common(within, first.settings, radius), Frame(self._first, made, first.knots)
+
+    def _settle(self, common: _Common) -> None:
+        """Ask each frame's question, and measure how far the outlines go between them."""
+        self._common = common
+        with self._progress.stage("search"):
+            self._questions = [ask(_rename_view(common.scene, t), [t]) for t in self._targets]
+            self._problems = [question.problem for question in self._questions]
+            polygons = [problem.polygons[0] for problem in self._problems]
+            self._outlines = [
+                outline_motion(p, q)
+                for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
+            ]
+
+    def _follow(self, number: int) -> Frame:
+        """The next frame, from its neighbour or one more like it."""
+        neighbour = number - 1 if number > self._first else number + 1
+        nearest = self._alike.start_of(number, neighbour, self._known)
+        same = self._alike.same(nearest, number)
+        return self._search(
+            number, neighbour, list_attempts(nearest, neighbour, self._closing, same)
+        )
+
+    def _search(self, number: int, neighbour: int, attempts: Sequence[Attempt]) -> Frame:
+        """A frame by the best of some attempts."""
+        first, count, common = self._first, len(self._targets), self._common
+        areas = [problem.polygons[0].area for problem in self._problems]
+        longest = _SLACK * self._known[first].knots[0].length_mm
+        following = Following(
+            number,
+            self._known,
+            self._fine,
+            self._problems,
+            polylines_of_sizes((len(self._known[first].points),)),
+            common.radius_mm,
+            common.settings,
+            longest * max(1.0, areas[number] / areas[first]),
+            list_ties(number, self._known, self._outlines),
+            self._device,
+        )
+        done = len(self._known)
+        with self._progress.stage("search"):
+            trial = following.search(
+                attempts, lambda part, _: self._progress.update((done + part) / count)
+            )
+        assert trial.ended is not None
+        outline = self._outlines[min(number, neighbour)]
+        motion = measure(self._fine[neighbour], trial.ended.points, outline, common.radius_mm)
+        question = self._questions[number]
+        made = settle_design(question, trial.ended.result, common.settings)
+        made = price_design(made, question, None, None, self._progress, self._device)
+        return Frame(
+            number,
+            made,
+            trial.found.result.knots,
+            motion,
+            trial.found.transported,
+            trial.attempt.origin,
+            trial.attempt.closes,
+        )
 
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:

@@ -2,7 +2,8 @@
 
 Additive demons (Thirion, "Image matching as a diffusion process: an analogy with Maxwell's demons",
 Medical Image Analysis 2(3), 1998) on clipped signed distances, which pull from further away than
-the silhouettes' own edges do.
+the silhouettes' own edges do. A silhouette that has left its place altogether, as a thrown ball does, is
+shifted and stretched first.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, zoom
-from shapely import MultiPolygon
+from shapely import MultiPolygon, affinity
+from shapely.geometry.base import BaseGeometry
 
 from knotfab.arrays import Array
 
@@ -25,6 +27,8 @@ _CLIP = 0.09  # of the longer side: distances from the outline that the coarsest
 _ITERATIONS = 80  # a level
 _SMOOTH = (2.2, 1.6, 1.2)  # grid points: width of the Gaussian that keeps the displacement smooth
 _LONGEST = 0.5  # grid points in one iteration
+_BETTER = 0.05  # IoU that a shift, or a stretch, must gain
+_ALIKE = 0.98  # IoU of silhouettes that are one, shifted or stretched
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,7 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
     both = np.array([old.bounds, new.bounds])
     low, high = both[:, :2].min(0) - margin, both[:, 2:].max(0) + margin
     finest = float((high - low).max()) / _LONGER
+    stretch, offset, overlap = _lay_over(old, new)
     values: Array | None = None
     before = finest
     for level, smooth in zip(_LEVELS, _SMOOTH, strict=True):
@@ -63,7 +68,13 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
         clip = max(2.5, _CLIP * _LONGER * level * (0.5 if level == 1.0 else 1.0))
         fixed, moving = (_distances(p, low, pitch, rows, columns, clip) for p in (old, new))
         if values is None:
-            values = np.zeros((rows, columns, 2))
+            grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+            at = low + pitch * grid
+            values = (stretch * at + offset - at) / pitch
+            before = pitch
+            # distances from the outlines of two shapes would only distort what fits already
+            if offset.any() and overlap > _ALIKE:
+                break
         else:
             sizes = rows / values.shape[0], columns / values.shape[1]
             ratio = before / pitch
@@ -74,7 +85,28 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
         values = _demons(fixed, moving, values, smooth)
         before = pitch
     assert values is not None
-    return Displacement(low, pitch, values * pitch)
+    return Displacement(low, before, values * before)
+
+
+def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
+    """(stretch, offset mm, IoU then): what lays the silhouettes over each other, or leaves all in its place.
+
+    From middle to middle, alone or with both sides stretched to the new ones, where that gains IoU.
+    """
+    sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    centroids = [np.array(p.centroid.coords[0]) for p in (old, new)]
+    best = np.ones(2), np.zeros(2), _iou(old, new)
+    for stretch, (here, there) in ((np.ones(2), centroids), (sizes[1] / sizes[0], middles)):
+        offset = there - stretch * here
+        moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
+        if (iou := _iou(moved, new)) > best[2] + _BETTER:
+            best = stretch, offset, iou
+    return best
+
+
+def _iou(one: BaseGeometry, other: BaseGeometry) -> float:
+    return float(one.intersection(other).area / one.union(other).area)
 
 
 def _distances(

@@ -19,6 +19,7 @@ from knotfab_validators.check import Check, Status, at_least, at_most
 
 __all__ = [
     "Ring",
+    "advise",
     "check_closing",
     "check_motion",
     "check_ring",
@@ -28,6 +29,7 @@ __all__ = [
 Record = dict[str, Any]
 _OF_FRAME = ("pose", "plates")  # of a piece's `print`, what goes with its frame
 _ORDER = ("fail", "skipped", "pass")
+_FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
 
 
 def check_motion(motions: Sequence[Motion]) -> Record:
@@ -126,7 +128,7 @@ def sequence_report(
                     "part": f"part-{number:02d}.stl",
                     "status": report["status"],
                     "motion": None if number == 1 else _motion(motions[number - 2]),
-                    "began_as": None if number == 1 else frame.origin + 1,
+                    "began_as": None if frame.origin is None else frame.origin + 1,
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "mount": report["print"].get("mount", {"kind": "none"}),
@@ -171,6 +173,7 @@ def sequence_report(
         notes=[
             f"{len(reports)} frames of one knot, each a part of its own (part-NN.stl); the picture that "
             "moves is sequence.gif.",
+            *advise(views, pieces[0].made.knots.radius_mm),
             *_gather_notes(reports),
         ],
     )
@@ -180,6 +183,31 @@ def sequence_report(
         for price in frame.get("binding", ())
     ]
     return {**report, "binding": prices} if any("binding" in r for r in reports) else report
+
+
+def advise(views: Sequence[Record], radius: float) -> list[str]:
+    """A sentence for each frame that fails: which checks, and what to do about it."""
+    found = []
+    for number, view in enumerate(views, start=1):
+        failed = view["failed"]
+        if not failed:
+            continue
+        # the motion into a frame stands with it
+        ways = [(v["motion"]["outline_mm"], k) for k, v in enumerate(views, start=1) if v["motion"]]
+        far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
+        if "limits" in failed:
+            remedy = "give that limit more room in the scene, or draw this frame simpler"
+        elif far > _FAR * radius:
+            remedy = (
+                f"the outline goes {far:.0f} mm from frame {into - 1} to frame {into}, "
+                f"{far / radius:.0f} tube radii: draw a frame in between"
+            )
+        elif "outline" in failed:
+            remedy = "parts of it are stretched: let it differ less from its neighbours, or draw it larger"
+        else:
+            remedy = "draw parts that touch in it further apart, or build with --accuracy standard or fine"
+        found.append(f"Frame {number} fails ({', '.join(failed)}): {remedy}.")
+    return found
 
 
 def _gather_notes(reports: Sequence[Record]) -> list[str]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
+from shapely import MultiPolygon
 
 from knotfab.arrays import Array
 from knotfab.design.design import add_work
@@ -14,16 +16,18 @@ from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
+from knotfab.search.objective import Term
 from knotfab.search.phases import Phase, Plan, repair_phase, three_phases
 from knotfab.search.search import search
 from knotfab.sequence.doubling import double_vertices
 from knotfab.sequence.motion import Anchor, Tautness, outline_motion
 from knotfab.sequence.transport import transport
 
-__all__ = ["FrameResult", "finish", "follow"]
+__all__ = ["FrameResult", "finish", "follow", "is_far"]
 
 
 _REPAIRS = 6
+_FAR = 2.0  # tube radii
 _ROOM = 1.04  # times the bend radius that the part must keep
 
 
@@ -67,6 +71,7 @@ def follow(
     anchors: Sequence[Anchor],
     device: str = "cpu",
     report: Callable[[float, float | None], None] | None = None,
+    still: bool = False,
 ) -> FrameResult:
     """A frame's knot from that of an earlier one, `before`.
 
@@ -77,31 +82,58 @@ def follow(
         problems: of the earlier frame and of this one.
         taut_mm: a longer knot is drawn taut: no vertices can be added, and long edges show.
         anchors: frames that this one must stay near.
+        still: the knot stays as it is, and only limits that it breaks are repaired.
     """
     old, new = problems
-    # room for the vertices that `finish` adds: the spline bends more than the polygon in places
+    log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
+    terms: tuple[Term, ...] = tuple(anchors)
+    if still:
+        result = search(
+            new,
+            Start(tuple(rings.split(before.points)), log.template, log.types),
+            radius,
+            settings,
+            terms=terms,
+            plan=_plan(settings, ()),
+            log=log,
+            device=device,
+        )
+        return FrameResult(result, _beyond(result, anchors), 0.0)
+    # room for the vertices that `finish` adds: where edges are uneven those bend more in places
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
     furthest = outline_motion(was, now) + 0.5 * radius
-    light = new.views[0].view.light_distance_mm
-    moved = transport(before.points, rings, was, now, light, radius, furthest)
-    log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
+    light, axes = new.views[0].view.light_distance_mm, new.views[0].axes
+    moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)
     # half as many iterations as from a template: the transport has done the rest
     phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
     result = search(
         new,
-        Start(tuple(rings.split(moved.points)), log.template, log.types),
+        Start(
+            tuple(rings.split(moved.points @ axes)),
+            log.template,
+            log.types,
+            far=is_far(moved.points, now, light, radius),
+        ),
         radius,
         settings,
-        terms=(*anchors, Tautness(taut_mm, radius)),
+        terms=(*terms, Tautness(taut_mm, radius)),
         plan=_plan(settings, phases),
         log=log,
         device=device,
         report=report,
     )
     return FrameResult(result, _beyond(result, anchors), moved.reached)
+
+
+def is_far(points: Array, polygon: MultiPolygon, light_mm: float, radius: float) -> bool:
+    """Whether strands stand clear of the silhouette, or parts of it of any strand: no image pulls them."""
+    seen = points[:, :2] / (1.0 - points[:, 2] / light_mm)[:, None]
+    outside = shapely.distance(polygon, shapely.points(seen))
+    covered = shapely.LinearRing(seen).buffer(_FAR * radius)
+    return bool(outside.max() > _FAR * radius) or not polygon.difference(covered).is_empty
 
 
 def finish(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,15 @@ from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
-from knotfab.sequence.search import FrameResult, follow
+from knotfab.sequence.search import FrameResult, finish, follow
 from knotfab.target.opening import opening_iou
 
-__all__ = ["Following", "Likeness", "Trial"]
+__all__ = ["Attempt", "Following", "Likeness", "Tie", "Trial", "list_attempts", "list_retries"]
 
 
 _MORE = 2.0  # times the iterations, where a frame did not come out
 _POOR = 0.025  # of IoU below what the radius allows: another start is tried
-_ALIKE = 0.5  # of what differs from the frame before: an earlier frame is the better start
+_ALIKE = 0.5  # of what differs from the neighbour: another frame is the better start
 _SMALL_PX = 256  # of pictures that are compared
 
 
@@ -31,77 +31,148 @@ class Likeness:
     def __init__(self, masks: Sequence[NDArray[np.bool_]]) -> None:
         step = max(1, max(masks[0].shape) // _SMALL_PX)
         self._masks = np.stack([m[::step, ::step] for m in masks])
+        self._whole = masks
 
-    def before(self, k: int) -> int:
-        """The earlier frame to begin frame k from: that just before, or one much more like it.
+    def start_of(self, k: int, neighbour: int, known: Iterable[int]) -> int:
+        """The known frame to begin frame k from: its neighbour, or one much more like it.
 
         Where limbs part that one silhouette had hidden, the knot of a frame in which they were apart
         knows which strand goes where.
         """
-        unlike = (self._masks[:k] ^ self._masks[k]).mean(axis=(1, 2))
-        nearest = int(unlike.argmin())
-        return nearest if unlike[nearest] < _ALIKE * unlike[k - 1] else k - 1
+        unlike = {j: float((self._masks[j] ^ self._masks[k]).mean()) for j in known}
+        nearest = min(unlike, key=lambda j: (unlike[j], j))
+        return nearest if unlike[nearest] < _ALIKE * unlike[neighbour] else neighbour
+
+    def same(self, one: int, other: int) -> bool:
+        """Whether two frames have one picture."""
+        return bool(np.array_equal(self._whole[one], self._whole[other]))
 
 
 @dataclass(frozen=True)
-class Following:
-    """What it takes to search one more frame: `known` are the knots of those before it."""
+class Attempt:
+    """One way to search a frame: the frame (from 0) whose knot it begins as, and with what effort.
 
-    known: tuple[Knots, ...]
-    problems: tuple[Problem, ...]  # of the frames before, and of this one
-    rings: Polylines
-    radius: float
-    settings: SearchSettings
-    taut_mm: float
-    back: Anchor | None  # to the first frame, while the sequence may still close
-    outline_mm: float  # from the frame just before
-    device: str
+    `closes`: it is bound to what leads back around the loop. `still`: the knot stays as it was.
+    """
 
-    def search(self, nearest: int, report: Callable[[float, float | None], None]) -> Trial:
-        """The frame's knot, from the earlier frame `nearest` if that serves.
+    origin: int
+    closes: bool = True
+    effort: float = 1.0
+    still: bool = False
 
-        Where that breaks a limit or draws badly, it begins from the frame just before, is not bound
-        to close, or has more iterations; the best of the trials is kept.
-        """
-        last = len(self.known) - 1
-        wanted = opening_iou(self.problems[-1].polygons[0], self.radius) - _POOR
-        bound = [] if self.back is None else [(nearest, True, 1.0), (last, True, 1.0)]
-        free = [(nearest, False, 1.0), (last, False, 1.0), (last, False, _MORE)]
-        best: Trial | None = None
-        for origin, closes, effort in dict.fromkeys([*bound, *free]):
-            back = self.back if closes else None
-            found = follow(
-                self.known[origin],
-                self.rings,
-                (self.problems[origin], self.problems[-1]),
-                self.radius,
-                self.settings.scaled(effort),
-                self.taut_mm,
-                [
-                    Anchor(self.known[last].points, self.outline_mm + self.radius, self.radius),
-                    *([] if back is None else [back]),
-                ],
-                self.device,
-                report,
-            )
-            found.result.log.template = f"the knot of frame {origin + 1}"
-            trial = Trial(found, origin, back)
-            if best is None or trial.quality > best.quality:
-                best = trial
-            if found.sound and found.result.iou_estimate >= wanted:
-                break
-        assert best is not None
-        return best
+
+def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> list[Attempt]:
+    """In their order: from the frame most alike, the neighbour, not bound to close, with more iterations.
+
+    Last the neighbour's knot as it is, which draws the wrong picture and keeps every limit.
+
+    Args:
+        closes: whether the frame may be bound to close at all. same: the nearest has the same picture.
+    """
+    bound = [Attempt(nearest), Attempt(neighbour)] if closes else []
+    free = [Attempt(nearest, False), Attempt(neighbour, False), Attempt(neighbour, False, _MORE)]
+    held = [Attempt(neighbour, c, still=True) for c in ((True, False) if closes else (False,))]
+    before = [replace(held[0], origin=nearest)] if same else []
+    return list(dict.fromkeys([*before, *bound, *free, *held]))
+
+
+def list_retries(origins: Iterable[int], used: int | None, closes: bool) -> list[Attempt]:
+    """With more iterations, from each of the frames but that which the frame had begun as."""
+    found = [Attempt(j, closes, _MORE) for j in dict.fromkeys(origins) if j != used]
+    return found or [Attempt(j, False, 2 * _MORE) for j in dict.fromkeys(origins)]
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A frame found before that this one must stay near, and how far the outlines go in between, mm.
+
+    `loop`: around the end of the sequence, from its last frame to its first.
+    """
+
+    frame: int
+    outline_mm: float
+    loop: bool = False
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A frame's knot, the frame (from 0) that it began from, and how it was bound to close."""
+    """A frame's knot by one attempt; `ended` with twice the vertices, where it was good enough for that."""
 
+    attempt: Attempt
     found: FrameResult
-    origin: int
-    back: Anchor | None
+    ended: FrameResult | None
 
     @property
     def quality(self) -> tuple[bool, float]:
-        return self.found.sound, self.found.result.iou_estimate
+        if self.ended is None:
+            return False, self.found.result.iou_estimate
+        return self.ended.sound, self.ended.result.iou_estimate
+
+
+@dataclass(frozen=True)
+class Following:
+    """What it takes to search one more frame, `number`: the knots known, as searched and as finished."""
+
+    number: int
+    known: Mapping[int, Knots]
+    fine: Mapping[int, NDArray[np.float64]]  # (2 N, 3) mm
+    problems: Sequence[Problem]
+    rings: Polylines
+    radius: float
+    settings: SearchSettings
+    taut_mm: float
+    ties: tuple[Tie, ...]
+    device: str = "cpu"
+
+    def search(
+        self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
+    ) -> Trial:
+        """The first trial that keeps every limit and draws the picture well, else the best of all."""
+        wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - _POOR
+        best: Trial | None = None
+        for attempt in attempts:
+            if attempt.still and best is not None and best.quality[0]:
+                continue  # the last resort of what breaks a limit
+            trial = self._try(attempt, report)
+            if best is None or trial.quality > best.quality:
+                best = trial
+            if best.quality >= (True, wanted):
+                break
+        assert best is not None
+        if best.ended is None:
+            best = replace(best, ended=self._finish(best.found, best.attempt))
+        return best
+
+    def _try(self, attempt: Attempt, report: Callable[[float, float | None], None]) -> Trial:
+        found = follow(
+            self.known[attempt.origin],
+            self.rings,
+            (self.problems[attempt.origin], self.problems[self.number]),
+            self.radius,
+            self.settings.scaled(attempt.effort),
+            self.taut_mm,
+            self._anchors({j: knots.points for j, knots in self.known.items()}, attempt.closes),
+            self.device,
+            report,
+            attempt.still,
+        )
+        found.result.log.template = f"the knot of frame {attempt.origin + 1}"
+        return Trial(attempt, found, self._finish(found, attempt) if found.sound else None)
+
+    def _finish(self, found: FrameResult, attempt: Attempt) -> FrameResult:
+        return finish(
+            found.result,
+            self.rings,
+            self.problems[self.number],
+            self.radius,
+            self.settings,
+            self._anchors(self.fine, attempt.closes),
+            self.device,
+        )
+
+    def _anchors(self, points: Mapping[int, NDArray[np.float64]], closes: bool) -> list[Anchor]:
+        return [
+            Anchor(points[tie.frame], tie.outline_mm + self.radius, self.radius)
+            for tie in self.ties
+            if closes or not tie.loop
+        ]

@@ -23,7 +23,7 @@ _FLAT_RADII = 3.0  # depth of a flat piece: strands pass over each other, no mor
 def lift_template(
     problem: Problem, template: Template, radius: float, settings: SearchSettings
 ) -> Start:
-    """The template's curves at their depths, evenly sampled: unknots by inspection."""
+    """The template's curves at their depths, evenly sampled, in the scene: unknots by inspection."""
     target = problem.views[0]
     light = target.view.light_distance_mm
     flat = problem.depth_mm is None
@@ -60,15 +60,18 @@ def lift_template(
             "This is a fault of knotfab: please report the picture",
         )
     why = "simple and disjoint seen from the light: an unlink of unknots, by inspection"
-    return Start(tuple(parts), why, depth=depth, effects={PENUMBRA.name: decision})
+    curves = tuple(p @ target.axes for p in parts)
+    return Start(curves, why, depth=depth, effects={PENUMBRA.name: decision})
 
 
 def _judge_penumbra(
     problem: Problem, template: Template, extent: float, radius: float, settings: SearchSettings
 ) -> Decision:
     """Whether the lamp is wide, before depths are known: by strands as near to it as any may come."""
-    view = problem.views[0].view
-    light = view.light_distance_mm
+    target = problem.views[0]
+    view, light = target.view, target.view.light_distance_mm
     highest = [lift(c, np.full(len(c), extent / 2), light) for c in template.curves]
-    context = EffectContext((view,), np.concatenate(highest), radius, settings.tolerance_px)
+    context = EffectContext(
+        (view,), np.concatenate(highest) @ target.axes, radius, settings.tolerance_px
+    )
     return decide(PENUMBRA, context, problem.switches)

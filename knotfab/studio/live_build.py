@@ -81,7 +81,6 @@ class LiveBuild:
     def __init__(
         self, spare: Spare, arguments: Sequence[str], folder: Path, tell: Callable[[Event], None]
     ) -> None:
-        self.folder = folder
         self._tell = tell
         self._ended = threading.Event()
         call = ["build", *arguments, f"--out={folder}", "--quiet", "--events=-"]

@@ -10,7 +10,7 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 
 import uvicorn
@@ -20,7 +20,7 @@ from knotfab.files.folder import OutputFolder
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
 
-__all__ = ["run_studio"]
+__all__ = ["open_in_browser", "run_studio", "serve"]
 
 _HOST = "127.0.0.1"
 
@@ -37,35 +37,73 @@ def run_studio(port: int, open_page: bool, folder: Path) -> None:
     with OutputFolder(folder):  # says so now if it cannot be written
         pass
     folder = folder.expanduser().resolve()
+
+    def announce(address: str) -> None:
+        print(f"knotfab studio: {address}\nBuilds go to {folder}. Ctrl-C ends it.", flush=True)
+        if open_page:
+            open_in_browser(address)
+
+    serve(Studio(folder), port, announce)
+    with contextlib.suppress(OSError):  # the terminal may be gone
+        print("\nThe studio is closed.", flush=True)
+
+
+def serve(
+    studio: Studio,
+    port: int,
+    announce: Callable[[str], None],
+    until: Callable[[], Coroutine[None, None, None]] | None = None,
+) -> None:
+    """Serve until Ctrl-C, or until that has come to its end.
+
+    Args:
+        announce: told of the address, its token in it, once it is answered at.
+
+    Raises:
+        InputError: the port is taken.
+    """
     with _bind(port) as listening:
         port = listening.getsockname()[1]
         token = secrets.token_urlsafe(24)
         hosts = (f"{_HOST}:{port}", f"localhost:{port}")
-        address = f"http://{_HOST}:{port}/?token={token}"
-        app = make_app(Studio(folder), token, hosts)
+        app = make_app(studio, token, hosts)
         config = uvicorn.Config(
             app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
         )
-        server = _Server(config, lambda: _announce(address, folder, open_page))
+        server = _Server(config, lambda: announce(f"http://{_HOST}:{port}/?token={token}"), until)
         # where nobody (nohup) wants it otherwise, it closes with its terminal, and ends its build
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
-            signal.signal(signal.SIGHUP, lambda *_: setattr(server, "should_exit", True))
+            signal.signal(signal.SIGHUP, lambda *_: server.leave())
         with contextlib.suppress(KeyboardInterrupt):  # it has tidied up, and passes the signal on
             asyncio.run(server.serve(sockets=[listening]))
-        with contextlib.suppress(OSError):  # the terminal may be gone
-            print("\nThe studio is closed.", flush=True)
+
+
+def open_in_browser(address: str) -> None:
+    threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
 
 class _Server(uvicorn.Server):
-    """The server, which says when it is ready."""
+    """The server, which says when it is ready, and ends when `until` does."""
 
-    def __init__(self, config: uvicorn.Config, when_ready: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        when_ready: Callable[[], None],
+        until: Callable[[], Coroutine[None, None, None]] | None,
+    ) -> None:
         super().__init__(config)
-        self.when_ready = when_ready
+        self.when_ready, self.until = when_ready, until
+        self.waiting: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         self.when_ready()
+        if self.until is not None:
+            self.waiting = asyncio.create_task(self.until())
+            self.waiting.add_done_callback(lambda _: self.leave())
+
+    def leave(self) -> None:
+        self.should_exit = True
 
 
 def _bind(port: int) -> socket.socket:
@@ -81,9 +119,3 @@ def _bind(port: int) -> socket.socket:
             f"--port {port}", reason.lower(), "Leave it out for any that is free."
         ) from error
     return listening
-
-
-def _announce(address: str, folder: Path, open_page: bool) -> None:
-    print(f"knotfab studio: {address}\nBuilds go to {folder}. Ctrl-C ends it.", flush=True)
-    if open_page:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

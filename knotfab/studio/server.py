@@ -23,7 +23,7 @@ from knotfab.report.report_html import VIEWER
 from knotfab.scene.catalogue import materials, printers
 from knotfab.studio.guard import REPORT_POLICY, Guard
 from knotfab.studio.pictures import LARGEST_BYTES, keep_picture, keep_text, too_large
-from knotfab.studio.session import BUILDS, Studio
+from knotfab.studio.session import Studio, child_of
 
 __all__ = ["make_app"]
 
@@ -113,11 +113,6 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
         found = studio.pictures.get(request.path_params["name"])
         return _lost() if found is None else Response(found.shown, media_type="image/png")
 
-    async def silhouette(request: Request) -> Response:
-        seen = studio.built_from or studio.silhouettes
-        number = int(request.path_params["number"])
-        return Response(seen[number], media_type="image/png") if number < len(seen) else _lost()
-
     async def preview(_: Request) -> Response:
         if not studio.preview_png:
             return _lost()
@@ -126,7 +121,8 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     async def file(request: Request) -> Response:
         where, name = request.path_params["where"], request.path_params["name"]
         rejected = where.endswith(f"/{REJECTED}")
-        path = _find(studio.folder / BUILDS, where.removesuffix(f"/{REJECTED}"), name, rejected)
+        folder = studio.folder_of(where.removesuffix(f"/{REJECTED}"))
+        path = None if folder is None else _find(folder, name, rejected)
         return _lost() if path is None else _serve(path, whole=True)
 
     async def live(socket: WebSocket) -> None:
@@ -157,24 +153,26 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
         finally:
             await studio.close()
 
+    seen = [
+        Route("/", page),
+        Route("/static/{name}", static),
+        Route("/api/state", state),
+        Route("/api/choices", choices),
+        Route("/files/{where:path}/{name}", file),
+        WebSocketRoute("/live", live),
+    ]
+    changing = [
+        Route("/api/pictures", add_picture, methods=["POST"]),
+        Route("/api/text", add_text, methods=["POST"]),
+        Route("/api/choose", choose, methods=["POST"]),
+        Route("/api/settings", set_, methods=["POST"]),
+        Route("/api/build", build, methods=["POST"]),
+        Route("/api/stop", stop, methods=["POST"]),
+        Route("/pictures/{name}.png", picture),
+        Route("/preview.png", preview),
+    ]
     return Starlette(
-        routes=[
-            Route("/", page),
-            Route("/static/{name}", static),
-            Route("/api/state", state),
-            Route("/api/choices", choices),
-            Route("/api/pictures", add_picture, methods=["POST"]),
-            Route("/api/text", add_text, methods=["POST"]),
-            Route("/api/choose", choose, methods=["POST"]),
-            Route("/api/settings", set_, methods=["POST"]),
-            Route("/api/build", build, methods=["POST"]),
-            Route("/api/stop", stop, methods=["POST"]),
-            Route("/pictures/{name}.png", picture),
-            Route("/preview.png", preview),
-            Route("/silhouettes/{number:int}.png", silhouette),
-            Route("/files/{where:path}/{name}", file),
-            WebSocketRoute("/live", live),
-        ],
+        routes=seen if studio.watching else [*seen, *changing],
         middleware=[Middleware(Guard, token=token, hosts=hosts)],
         exception_handlers={
             KnotfabError: _explain,
@@ -201,21 +199,11 @@ def _serve(path: Path, whole: bool = False) -> Response:
     return FileResponse(path, media_type=kind, filename=saved)
 
 
-def _find(builds: Path, where: str, name: str, rejected: bool) -> Path | None:
-    """A file of a build by the names of what is really there, so that no path leads elsewhere."""
-    folder = _child(builds, where)
-    if folder is not None and rejected:
-        folder = _child(folder, REJECTED)
-    path = None if folder is None else _child(folder, name)
+def _find(build: Path, name: str, rejected: bool) -> Path | None:
+    """A file of a build's folder, by its name there."""
+    folder = child_of(build, REJECTED) if rejected else build
+    path = None if folder is None else child_of(folder, name)
     return path if path is not None and path.is_file() else None
-
-
-def _child(folder: Path, name: str) -> Path | None:
-    try:
-        names = {path.name for path in folder.iterdir() if not path.is_symlink()}
-    except OSError:
-        return None
-    return folder / name if name in names and not name.startswith(".") else None
 
 
 def _lost() -> Response:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import io
 import json
 import time
 from collections import deque
@@ -13,10 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image
-
-from knotfab.arrays import Mask
 from knotfab.batch.tasks import list_arguments
 from knotfab.batch.worker import read_report
 from knotfab.errors import InputError, KnotfabError
@@ -28,12 +23,11 @@ from knotfab.scene.catalogue import materials, printers
 from knotfab.studio.live_build import Event, LiveBuild, Spare
 from knotfab.studio.pictures import StudioPicture
 
-__all__ = ["BUILDS", "SHOWN_FILES", "Listener", "Studio"]
+__all__ = ["BUILDS", "SHOWN_FILES", "Listener", "Studio", "child_of"]
 
 BUILDS = "builds"
 _STARTS, _PICTURES = "starts", "pictures"
 _MOST_PICTURES = 4
-_SILHOUETTE_PX = 1024
 _LONGEST_NAME = 80  # characters of a build's folder
 # the options of `knotfab build` that the page sets; none of them names a file
 SETTINGS = (
@@ -77,6 +71,8 @@ class Listener:
 class Studio:
     """The state of a studio whose files lie in `folder`; all of it is changed in the event loop's thread."""
 
+    watching = False  # it may be changed from the page
+
     def __init__(self, folder: Path, warm: bool = True) -> None:
         self.folder = folder
         self.pictures: dict[str, StudioPicture] = {}
@@ -84,9 +80,9 @@ class Studio:
         self.settings: dict[str, Any] = dict(_DEFAULTS)
         self.preview: dict[str, Any] = {"lines": [], "error": ""}
         self.preview_png = b""
-        self.silhouettes: tuple[bytes, ...] = ()  # of what is chosen, and of what was built last
-        self.built_from: tuple[bytes, ...] = ()
         self.build: LiveBuild | None = None
+        self.builds = folder / BUILDS
+        self.out = self.builds  # of the build that runs, or ran last
         self.status: dict[str, Any] = {"phase": "idle"}
         self.scene: str | None = None  # the last event of its kind, for a tab that comes later
         self.frame: str | None = None
@@ -128,7 +124,12 @@ class Studio:
             "preview": self.preview,
             "build": {**self.status, "can_go_on": bool(self.start)},
             "builds": self.list_builds(),
+            "watching": self.watching,
         }
+
+    def folder_of(self, where: str) -> Path | None:
+        """The folder of a build, found by the names of what is really there; None where there is none."""
+        return child_of(self.builds, where)
 
     def listen(self) -> Listener:
         """A listener, which is told at once how things stand."""
@@ -209,12 +210,11 @@ class Studio:
             return
         sources, options = self._sources(), options_from(self.settings)
         try:
-            found, png, seen = await asyncio.to_thread(_preview, sources, options)
+            found, png = await asyncio.to_thread(_preview, sources, options)
         except KnotfabError as error:
-            found, png, seen = {"lines": [], "error": self._plain(str(error))}, b"", ()
+            found, png = {"lines": [], "error": self._plain(str(error))}, b""
         if number == self._previews:
             self.preview, self.preview_png = {**found, "number": number}, png
-            self.silhouettes = seen
             self.tell_state()
 
     def _sources(self) -> list[str]:
@@ -247,7 +247,6 @@ class Studio:
             loop.call_soon_threadsafe(self._hear, event)
 
         self.scene = self.frame = None
-        self.built_from = self.silhouettes
         self._pressed = time.monotonic()
         self.status = {
             "phase": "running",
@@ -257,8 +256,9 @@ class Studio:
             "notes": [],
         }
         self._reported = False
+        self.out = self.builds / name
         try:
-            self.build = LiveBuild(self.spare, arguments, self.folder / BUILDS / name, tell)
+            self.build = LiveBuild(self.spare, arguments, self.out, tell)
         except OSError as error:
             why = f"The build cannot be started ({error.strerror}): try again."
             self.status |= {"phase": "failed", "exit_code": 3, "sentence": why, "left_s": 0}
@@ -303,7 +303,6 @@ class Studio:
 
     def _end(self, code: int, sentence: str) -> None:
         """How a build ended, in a word and a sentence."""
-        assert self.build is not None
         # before it could tidy up, or after
         if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
             code = 130
@@ -312,11 +311,11 @@ class Studio:
         self.status |= {"exit_code": code, "sentence": self._plain(sentence), "left_s": 0}
         if code == 130:
             self.status["sentence"] = "Stopped; what was built before is as it was."
-        report = self.build.folder / ("" if code == 0 else REJECTED) / "report.json"
+        report = self.out / ("" if code == 0 else REJECTED) / "report.json"
         # a report that this build did not write is an earlier one's
         if code == 0 or (code == 1 and self._reported and report.is_file()):
             self.status["share"] = 1.0
-            where = self.status["name"] + ("" if code == 0 else f"/{REJECTED}")
+            where = self.out.name + ("" if code == 0 else f"/{REJECTED}")
             self.status["result"] = self._result(where)
         elif code == 1:
             self.status["phase"] = "failed"
@@ -329,16 +328,15 @@ class Studio:
 
     def list_builds(self) -> list[dict[str, Any]]:
         """The builds that passed, the newest first."""
-        folder = self.folder / BUILDS
         try:
-            found = sorted(folder.glob("*/report.json"), key=lambda p: -p.stat().st_mtime)
+            found = sorted(self.builds.glob("*/report.json"), key=lambda p: -p.stat().st_mtime)
         except OSError:
             return []
         return [self._result(path.parent.name) for path in found[:24]]
 
     def _result(self, where: str) -> dict[str, Any]:
         """A folder of a build: what it holds, and the figures that a person asks for first."""
-        folder = self.folder / BUILDS / where
+        folder = self.builds / where
         held = {p.name for p in folder.iterdir() if p.is_file()}
         rest = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith("plate-"))
         report = read_report(folder) or {}
@@ -364,21 +362,19 @@ class Studio:
             listener.put(text, frame)
 
 
-def _preview(
-    sources: Sequence[str], options: BuildOptions
-) -> tuple[dict[str, Any], bytes, tuple[bytes, ...]]:
-    """The figures, the picture of what tubes lose, and each silhouette, dark on white."""
+def child_of(folder: Path, name: str) -> Path | None:
+    """What is really there by that name, so that no path leads elsewhere: no link, nothing hidden."""
+    try:
+        names = {path.name for path in folder.iterdir() if not path.is_symlink()}
+    except OSError:
+        return None
+    return folder / name if name in names and not name.startswith(".") else None
+
+
+def _preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], bytes]:
+    """The figures, and the picture of what tubes lose."""
     from knotfab.preview.draw import draw_survey
     from knotfab.preview.sentence import list_figures
 
     found = survey_pictures(sources, options)
-    seen = tuple(_draw_silhouette(view.target.asked) for view in found.views)
-    return {**list_figures(found), "error": ""}, draw_survey(found), seen
-
-
-def _draw_silhouette(mask: Mask) -> bytes:
-    image = Image.fromarray(np.where(mask, 0, 255).astype(np.uint8))
-    image.thumbnail((_SILHOUETTE_PX, _SILHOUETTE_PX))
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG")
-    return buffer.getvalue()
+    return {**list_figures(found), "error": ""}, draw_survey(found)

@@ -5,22 +5,28 @@ The photographed shadow is found ray by ray, as nothing in the maker draws it.
 
 from __future__ import annotations
 
+import io
 import json
+import shlex
 import shutil
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import open_browser
 from command import knotfab
-from PIL import Image
+from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from knotfab.arrays import Array, Mask
 from knotfab.compare.compare import advise, compare_photo
+from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import homography, through
+from knotfab.drawing.pages import PAPERS
 from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
+from knotfab.mount.marks import card_middles, draw_marks_page
 from knotfab.part.write import make_pose
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene
@@ -38,6 +44,7 @@ KNOTS = Knots(
     5.0,
 )
 CORNERS = 0.75 * np.array([[210.0, 140.0], [1010.0, 190.0], [960.0, 800.0], [260.0, 720.0]])
+FARTHER = CORNERS.mean(axis=0) + 0.72 * (CORNERS - CORNERS.mean(axis=0))
 SIZE = (900, 675)
 
 
@@ -90,11 +97,17 @@ def photograph(
     path: Path,
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0),
     plate: bool = False,
+    cards: float | None = None,
+    corners: Array = CORNERS,
 ) -> Path:
-    """A wall in perspective, lit from one side, with the shadow of the piece for a lamp that is moved."""
+    """A wall in perspective, lit from one side, with the shadow of the piece for a lamp that is moved.
+
+    Args:
+        plate: 8 mm about the frame. cards: so many mm about it, on paper as white as the wall.
+    """
     frame = np.array([[0, 0], [160, 0], [160, 120], [0, 120]]) - 0.5
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    at = through(homography(CORNERS, frame), np.stack([x.ravel(), y.ravel()], axis=1).astype(float))
+    at = through(homography(corners, frame), np.stack([x.ravel(), y.ravel()], axis=1).astype(float))
     shade = ndimage.map_coordinates(shaded(moved), (at[:, ::-1] + 30).T, order=1, cval=0.0).reshape(
         x.shape
     )
@@ -103,6 +116,11 @@ def photograph(
     if plate:  # 8 mm about the frame
         inside = ((at > -8.5) & (at < (167.5, 127.5))).all(axis=1).reshape(x.shape)
         colour[~inside] *= (0.62, 0.7, 0.8)
+    if cards is not None:
+        for middle in card_middles((160.0, 120.0), cards):
+            off = np.linalg.norm(at + 0.5 - middle, axis=1).reshape(x.shape)
+            inked = (off < 4) | ((off > 8) & (off < 12))
+            colour[ndimage.gaussian_filter(inked.astype(float), 0.6) > 0.5] = 0.07
     photo = colour * (light * (1 - 0.6 * shade))[..., None]
     photo += np.random.default_rng(1).normal(0, 0.03, photo.shape)
     Image.fromarray((255 * photo.clip(0, 1)).astype(np.uint8)).save(path)
@@ -144,6 +162,98 @@ def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
     assert found.iou == pytest.approx(named.iou, abs=0.03)
 
 
+@pytest.mark.parametrize("kind", ["wall", "stand"])
+def test_the_frame_is_found_by_four_marks(folder: Path, kind: str, tmp_path: Path) -> None:
+    """Of a wall mount they lie about its plate; a stand has none, and nothing else tells its frame."""
+    margin, moved = (8.0 if kind == "wall" else 0.0), (-12.0, -10.0, 90.0)
+    place = shutil.copytree(folder, tmp_path / "built")
+    scene = (place / "scene.toml").read_text().replace('kind = "wall"', f'kind = "{kind}"')
+    (place / "scene.toml").write_text(scene)
+    photo = photograph(tmp_path / "photo.png", moved, cards=margin, corners=FARTHER)
+    if kind == "wall":
+        (place / "knots.json").unlink()
+        named = compare_photo(photo, place, words(FARTHER))
+        assert compare_photo(photo, place).iou == pytest.approx(named.iou, abs=0.02)
+    else:
+        found = compare_photo(photo, place)
+        assert found.lamp is not None and found.lamp.iou > 0.95
+        assert np.allclose((found.lamp.right_mm, found.lamp.up_mm), moved[:2], atol=1.5)
+    marks = find_marks(np.asarray(Image.open(photo).convert("L")) / 255)
+    frame = np.array([[0, 0], [160, 0], [160, 120], [0, 120]])
+    wanted = through(homography(frame, FARTHER), card_middles((160.0, 120.0), margin))
+    assert marks is not None and np.linalg.norm(marks - wanted, axis=1).max() < 1.0
+    if kind == "stand":
+        with pytest.raises(InputError, match="four marks"):
+            compare_photo(photograph(tmp_path / "bare.png", moved), place)
+
+
+def test_marks_are_told_from_what_is_like_them() -> None:
+    """Three marks and targets of other rings, and letters, are not four; dimmed and blurred ones are."""
+    sheet = Image.new("L", (900, 700), 225)
+    pen = ImageDraw.Draw(sheet)
+
+    def target(x: int, y: int, radii: tuple[int, ...]) -> None:
+        for k, r in enumerate(radii):
+            pen.ellipse((x - r, y - r, x + r, y + r), fill=225 if k % 2 else 20)
+
+    for x, y in ((120, 110), (760, 140), (740, 600)):
+        target(x, y, (36, 24, 12))
+    target(140, 590, (36, 30, 24))  # thin rings
+    target(450, 350, (90, 30))  # one ring
+    target(450, 600, (50, 40, 10))  # a small dot
+    pen.text((300, 100), "OoO@@ 8888", fill=0, font_size=48)
+    assert find_marks(np.asarray(sheet) / 255) is None
+    target(140, 590, (39, 37))
+    pen.rectangle((100, 550, 180, 630), fill=225)
+    target(140, 590, (36, 24, 12))
+    y, x = np.mgrid[:700, :900]
+    seen = np.asarray(sheet) / 255 * (0.15 + 0.35 * x / 900) * (1 - 0.4 * (y > 300))
+    seen = ndimage.gaussian_filter(seen, 2.0)
+    seen += np.random.default_rng(3).normal(0, 0.01, seen.shape)
+    marks = find_marks(seen)
+    assert marks is not None
+    wanted = [[120, 110], [760, 140], [740, 600], [140, 590]]
+    assert np.abs(marks - wanted).max() < 1.0
+
+
+def test_the_printed_marks_are_those_that_are_looked_for() -> None:
+    figure = draw_marks_page(PAPERS["a4"], plate=False)
+    file = io.BytesIO()
+    figure.savefig(file, dpi=100)
+    marks = find_marks(np.asarray(Image.open(file).convert("L")) / 255)
+    assert marks is not None
+    sides = np.linalg.norm(np.roll(marks, -1, axis=0) - marks, axis=1)
+    assert sides * 25.4 / 100 == pytest.approx([70.0] * 4, abs=0.2)
+
+
+def test_four_clicks(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page says a command with the corners in order, whatever order they are pointed at in."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    photo, out = photograph(tmp_path / "a photo.png"), tmp_path / "out.png"
+    done = knotfab("compare", photo, folder, "--click", "--out", out)
+    assert done.code == 0 and str(tmp_path / "out.html") in done.out, done.err
+    assert opened == [(tmp_path / "out.html").as_uri()]
+    with open_browser() as browser:
+        page = browser.new_page(viewport={"width": 700, "height": 900})
+        page.goto(opened[0])
+        box = page.locator("#photo").bounding_box()
+        assert box is not None
+        scale = box["width"] / SIZE[0]
+        for k in (2, 1, None, 0, 3, 1):  # the second is taken back
+            if k is None:
+                page.keyboard.press("Escape")
+                continue
+            x, y = CORNERS[k] * scale
+            page.mouse.click(box["x"] + x, box["y"] + y)
+        command = shlex.split(page.inner_text("#command"))
+    assert command[:4] == ["knotfab", "compare", str(photo), str(folder)]
+    at = command.index("--corners")
+    told = np.array([[float(v) for v in word.split(",")] for word in command[at + 1 : at + 5]])
+    assert np.abs(told - CORNERS).max() < 2.0
+    assert knotfab(*command[1:]).code == 0 and out.is_file()
+
+
 def test_where_they_differ_is_drawn(unknown: Path, tmp_path: Path) -> None:
     photo, out = photograph(tmp_path / "photo.png", (15.0, 0.0, 0.0)), tmp_path / "out.png"
     done = knotfab("compare", photo, unknown, "--corners", *words(), "--out", out, "--json")
@@ -179,7 +289,7 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
             ((photo, place, "--corners", *words()), "knots.json: it is damaged")
             for place in damaged
         ),
-        ((photo, folder), "outline is not found"),
+        ((photo, folder), "nor the plate's outline"),
         ((plain, folder, "--corners", *words()), "no shadow stands out"),
         ((tmp_path / "words.png", folder), "no photograph"),
         ((photo, tmp_path), "no such scene file"),

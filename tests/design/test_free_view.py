@@ -9,6 +9,7 @@ from questions import ask_heart, start_and_search
 
 from examples.corpus.curves import torus_knot
 from knotfab.design.design import design_knots
+from knotfab.design.free_view import place_start
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
@@ -353,3 +354,9 @@ def test_a_time_budget_holds_for_a_free_view_too() -> None:
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)
     again = design_knots(made.scene, [read_target("text:\u2665")])
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
+
+
+def test_a_view_that_is_turned_by_the_scene_is_not_free() -> None:
+    scene = Scene.model_validate({"views": [{"elevation_deg": 40.0}]})
+    with pytest.raises(InputError, match="elevation_deg = 40"):
+        place_start(scene, PRESETS["draft"])

@@ -180,7 +180,7 @@ def draw(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
     names = write_setup(folder, mounted, whole, cameras, [OFF] * len(cameras))
     assert names == ["setup.pdf", "setup.svg"]
     pages = (folder / "setup.pdf").read_bytes().count(b"/MediaBox")
-    assert pages == 1 + len(cameras)
+    assert pages == 2 + len(cameras)
     last = steps_of(mounted, placement_of(mounted, cameras[-1]), named[-1])
     return texts(folder / "setup.svg"), last
 

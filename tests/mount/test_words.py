@@ -51,7 +51,9 @@ def test_costs_are_those_of_the_report() -> None:
         "Wall and piece turned by 1° left or right: about 0.15 IoU",
         "Wall and piece leaning by 1° forward or back: about 0.09 IoU",
     ]
-    assert costs_of(None, view, on_wall=True) == ["Not measured: nothing was rendered."]
+    assert costs_of(None, view, on_wall=True) == [
+        "Not measured: too little to see, or nothing rendered."
+    ]
     least = {**OFF, "lamp_iou_per_mm": {"right": 0.0005, "up": 0.00049, "towards": 5.0}}
     told = costs_of(least, view, on_wall=False)
     assert "about 0.01" in told[0] and "less than" in told[1] and "about 1.00" in told[2]

@@ -11,7 +11,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.errors import SceneError
-from knotfab.report.of_effects import add_advice, list_effects
+from knotfab.report.of_effects import add_advice, list_effects, tell_move
 from knotfab.scene.model import ResolvedView, Scene
 
 
@@ -95,3 +95,14 @@ def test_an_effect_that_nothing_ran_is_not_called_simulated() -> None:
     verdict = {"views": [{"penumbra": {"samples": 19}}], "seconds": {}}
     (line,) = list_effects(result, verdict)
     assert line["simulated"] and "nothing" not in line["reason"]
+
+
+def test_a_move_is_told_in_words() -> None:
+    view = {"kind": "shadow", "misplacement": {"lamp_mm": 5.0, "turn_deg": 1.5}}
+    assert tell_move({"of": "lamp", "way": "up"}, view) == "the lamp 5 mm up or down"
+    assert tell_move({"of": "lamp", "way": "right"}, view | {"kind": "eye"}) == (
+        "the eye 5 mm to the side"
+    )
+    assert tell_move({"of": "turn", "way": "axis"}, view) == (
+        "the piece turned by 1.5° like a wheel"
+    )

@@ -412,15 +412,18 @@ def test_the_bending_plan_lists_each_wire() -> None:
 
 
 def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
+    def ious(*ways: str) -> dict[str, dict[str, float]]:
+        return {way: {"raw": 0.858 - 0.1 * n, "fitted": 0.958} for n, way in enumerate(ways)}
+
     off = {
-        "lamp_iou_per_mm": {"right": 0.0142, "up": 0.2, "towards": 0.0006},
-        "turn_iou_per_deg": {"right": 0.512, "up": 0.4, "axis": 0.042},
-    }
+        "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.99,
+        "lamp_iou": ious("right", "up", "towards"), "turn_iou": ious("right", "up", "axis"),
+    }  # fmt: skip
     data = sample()
     data["views"][0]["misplacement"] = off
     text = Page(render_html(assemble(**data))).text
-    assert "lamp 10 mm to the side" in text and "0.142" in text and "1.000" in text
-    assert "piece turned by 1° like a wheel" in text and "0.042" in text
+    assert "lamp 5 mm to the side" in text and "0.858" in text and "0.958" in text
+    assert "piece turned by 1° like a wheel" in text and "0.658" in text
     # a piece on a wall cannot be turned against it
-    data["print_"]["mount"] = WALL
+    del off["turn_iou"]
     assert "piece turned" not in Page(render_html(assemble(**data))).text

@@ -30,7 +30,9 @@ from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.report_html import VIEWER, Picture, write_report_html
 from knotfab.report.report_json import assemble
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
+from knotfab.scene.camera import camera_of
 from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.lamp import lamp_points
 from tests.report.test_report_json import SLICED, VERDICT, WALL, sample
 
 pytestmark = pytest.mark.slow
@@ -309,3 +311,58 @@ def test_it_is_turned_zoomed_and_lit_by_keys(desk: Any) -> None:
     assert search.get_attribute("aria-valuetext") == "the knot"
     desk.get_by_role("button", name="As printed").click()
     assert "printed" in canvas.get_attribute("aria-label") and not slider.is_visible()
+
+
+LAMPS: dict[str, dict[str, Any]] = {
+    "disc": {"light_diameter_mm": 36.0},
+    "rectangle": {"light_shape": "rectangle", "light_width_mm": 60.0, "light_height_mm": 6.0},
+    "upright": {"light_shape": "rectangle", "light_width_mm": 6.0, "light_height_mm": 60.0},
+    "LEDs": {
+        "light_shape": "leds", "light_width_mm": 50.0, "light_height_mm": 30.0,
+        "light_leds": (3, 2), "light_diameter_mm": 5.0,
+    },
+    "many LEDs": {
+        "light_shape": "leds", "light_width_mm": 50.0, "light_height_mm": 50.0,
+        "light_leds": (12, 11), "light_diameter_mm": 1.0,
+    },
+}  # fmt: skip
+
+
+def test_lamps_of_every_shape_blur_as_they_do(bench: Any) -> None:
+    """Against the average over the validators' points of the same lamp; and no lamp as another."""
+    knots, seen, wanted = wavy_knots(), {}, {}
+    for name, lamp in LAMPS.items():
+        view = view_of(wall_distance_mm=80.0, light_distance_mm=400.0, **lamp)
+        data = viewer_data(scene_of([view], "none"), knots, [], [MASK])
+        bench.evaluate("(data) => viewer.setScene(data)", data)
+        geometry = geometry_at(view, 256)
+        points = lamp_points(view, 5.0, 0.3)
+        points = points if len(points) < 100 else points[::5]
+        hidden = [
+            validated_shadow(
+                bodies_of(knots),
+                replace(geometry, light=geometry.light + x * geometry.right + y * geometry.up),
+            )
+            for x, y in points
+        ]
+        wanted[name] = np.mean(hidden, axis=0)
+        seen[name] = shadow(bench, 256, soft=True) / 255
+    for name, one in seen.items():
+        off = {other: float(np.abs(one - two).mean()) for other, two in wanted.items()}
+        assert off[name] < 0.012 and min(off, key=lambda k: off[k]) == name, (name, off)
+
+
+def test_the_pinhole_is_that_of_the_scene(bench: Any) -> None:
+    points = wavy_knots().points[::7]
+    for keys in VIEWS.values():
+        view = view_of(**keys)
+        camera = camera_of(view, 150, 120)
+        u, v = camera.project(points).T
+        told = bench.evaluate(
+            "([view, points]) => points.map(KnotfabViewer.pinholeOf(view))",
+            [view.model_dump(mode="json"), points.tolist()],
+        )
+        assert np.allclose(np.array(told)[:, :2], np.stack([u - 74.5, 59.5 - v], axis=1), atol=1e-6)
+        height = points @ camera.receiver[:3] + camera.receiver[3]
+        above = camera.receiver[:3] @ camera.eye + camera.receiver[3]
+        assert np.allclose(np.array(told)[:, 2], above / (above - height))

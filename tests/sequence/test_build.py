@@ -4,6 +4,7 @@ import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
 from knotfab.sequence.build import build_sequence
 from knotfab.sequence.motion import Motion
-from knotfab.sequence.report import check_closing, check_motion
+from knotfab.sequence.report import advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 
@@ -175,6 +176,28 @@ def test_motion_beyond_the_bound_fails() -> None:
     assert "frame 3" in found["detail"]
     assert check_closing(not_held)["status"] == "fail"
     assert not check_closing(not_held)["required"]
+
+
+def test_a_frame_that_fails_comes_with_a_remedy() -> None:
+    def view(outline_mm: float | None, *failed: str) -> dict[str, Any]:
+        motion = None if outline_mm is None else {"outline_mm": outline_mm}
+        return {"motion": motion, "failed": list(failed)}
+
+    passed = [view(None), view(3.0), view(4.0)]
+    assert advise(passed, 2.0) == []
+    (far,) = advise([view(None), view(30.0, "shadow"), view(4.0)], 2.0)
+    assert far == (
+        "Frame 2 fails (shadow): the outline goes 30 mm from frame 1 to frame 2, 15 tube radii: draw a "
+        "frame in between."
+    )
+    # that it comes from a frame behind it does not matter
+    (behind,) = advise([view(None, "recognisable"), view(30.0), view(4.0)], 2.0)
+    assert behind.startswith("Frame 1 fails (recognisable): the outline goes 30 mm from frame 1 to")
+    stretched, touching, bound = (
+        advise([view(None), view(3.0, *names)], 2.0)[0]
+        for names in (("outline",), ("clearance",), ("shadow", "limits"))
+    )
+    assert "stretched" in stretched and "apart" in touching and "limit" in bound
 
 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw
+from quick_sequences import QUICK, discs, in_order
 
 from knotfab.scene.model import Material, Piece, Scene
-from knotfab.sequence.chain import chain
-from knotfab.sequence.frames import read_frames
-from knotfab.target.read import Target
-
-QUICK = {
-    "coarse_px": 64,
-    "fine_px": 64,
-    "coarse_iterations": 12,
-    "fine_iterations": 8,
-    "settle_iterations": 8,
-    "depth_candidates": 2,
-}
+from knotfab.sequence.chain import Chain, list_ties, pick_first
+from knotfab.sequence.starts import Tie
 
 
-def discs(folder: Path, sizes: Sequence[int]) -> tuple[Target, ...]:
-    """A disc in the middle, of so many pixels' radius in each frame."""
-    names = []
-    for number, size in enumerate(sizes):
-        image = Image.new("L", (128, 128), 255)
-        ImageDraw.Draw(image).ellipse((64 - size, 64 - size, 64 + size, 64 + size), fill=0)
-        names.append(str(folder / f"{number}.png"))
-        image.save(names[-1])
-    return read_frames(names)
+def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:
+    """What one silhouette hides has no strands to come out with."""
+    assert pick_first(discs(tmp_path, (20, 30, 40, 25))) == 2
+    assert pick_first(discs(tmp_path, (40, 20, 40))) == 0
+    # all but as much is as good, and the frames come in their order
+    assert pick_first(discs(tmp_path, (50, 50, 51, 50))) == 2
+    assert pick_first(discs(tmp_path, (60, 60, 60))) == 0
+
+
+def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
+    """From frame 2 onwards, then back; around the end of the sequence it need not hold."""
+    outlines = [1.0, 10.0, 100.0, 1000.0, 10000.0]  # of five frames, the last back to the first
+    assert set(list_ties(3, {2}, outlines)) == {Tie(2, 100.0), Tie(2, 11011.0, loop=True)}
+    assert set(list_ties(4, {2, 3}, outlines)) == {Tie(3, 1000.0), Tie(2, 10011.0, loop=True)}
+    assert set(list_ties(1, {2, 3, 4}, outlines)) == {Tie(2, 10.0), Tie(4, 10001.0, loop=True)}
+    # all are known, and one is to be searched again between its neighbours
+    assert set(list_ties(2, set(range(5)), outlines)) == {Tie(1, 10.0), Tie(3, 100.0)}
+    assert set(list_ties(0, set(range(5)), outlines)) == {Tie(1, 1.0), Tie(4, 10000.0, loop=True)}
+    assert set(list_ties(1, {0}, [3.0, 5.0])) == {Tie(0, 3.0), Tie(0, 5.0, loop=True)}
 
 
 @pytest.mark.slow
@@ -40,16 +39,18 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
     """Lamp and wall stand still while the frames change; and what was found can be repeated."""
     targets = discs(tmp_path, (40, 42))
     asked = Scene(piece=Piece(tube_radius_mm=12.0), search={**QUICK, "free_view": True})
-    first, second = (frame.made for frame in chain(asked, targets))
+    first, second = (frame.made for frame in in_order(Chain(asked, targets)))
     views = [made.scene.views[0] for made in (first, second)]
     found = {(v.light_distance_mm, v.wall_distance_mm) for v in views}
     assert len(found) == 1 and found != {(500.0, 100.0)}
     assert [v.name for v in views] == ["frame-01", "frame-02"]
     assert first.result.log.certified and second.result.log.certified
     assert min(made.result.iou_estimate for made in (first, second)) > 0.7
-    again = next(chain(first.scene, targets)).made
-    assert np.array_equal(again.knots.points, first.knots.points)
-    assert again.scene.views == first.scene.views
+    # frame 2 has more ink, and is searched first
+    again = next(Chain(second.scene, targets).frames())
+    assert again.number == 1
+    assert np.array_equal(again.made.knots.points, second.knots.points)
+    assert again.made.scene.views == second.scene.views
 
 
 @pytest.mark.slow
@@ -58,7 +59,7 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
     targets = discs(tmp_path, (24, 40))
     material = Material(max_length_mm=250.0)
     asked = Scene(piece=Piece(tube_radius_mm=12.0), material=material, search=QUICK)
-    first, second = (frame.made for frame in chain(asked, targets))
+    first, second = (frame.made for frame in in_order(Chain(asked, targets)))
     assert first.binding == ()
     assert [price.limits for price in second.binding] == [("length",)]
     assert second.binding[0].needed[0] > 250.0 > second.knots.knots[0].length_mm

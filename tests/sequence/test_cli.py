@@ -43,6 +43,13 @@ def test_what_makes_no_sense_with_a_sequence(tmp_path: Path, options: list[str],
     assert not (tmp_path / "out").exists()
 
 
+def test_one_piece_has_no_loop_to_leave_open(tmp_path: Path) -> None:
+    drawn = picture(tmp_path / "square.png", square())
+    done = knotfab("build", drawn, "--no-loop", "--out", tmp_path / "out")
+    assert done.code == 2 and "--no-loop" in done.err and "--sequence" in done.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(TWO_VIEWS)

@@ -1,6 +1,7 @@
-"""Doubling: old vertices stay, new ones round the corners off, and the step is certified."""
+"""Doubling: corners are rounded off, nothing bends more than it did, and the step is certified."""
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from knotfab.geometry.measures import bend_radii
@@ -14,16 +15,20 @@ def _trefoil(n: int) -> np.ndarray:
     return 20 * np.stack([x, y, -np.sin(3 * t)], axis=1)
 
 
-def test_old_vertices_stay_and_new_ones_lie_on_the_curve() -> None:
+def test_new_vertices_halve_the_edges_and_corners_are_rounded_off() -> None:
     points = _trefoil(90)
     carried, both = double_vertices(points, polylines_of_sizes((90,)))
     fine = carried.points
     assert carried.reached == 1.0 and carried.least_margin > 0
     assert both.sizes == (180,)
-    np.testing.assert_array_equal(fine[::2], points)
+    ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
+    np.testing.assert_array_equal(fine[1::2], 0.5 * (points + ahead))
+    # the mask of the uniform cubic B-spline, in full
+    np.testing.assert_allclose(fine[::2], 0.75 * points + 0.125 * (ahead + behind), atol=1e-12)
+    # the curve stays as near to the true one as the middles of the old edges were
     curve = cKDTree(_trefoil(90 * 400))
-    middles = 0.5 * (points + np.roll(points, -1, axis=0))
-    assert curve.query(fine[1::2])[0].max() < 0.1 * curve.query(middles)[0].max()
+    middles = 0.5 * (points + ahead)
+    assert curve.query(fine)[0].max() < 1.01 * curve.query(middles)[0].max()
 
 
 def test_bends_stay_what_they_are() -> None:
@@ -33,22 +38,38 @@ def test_bends_stay_what_they_are() -> None:
     assert bend_radii(carried.points, both).min() > 0.97 * bend_radii(points, rings).min()
 
 
+def test_bends_that_alternate_are_not_made_stronger() -> None:
+    """A wide ring whose bends go up and down a little: a curve through its vertices bends far more."""
+    around, tube_mm, ring_mm, zigzag = 240, 1.8, 33.0, 0.05
+    t = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    edge = 2 * np.pi * ring_mm / around
+    away = ring_mm + zigzag * (edge**2 / (4 * ring_mm)) * (-1.0) ** np.arange(around)
+    points = np.stack([away * np.cos(t), away * np.sin(t), 0 * t], axis=1)
+    rings = polylines_of_sizes((around,))
+    before = bend_radii(points, rings).min()
+    assert edge < 0.5 * tube_mm and 0.93 * ring_mm < before < 0.97 * ring_mm
+    carried, both = double_vertices(points, rings)
+    assert bend_radii(carried.points, both).min() > 0.999 * before
+    spline = CubicSpline(
+        np.arange(around + 1), np.concatenate([points, points[:1]]), bc_type="periodic"
+    )
+    through = np.asarray(spline(np.arange(2 * around) / 2))
+    assert bend_radii(through, both).min() < 0.96 * before
+
+
 def test_a_step_that_could_cross_is_not_taken() -> None:
-    """A strand close behind a sharp turn: the spline's overshoot would pass through it."""
+    """A strand close inside a sharp turn, which would pass through it where its corner is cut."""
     t = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     coarse = 30 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
-    # another ring that runs just outside one edge's middle, where the spline goes
-    middle = 0.5 * (coarse[0] + coarse[1])
-    outward = middle / np.linalg.norm(middle)
+    # another ring goes around the first corner, just inside of it
+    outward = coarse[0] / np.linalg.norm(coarse[0])
     s = np.linspace(0, 2 * np.pi, 40, endpoint=False)[:, None]
-    at = middle + 0.15 * outward
+    at = coarse[0] - 0.15 * outward
     other = at + 4 * outward * (1 - np.cos(s)) + 4 * np.sin(s) * np.array([0.0, 0.0, 1.0])
     points, rings = np.concatenate([coarse, other]), polylines_of_sizes((12, 40))
     carried, _ = double_vertices(points, rings)
-    fine = carried.points
-    # the spline would go 1 mm outwards; the other ring is 0.15 mm away
-    gone = float((fine[1] - middle) @ outward)
-    assert gone < 0.15
-    np.testing.assert_array_equal(fine[:24:2], coarse)
+    # the corner would go 1 mm inwards; the other ring is 0.15 mm away, and less as it shrinks itself
+    gone = float((coarse[0] - carried.points[0]) @ outward)
+    assert 0.0 <= gone < 0.15
     assert carried.reached < 1.0 < carried.steps + carried.refused
-    assert carried.least_margin > 0
+    assert carried.steps == 0 or carried.least_margin > 0

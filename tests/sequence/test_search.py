@@ -16,7 +16,7 @@ from knotfab.problem import CertificateLog, Problem, SearchResult
 from knotfab.scene.settings import PRESETS
 from knotfab.search.search import search
 from knotfab.sequence.motion import Anchor, outline_motion
-from knotfab.sequence.search import finish, follow
+from knotfab.sequence.search import finish, follow, is_far
 from knotfab.start.start import make_start
 
 Array = NDArray[np.float64]
@@ -101,3 +101,22 @@ def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
     held = [Anchor(far, 1.0, RADIUS)]
     torn = finish(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
     assert not torn.sound and torn.beyond_mm > 0
+
+
+def test_strands_that_the_picture_does_not_reach_are_far(first: SearchResult) -> None:
+    points, light = first.knots.points, 500.0
+    assert not is_far(points, DISC, light, RADIUS)
+    # a limb that is hidden behind the body in the new picture, and one that comes out
+    limb = DISC.union(Point(45, 0).buffer(8.0))
+    assert is_far(points, MultiPolygon(limb.geoms), light, RADIUS)
+    assert is_far(points + [25.0, 0.0, 0.0], DISC, light, RADIUS)
+
+
+def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
+    points, problems = first.knots.points, (ask_one(DISC), ask_one(MOVED))
+    anchor = Anchor(points, RADIUS, RADIUS)
+    settings = QUICK.scaled(1.0)
+    rings = rings_of(points)
+    found = follow(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True)
+    assert np.array_equal(found.points, points)
+    assert found.sound and found.result.log.certified and found.transported == 0.0

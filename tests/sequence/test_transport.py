@@ -38,6 +38,17 @@ def test_registration_takes_one_picture_to_the_other(kind: str) -> None:
     assert _iou(moved, new) > 0.97 > _iou(BODY, new) + 0.05
 
 
+def test_what_has_left_its_place_is_shifted_and_stretched() -> None:
+    """A ball that falls and is squashed on the ground: every point goes where its own shape says."""
+    ball = MultiPolygon([shapely.Point(0, 30).buffer(12.0)])
+    squashed = affinity.translate(affinity.scale(ball, 1.35, 1 / 1.35), 0.0, -45.0)
+    assert ball.disjoint(squashed)
+    inside = np.array([[0.0, 30.0], [-8.0, 30.0], [3.0, 37.0], [11.9, 30.0], [0.0, 18.1]])
+    away = inside - [0.0, 30.0]
+    wanted = [0.0, -45.0] + away * [0.35, 1 / 1.35 - 1.0]
+    np.testing.assert_allclose(register(ball, squashed, 8.0).at(inside), wanted, atol=0.1)
+
+
 def test_a_knot_goes_along_and_keeps_its_depth() -> None:
     old, new = BODY, affinity.translate(BODY, 8.0, 0.0)
     points, light = _ring(17.0), 500.0

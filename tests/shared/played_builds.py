@@ -36,7 +36,7 @@ PLAYED = """\
     START = {start!r}
     VIEW = {view!r}
     tell("stage", name="search", seconds=0.1, left_s=9.0)
-    tell("scene", views=[VIEW], radius_mm=2.0)
+    tell("scene", views=[VIEW], pictures=[], radius_mm=2.0)
     for k in range(3):
         tell("knots", radius_mm=2.0, curves=CURVES[k:k + 1])
         tell("progress", stage="search", fraction=k / 3, share=k / 3, iou=0.9, left_s=5.0)

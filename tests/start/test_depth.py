@@ -11,6 +11,7 @@ from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
 from knotfab.part.orient import AXES
 from knotfab.problem import DepthChoice, Problem, Start
+from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Switch
 from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import choose_depth, lift
@@ -90,6 +91,20 @@ def _lift_by(
     problem: Problem, template: Template, diameter_mm: float, word: Switch = "auto"
 ) -> Start:
     return lift_template(_lit_by(problem, diameter_mm, word), template, 3.0, FEW)
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 40.0), (-75.0, -90.0)])
+def test_a_piece_stands_before_its_light_wherever_that_is(
+    problem: Problem, template: Template, azimuth: float, elevation: float
+) -> None:
+    one = problem.views[0]
+    turned = one.view.model_copy(update={"azimuth_deg": azimuth, "elevation_deg": elevation})
+    seen = []
+    for view in (one.view, turned):
+        lit = replace(problem, views=(replace(one, view=view),))
+        start = lift_template(lit, template, 3.0, FEW)
+        seen.append(camera_of(view, 200, 200).project(np.concatenate(start.curves)))
+    assert seen[1] == pytest.approx(seen[0], abs=1e-6)
 
 
 def _depths(start: Start) -> list[np.ndarray]:

@@ -1,5 +1,6 @@
 /* The lamp (or eye) of a view and the picture's frame on its wall, as docs/conventions.md has them. */
 import { Matrix4, Vector3 } from "three";
+import { lampSize } from "./lamp.js";
 
 const rad = (degrees) => ((degrees || 0) * Math.PI) / 180;
 
@@ -21,7 +22,7 @@ export function setupOf(view) {
     distance: Number.isFinite(distance) && distance > 0 ? distance : Infinity,
     height: 0,
     side: 0,
-    diameter: view.light_diameter_mm ?? 5,
+    diameter: lampSize(view),
     tilt: view.wall_tilt_deg ?? 0,
     turn: 0,
   };
@@ -75,13 +76,10 @@ export function padded(camera, share) {
   };
 }
 
-/* Scene to clip coordinates of the frame: matter between lamp and wall lands where its shadow falls, what lies
-   on or behind the wall is clipped.
-
-   From a lamp L, X = L + w (corner + s across + t down - L), so (s w, t w, w) = [across down corner-L]⁻¹ (X - L)
-   with 0 < w < 1 before the wall. From the sun, X = corner + s across + t down + h towards with h > 0.
+/* Scene to the frame's own coordinates: with a lamp at L, X = L + w (corner + s across + t down - L) becomes
+   (s w, t w, w), 0 < w < 1 before the wall; from the sun, X = corner + s across + t down + h towards, (s, t, h), h > 0.
    `shift` moves the lamp (mm), which a soft shadow averages over. */
-export function clipMatrix(camera, shift = null) {
+function frameMatrix(camera, shift = null) {
   const { across, down, corner } = camera;
   const lamp = camera.lamp && (shift ? camera.lamp.clone().add(shift) : camera.lamp);
   const towards = lamp
@@ -89,13 +87,28 @@ export function clipMatrix(camera, shift = null) {
     : shift
       ? camera.at.clone().add(shift).normalize()
       : camera.towards;
-  const origin = lamp ?? corner;
-  const basis = new Matrix4().makeBasis(across, down, towards).setPosition(origin);
-  const toFrame = basis.invert();
+  return new Matrix4().makeBasis(across, down, towards).setPosition(lamp ?? corner).invert();
+}
+
+/* The pinhole of a view: a point to (right, up) mm on the wall from the frame's middle, and its scale there. */
+export function pinholeOf(view) {
+  const camera = cameraOf(view, setupOf(view));
+  const e = frameMatrix(camera).elements;
+  const [width, height] = [view.frame_width_mm, view.frame_height_mm];
+  return ([x, y, z]) => {
+    const [s, t, w] = [0, 1, 2].map((k) => e[k] * x + e[k + 4] * y + e[k + 8] * z + e[k + 12]);
+    const far = camera.lamp ? w : 1;
+    return [(s / far - 0.5) * width, (0.5 - t / far) * height, 1 / far];
+  };
+}
+
+/* Scene to clip coordinates of the frame: matter between lamp and wall lands where its shadow falls, what lies
+   on or behind the wall is clipped. */
+export function clipMatrix(camera, shift = null) {
   const near = 1e-3;
   const limit = 1 - 1e-4; // what a plate's face is off the wall by rounding lies on it
   // s and t from 0 … 1 to -1 … 1 with t downwards; w, or h, into the clip range
-  const clip = lamp
+  const clip = camera.lamp
     ? new Matrix4().set(
         2, 0, -1, 0,
         0, -2, 1, 0,
@@ -108,5 +121,5 @@ export function clipMatrix(camera, shift = null) {
         0, 0, -2e-5, 1 + 1e-6,
         0, 0, 0, 1,
       );
-  return clip.multiply(toFrame);
+  return clip.multiply(frameMatrix(camera, shift));
 }

@@ -18,9 +18,8 @@ import {
 } from "three";
 import { clipMatrix, padded } from "./camera.js";
 
-const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const HARD = 4; // samples within a pixel, so that outlines are smooth
-const SOFT = 16; // points of the lamp
+const LEVELS = 255; // of darkness
 
 const silhouette = {
   vertexShader: `precision highp float; in vec3 position; uniform mat4 clip;
@@ -79,16 +78,17 @@ export class Shadow {
 
   /* The shadow in the frame grown by `share` on each side, `longer` px: a render target, 1 where it is dark.
 
-     `move` takes scene coordinates to where the piece was moved by hand; `exact` is one sample at the pixels'
+     `lamp`: points of it, [right, up] mm from its middle; none: a point. `move` takes scene coordinates to where the piece was moved by hand; `exact` is one sample at the pixels'
      centres, as the validators have it. */
-  render(camera, diameter, { share, longer, move, exact = false, into = "soft" }) {
+  render(camera, lamp, { share, longer, move, exact = false, into = "soft" }) {
     const frame = padded(camera, share);
     const [w, h] = [frame.across.length(), frame.down.length()];
     const width = Math.max(1, Math.round((longer * w) / Math.max(w, h)));
     const height = Math.max(1, Math.round((longer * h) / Math.max(w, h)));
     const once = this._target("once", width, height, NearestFilter);
     const out = this._target(into, width, height, LinearFilter);
-    const samples = exact ? 1 : diameter > 0 ? SOFT : HARD;
+    const points = exact ? [[0, 0]] : lamp.length ? lamp : Array(HARD).fill([0, 0]);
+    const samples = points.length;
     const { renderer } = this;
     const before = { target: renderer.getRenderTarget(), auto: renderer.autoClear, color: new Color() };
     renderer.getClearColor(before.color);
@@ -97,13 +97,13 @@ export class Shadow {
     renderer.autoClear = false;
     renderer.setRenderTarget(out);
     renderer.clear();
-    this.sum.share.value = 1 / samples;
     for (let i = 0; i < samples; i++) {
       const jitter = exact ? [0, 0] : [((i * 0.618034) % 1) - 0.5, (i + 0.5) / samples - 0.5];
-      const r = exact ? 0 : 0.5 * diameter * Math.sqrt((i + 0.5) / samples);
       const shift = new Vector3()
-        .addScaledVector(camera.right, r * Math.cos(i * GOLDEN))
-        .addScaledVector(camera.up, r * Math.sin(i * GOLDEN));
+        .addScaledVector(camera.right, points[i][0])
+        .addScaledVector(camera.up, points[i][1]);
+      // whole levels, which add up to all of them
+      this.sum.share.value = (Math.round(((i + 1) * LEVELS) / samples) - Math.round((i * LEVELS) / samples)) / LEVELS;
       const within = new Matrix4().makeTranslation((2 * jitter[0]) / width, (2 * jitter[1]) / height, 0);
       this.uniforms.clip.value.copy(within.multiply(clipMatrix(frame, shift))).multiply(move);
       renderer.setRenderTarget(once);

@@ -19,11 +19,11 @@ import {
   PlaneGeometry,
   Scene,
   Sphere,
-  SphereGeometry,
   Vector3,
   WebGLRenderer,
 } from "three";
 import { cameraOf, padded, setupOf } from "./camera.js";
+import { lampBodies, lampPoints } from "./lamp.js";
 import { Look } from "./look.js";
 import { Picture } from "./picture.js";
 import { bedOf, supportsOf } from "./print.js";
@@ -91,7 +91,9 @@ export class Stage {
     this.wall.frustumCulled = false;
     this.inset = new Mesh(this.wallGeometry, this.wall.material);
     this.flat.add(this.inset);
-    this.bulb = new Mesh(new SphereGeometry(1, 32, 16), new MeshBasicMaterial());
+    this.bulb = new Group();
+    this.bulb.matrixAutoUpdate = false;
+    this.bulbMaterial = new MeshBasicMaterial();
     this.rays = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ transparent: true, opacity: 0.35 }));
     this.rays.frustumCulled = false;
     this.setting = new Group();
@@ -240,7 +242,7 @@ export class Stage {
   readShadow(longer = 1024, soft = false) {
     this._cast();
     const options = { share: 0.25, longer: Math.round(1.5 * longer), move: this.moved(), exact: !soft, into: "small" };
-    return this.shadow.read(this.shadow.render(this.cameraNow(), this.lamp.diameter, options));
+    return this.shadow.read(this.shadow.render(this.cameraNow(), this._points(), options));
   }
 
   iou(longer = IOU_PX) {
@@ -259,7 +261,7 @@ export class Stage {
     this.sky.color.set(c.sky);
     this.sky.groundColor.set(c.ground);
     this.sun.color.set(c.light);
-    this.bulb.material.color.set(c.bulb);
+    this.bulbMaterial.color.set(c.bulb);
     this.rays.material.color.set(c.rays);
     const u = this.wall.material.uniforms;
     for (const name of ["paper", "wall", "dark", "spill", "missing", "line"]) u[name].value.set(c[name]);
@@ -298,8 +300,9 @@ export class Stage {
     this.wall.visible = !printing;
     const scale = Math.max(this.view.frame_width_mm, this.view.frame_height_mm);
     this.bulb.visible = camera.lamp !== null && !this.look.atLamp;
-    this.bulb.position.copy(camera.at);
-    this.bulb.scale.setScalar(Math.max(0.5 * this.lamp.diameter, 0.018 * scale));
+    this._light(0.036 * scale);
+    this.bulb.matrix.makeBasis(camera.right, camera.up, camera.back).setPosition(camera.at);
+    this.bulb.matrixWorldNeedsUpdate = true;
     this.rays.visible = !this.look.atLamp;
     const ends = [];
     for (const [s, t] of [[0, 0], [1, 0], [1, 1], [0, 1]]) {
@@ -311,6 +314,23 @@ export class Stage {
     this.sun.position.copy(printing ? this.camera.position : camera.at).normalize();
     if (printing) this.sun.position.add(new Vector3(0.4, 0.9, 0.2)).normalize();
     this.fill.position.copy(this.camera.position).normalize();
+  }
+
+  /* The lamp's bodies, made anew where it is another one. */
+  _light(least) {
+    const { view } = this;
+    const lit = [this.lamp.diameter, least, view.light_shape, view.light_width_mm, view.light_height_mm, view.light_leds].join();
+    if (this.bulb.userData.lit === lit) return;
+    for (const body of this.bulb.children) body.traverse((mesh) => (mesh.geometry?.dispose(), mesh.dispose?.()));
+    this.bulb.clear();
+    this.bulb.add(lampBodies(view, this.lamp.diameter, least, this.bulbMaterial));
+    this.bulb.userData.lit = lit;
+  }
+
+  /* Points of the lamp, as large as it was set by hand; none of an eye. */
+  _points() {
+    const { diameter } = this.lamp;
+    return this.view.kind === "eye" || !(diameter > 0) ? [] : lampPoints(this.view, diameter);
   }
 
   _draw() {
@@ -325,7 +345,7 @@ export class Stage {
       const eye = this.view.kind === "eye";
       const fine = Math.round(1.6 * Math.max(width, height) * renderer.getPixelRatio());
       const options = { share: WIDE, longer: Math.min(SHADOW_PX, fine), move: this.moved() };
-      const target = this.shadow.render(camera, eye ? 0 : this.lamp.diameter, options);
+      const target = this.shadow.render(camera, this._points(), options);
       const u = this.wall.material.uniforms;
       const { picture } = this;
       u.shadow.value = target.texture;

@@ -13,13 +13,18 @@
      viewer.iou()                                       of shadow and picture on that grid; null without a picture
      viewer.dispose()
 
+     KnotfabViewer.pinholeOf(view)   [x, y, z] to [right, up, scale] on the view's wall, mm from the frame's middle;
+                                     it needs no WebGL
+
    data, all in mm and scene coordinates (x right, y up, z to the lamp, the middle of the piece the origin):
 
      unit      "mm"
      radius    of the tube
      curves    closed centre lines: [[x, y, z], …], or packed: {q: base64 of uint16 (n, 3), low: [3], step}
      views     [{the keys of a scene's [[views]]: name, kind "shadow" | "eye", frame_width_mm, frame_height_mm,
-                 light_distance_mm (Infinity or null: the sun), light_diameter_mm, wall_distance_mm, wall_tilt_deg,
+                 light_distance_mm (Infinity or null: the sun), light_shape ("disc", "ball", "rectangle", "leds"),
+                 light_diameter_mm, light_width_mm, light_height_mm, light_leds [columns, rows],
+                 wall_distance_mm, wall_tilt_deg,
                  azimuth_deg, elevation_deg, frame_up_mm;
                  picture: data URI of its silhouette, dark on light or on nothing}]
      meshes?   what else casts shadow, such as a mount: {positions: packed or [[x, y, z], …],
@@ -30,9 +35,12 @@
      history?  [{curves, radius?, label?, picture?}] from the template to the knot, or the frames of a sequence
      history_label?  "search" (default) or "frame"
 */
+import { pinholeOf } from "./camera.js";
 import { Stage } from "./stage.js";
 import { buildPanel } from "./panel.js";
 import { adoptStyle } from "./style.js";
+
+export { pinholeOf };
 
 export function mount(element, data, options = {}) {
   const root = element.shadowRoot ?? element.attachShadow({ mode: "open" });

@@ -1,9 +1,5 @@
 /* From centre lines to two pictures: the shadow on the wall as the lamp throws it, and the knot from the side. */
 
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const add = (a, s, b, t) => [a[0] * s + b[0] * t, a[1] * s + b[1] * t, a[2] * s + b[2] * t];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-
 /* The curves of an event: each is base64 of float32 triples. */
 export function unpack(curves) {
   return curves.map((text) => {
@@ -19,27 +15,6 @@ export function asLists(curves) {
     for (let k = 0; k < flat.length; k += 3) points.push([flat[k], flat[k + 1], flat[k + 2]]);
     return points;
   });
-}
-
-/* The pinhole of a view (docs/conventions.md): a point to (u, v) mm on the wall from its middle, and its scale. */
-function pinhole(view) {
-  const rad = Math.PI / 180;
-  const [az, el, tilt] = [view.azimuth_deg * rad, view.elevation_deg * rad, view.wall_tilt_deg * rad];
-  const right = [Math.cos(az), 0, -Math.sin(az)];
-  const level = [Math.sin(az), 0, Math.cos(az)];
-  const back = add(level, Math.cos(el), [0, 1, 0], Math.sin(el));
-  const across = add([0, 1, 0], Math.cos(el), level, -Math.sin(el));
-  const up = add(across, Math.cos(tilt), back, Math.sin(tilt));
-  const eye = back.map((c) => c * view.light_distance_mm);
-  const centre = add(up, view.frame_up_mm, back, -view.wall_distance_mm);
-  const normal = cross(right, up);
-  const ahead = dot(normal, add(centre, 1, eye, -1));
-  return (p) => {
-    const ray = add(p, 1, eye, -1);
-    const s = ahead / dot(normal, ray);
-    const at = add(add(eye, 1, ray, s), 1, centre, -1);
-    return [dot(at, right), dot(at, up), s];
-  };
 }
 
 function fit(canvas, ratio) {
@@ -60,7 +35,7 @@ export function drawShadow(canvas, view, curves, radius, picture) {
     context.drawImage(picture, 0, 0, width, height);
     context.globalAlpha = 1;
   }
-  const project = pinhole(view);
+  const project = window.KnotfabViewer.pinholeOf(view);
   const scale = width / view.frame_width_mm;
   context.strokeStyle = "#2b2622";
   context.lineCap = context.lineJoin = "round";

@@ -50,13 +50,12 @@ export class Stage {
     byId("flat").setAttribute("aria-pressed", String(!flat));
   }
 
-  /* What the knots are drawn with: an event "scene" of the build, and the silhouettes of its pictures. */
+  /* What the knots are drawn with: an event "scene" of the build. */
   async setScene(event) {
-    const pictures = await Promise.all(event.views.map((_, k) => silhouette(k)));
+    this.pictures = await Promise.all((event.pictures ?? []).map(imageOf));
     this.views = event.views;
-    this.pictures = pictures.map((found) => found?.image ?? null);
     if (event.radius_mm) this.radius = event.radius_mm;
-    const views = event.views.map((view, k) => ({ ...view, picture: pictures[k]?.uri }));
+    const views = event.views.map((view, k) => ({ ...view, picture: event.pictures?.[k] }));
     this.changed = true;
     this.data = { unit: "mm", radius: this.radius, curves: asLists(this.curves), views };
     this.renew();
@@ -140,14 +139,10 @@ export class Stage {
   }
 }
 
-async function silhouette(number) {
-  const answer = await fetch(`/silhouettes/${number}.png`);
-  if (!answer.ok) return null;
-  const blob = await answer.blob();
-  const uri = await new Promise((done) => {
-    const reader = new FileReader();
-    reader.onload = () => done(reader.result);
-    reader.readAsDataURL(blob);
-  });
-  return { uri, image: await createImageBitmap(blob) };
+/* A data URI as an image that can be drawn. */
+async function imageOf(uri) {
+  const image = new Image();
+  image.src = uri;
+  await image.decode();
+  return image;
 }

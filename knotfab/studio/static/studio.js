@@ -62,6 +62,8 @@ function show(next) {
   const before = state;
   state = next;
   document.documentElement.dataset.ready = "";
+  document.documentElement.toggleAttribute("data-watching", next.watching);
+  byId("panel").hidden = byId("tab-preview").hidden = next.watching;
   showPictures();
   showSettings();
   if (!before || before.preview.number !== next.preview.number || before.preview.error !== next.preview.error || before.chosen.length !== next.chosen.length) showPreview();
@@ -132,12 +134,12 @@ function showPreview() {
 function showBuild() {
   const { phase, stage: name, share, iou, left_s: left, sentence, can_go_on: further } = state.build;
   const running = phase === "running" || phase === "stopping";
-  byId("build").hidden = running;
+  byId("build").hidden = running || state.watching;
   byId("build").disabled = !state.chosen.length;
   byId("build").textContent = phase === "idle" ? "Build" : "Build anew";
-  byId("stop").hidden = !running;
+  byId("stop").hidden = !running || state.watching; // Ctrl-C in its terminal stops it
   byId("stop").disabled = phase === "stopping";
-  byId("go-on").hidden = running || !further;
+  byId("go-on").hidden = running || !further || state.watching;
   byId("bar").value = running || phase === "done" || phase === "rejected" ? share ?? 0 : 0;
   byId("shadow-iou").textContent = iou ? `IoU ${iou.toFixed(3)}` : "";
   until = running && left != null ? performance.now() + 1000 * left : null;

@@ -102,3 +102,18 @@ def test_the_part_lies_on_the_printers_bed(shift: tuple[float, ...], status: str
 
 
 # --- a closed mesh as the region -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere"])
+def test_a_region_may_be_turned_as_a_view_is(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    azimuth, elevation = 30.0, 40.0
+    a, e = np.radians([azimuth, elevation])
+    ahead = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    right = np.array([np.cos(a), 0.0, -np.sin(a)])
+    axes = np.stack([right, np.cross(ahead, right), ahead])
+    points, middle = 60 * rng.normal(size=(50, 3)), (5.0, -3.0, 8.0)
+    size = (90.0, 70.0, 40.0)
+    plain = measure_excess(points, Region(kind, (0.0, 0.0, 0.0), size), 2.0)
+    turned = Region(kind, middle, size, None, azimuth, elevation)
+    assert measure_excess(points @ axes + middle, turned, 2.0) == pytest.approx(plain, abs=1e-9)

@@ -22,6 +22,7 @@ __all__ = [
     "Material",
     "Mount",
     "Piece",
+    "Placing",
     "Pose",
     "Printer",
     "Region",
@@ -65,6 +66,8 @@ class Region:
     center_mm: Vector
     size_mm: Vector | None
     surface: Mesh | None = None
+    azimuth_deg: float = 0.0  # it is turned about its middle, as a view of these angles is
+    elevation_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,15 @@ class Effects:
 
     penumbra: str = "auto"
     tolerance_px: float = 0.25
+    misplacement: str = "auto"
+
+
+@dataclass(frozen=True)
+class Placing:
+    """How far off people place lamp (or eye) and piece."""
+
+    lamp_mm: float = 5.0
+    turn_deg: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -177,6 +189,7 @@ class Scene:
     pose: Pose | None
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
     effects: Effects = Effects()
+    placing: Placing = Placing()
 
 
 def read_scene(path: Path) -> Scene:
@@ -221,6 +234,7 @@ def parse_scene(
     printer = Table(data.get("printer", {}), f"{name}: [printer]")
     accuracy = Table(data.get("accuracy", {}), f"{name}: [accuracy]")
     effects = Table(data.get("effects", {}), f"{name}: [effects]")
+    placing = Table(data.get("placing", {}), f"{name}: [placing]")
     search = Table(data.get("search", {}), f"{name}: [search]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
@@ -257,7 +271,12 @@ def parse_scene(
         plates=_plates(data.get("pose"), name),
         effects=Effects(
             penumbra=effects.word("penumbra", "auto", SWITCH),
+            misplacement=effects.word("misplacement", "auto", SWITCH),
             tolerance_px=search.number("tolerance_px", 0.25, above=0),
+        ),
+        placing=Placing(
+            lamp_mm=placing.number("lamp_mm", 5.0, least=0),
+            turn_deg=placing.number("turn_deg", 1.0, least=0, most=10),
         ),
     )
 
@@ -273,6 +292,8 @@ def _region(table: Table, folder: Path | None) -> Region:
         kind=kind,
         center_mm=table.vector("center_mm", (0.0, 0.0, 0.0)) or (0.0, 0.0, 0.0),
         size_mm=table.vector("size_mm", (240.0, 240.0, 180.0), above=0),
+        azimuth_deg=table.number("azimuth_deg", 0.0),
+        elevation_deg=table.number("elevation_deg", 0.0, least=-90, most=90),
         surface=surface,
     )
 

@@ -1,63 +1,151 @@
-"""How much of the picture is lost when the lamp or the piece is not quite where the scene says."""
+"""What is lost of the picture when lamp, eye or piece are not quite where the scene says."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.scene import Effects, Placing
 from knotfab_validators.shadows.compare import overlap, turn_view
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["measure_misplacement"]
+__all__ = ["Likeness", "fit_likeness", "measure_misplacement", "moves_apart", "parting_px"]
 
 
-LAMP_MM = 5.0
-TURN_DEG = 1.0
+PARTING_TOLERANCES = 4.0  # a shadow whose parts stay together within so many has merely moved
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """A shift, scale and turn on the receiver: place + `turn` @ place + `shift`, mm from its pixel (0, 0).
+
+    `left_mm`: the largest distance that it leaves between points fitted by it.
+    """
+
+    turn: Array  # (2, 2): of scale and turn, less 1
+    shift: Array  # (2,)
+    left_mm: float
+
+    def move(self, geometry: ViewGeometry) -> ViewGeometry:
+        """A view whose pixels lie where the likeness takes those of `geometry`."""
+        across = np.stack([geometry.du, geometry.dv])
+        long = np.linalg.norm(across, axis=1)
+        unit = across / long[:, None]
+        return replace(
+            geometry,
+            origin=geometry.origin + self.shift @ unit,
+            du=geometry.du + long[0] * self.turn[:, 0] @ unit,
+            dv=geometry.dv + long[1] * self.turn[:, 1] @ unit,
+        )
+
+
+def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> Likeness:
+    """What `moved` light or piece do to the shadows of points (n, 3), as a likeness (least squares).
+
+    Both views have the same pixels on the receiver as it is seen from the piece.
+    """
+    size = np.array([np.linalg.norm(geometry.du), np.linalg.norm(geometry.dv)])
+    (was, _), (now, _) = geometry.project(points), moved.project(points)
+    was, off = was * size, (now - was) * size
+    middle, shift = was.mean(axis=0), off.mean(axis=0)
+    x, y = was - middle, off - shift
+    spread = max(float((x * x).sum()), 1e-12)
+    scale = float((x * y).sum()) / spread
+    angle = float((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum()) / spread
+    turn = np.array([[scale, -angle], [angle, scale]])
+    left = np.linalg.norm(y - x @ turn.T, axis=1)
+    return Likeness(turn, shift - turn @ middle, float(left.max()))
+
+
+def _moved_views(
+    middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
+) -> Iterator[tuple[str, str, ViewGeometry]]:
+    """What is moved, which way, and the view that it leaves: the light along an axis, the piece about one."""
+    axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
+    for way, axis in axes.items() if placing.lamp_mm > 0 else ():
+        yield "lamp", way, replace(geometry, light=geometry.light + placing.lamp_mm * axis)
+    for way, axis in axes.items() if turns and placing.turn_deg > 0 else ():
+        turned = turn_view(geometry, middle, axis, np.radians(placing.turn_deg))
+        yield "turn", "axis" if way == "towards" else way, turned
+
+
+def parting_px(
+    points: Array, middle: Array, geometry: ViewGeometry, placing: Placing, *, turns: bool = True
+) -> float:
+    """How far shadows of points (n, 3) part from their best likeness in the worst of all moves, pixels."""
+    views = _moved_views(middle, geometry, placing, turns)
+    left = [fit_likeness(points, geometry, moved).left_mm for _, _, moved in views]
+    return max(left, default=0.0) / geometry.pixel_mm
+
+
+def moves_apart(effects: Effects, parting: float) -> bool:
+    """Whether moves are rendered: the scene says so, or parts of the shadow move apart visibly."""
+    if effects.misplacement != "auto":
+        return effects.misplacement == "on"
+    return parting > PARTING_TOLERANCES * effects.tolerance_px
 
 
 def measure_misplacement(
     renderer: SilhouetteRenderer,
+    points: Array,
     middle: Array,
     geometry: ViewGeometry,
     target: Mask,
+    placing: Placing,
     *,
-    lamp_mm: float = LAMP_MM,
-    turn_deg: float = TURN_DEG,
     turns: bool = True,
-) -> dict[str, dict[str, float]]:
-    """Loss of IoU per mm that the lamp is off, and per degree that the piece is turned.
+) -> dict[str, Any]:
+    """IoU with lamp (or eye) and piece moved for real, each one way: as it is, and by its likeness.
 
-    Over a move of `lamp_mm` or a turn of `turn_deg` in one sense. The picture stays where it is on the
-    wall, so that a shadow which merely moves counts as lost too.
+    As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
+    too. By its likeness the picture is shifted, scaled and turned as the shadow of `points` was, which is
+    how a person sees it; the better one of both counts.
 
     Args:
-        renderer: of the part, in the coordinates of `geometry`. middle: (3,) mm, what the piece
-            turns about. target: (H, W), the picture's silhouette on the grid of `geometry`.
+        renderer: of the part, in the coordinates of `geometry`. points: (n, 3) mm, the centre lines.
+        middle: (3,) mm, what the piece turns about.
+        target: (H, W), the picture's silhouette on the grid of `geometry`.
         turns: whether the piece can turn against the wall: not one that is mounted on it.
 
     Returns:
-        {"lamp_iou_per_mm": {"right", "up", "towards"}, "turn_iou_per_deg": {"right", "up", "axis"}};
-        the turns are named by their axes, and left out where nothing can turn.
+        "lamp_mm", "turn_deg": how far; "lamp_iou", "turn_iou": {way: {"raw", "fitted"}}, turns named by
+        their axes and left out where nothing can turn; "iou": unmoved, on this grid; "worst": {"of", "way",
+        "raw", "fitted"} of where the most is lost by its likeness; "lamp_iou_per_mm", "turn_iou_per_deg":
+        {way: what is lost as it is}; "samples": shadows rendered.
     """
     best = overlap(renderer.render(geometry), target).iou
-    axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
+    ious: dict[str, dict[str, dict[str, float]]] = {"lamp": {}, "turn": {}}
+    samples = 1
+    for of, way, moved in _moved_views(middle, geometry, placing, turns):
+        raw = overlap(renderer.render(moved), target).iou
+        like = fit_likeness(points, geometry, moved).move(moved)
+        fitted = max(raw, overlap(renderer.render(like), target).iou)
+        ious[of][way] = {"raw": raw, "fitted": fitted}
+        samples += 2
+    each: list[dict[str, Any]] = [
+        {"of": of, "way": way, **x} for of, ways in ious.items() for way, x in ways.items()
+    ]
+    worst = min(each, key=lambda x: float(x["fitted"]), default=None)
 
-    def loss(moved: ViewGeometry, step: float) -> float:
-        return max(0.0, best - overlap(renderer.render(moved), target).iou) / step
+    def lost(of: str, ways: tuple[str, ...], step: float) -> dict[str, float]:
+        found = {way: ious[of].get(way, {"raw": best})["raw"] for way in ways}
+        return {way: max(0.0, best - iou) / max(step, 1e-9) for way, iou in found.items()}
 
-    lamp = {
-        name: loss(replace(geometry, light=geometry.light + lamp_mm * axis), lamp_mm)
-        for name, axis in axes.items()
+    result = {
+        "lamp_mm": placing.lamp_mm,
+        "turn_deg": placing.turn_deg,
+        "iou": best,
+        "lamp_iou": ious["lamp"],
+        "worst": worst,
+        "samples": samples,
+        "lamp_iou_per_mm": lost("lamp", ("right", "up", "towards"), placing.lamp_mm),
     }
-    if not turns:
-        return {"lamp_iou_per_mm": lamp}
-    turn = {
-        "axis" if name == "towards" else name: loss(
-            turn_view(geometry, middle, axis, np.radians(turn_deg)), turn_deg
-        )
-        for name, axis in axes.items()
-    }
-    return {"lamp_iou_per_mm": lamp, "turn_iou_per_deg": turn}
+    if turns:
+        result["turn_iou"] = ious["turn"]
+        result["turn_iou_per_deg"] = lost("turn", ("right", "up", "axis"), placing.turn_deg)
+    return result

@@ -19,7 +19,11 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
-from knotfab_validators.shadows.misplacement import measure_misplacement
+from knotfab_validators.shadows.misplacement import (
+    measure_misplacement,
+    moves_apart,
+    parting_px,
+)
 from knotfab_validators.shadows.penumbra import averages_lamp, measure_penumbra
 from knotfab_validators.shadows.pictures import write_compare, write_shadow
 from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
@@ -122,16 +126,23 @@ def verify_shadows(
                 views[-1]["iou_drawn"] = drawn[view.name]
             if view.name in recognised:
                 views[-1]["verdict"] = recognised[view.name]
-            if renderer is not None:
+            turns = scene.mount.kind != "wall"
+            parting = parting_px(points, _middle(points), fine, scene.placing, turns=turns)
+            if renderer is not None and moves_apart(scene.effects, parting):
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
-                    views[-1]["misplacement"] = measure_misplacement(
-                        renderer,
-                        _middle(points),
-                        geometry.resample(coarse),
-                        padded_mask(target, coarse),
-                        turns=scene.mount.kind != "wall",
-                    )
+                    views[-1]["misplacement"] = {
+                        "parting_px": parting,
+                        **measure_misplacement(
+                            renderer,
+                            points,
+                            _middle(points),
+                            geometry.resample(coarse),
+                            padded_mask(target, coarse),
+                            scene.placing,
+                            turns=turns,
+                        ),
+                    }
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
             if pictures_dir is not None:

@@ -21,12 +21,15 @@ REGION_TOLERANCE_MM = 1e-6  # what rounding may cost on the way from scene to pa
 def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
     """(n,) how far balls of `radius_mm` about `points` (n, 3) stick out of a box, cylinder or sphere.
 
-    In mm, negative inside. For a box the largest excess over its faces; for a cylinder (axis y) the
-    larger one of those over its mantle and its ends. The region's size must be known.
+    In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
+    cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
     """
     if region.size_mm is None or region.kind == "mesh":
         raise ValueError("the region's size is left open, or it is a mesh")
-    p = points - np.array(region.center_mm)
+    a, e = np.radians(region.azimuth_deg), np.radians(region.elevation_deg)
+    about_y = np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(e), -np.sin(e)], [0, np.sin(e), np.cos(e)]])
+    p = (points - np.array(region.center_mm)) @ (about_x @ about_y).T
     half = np.array(region.size_mm) / 2
     if region.kind == "sphere":
         excess = np.linalg.norm(p, axis=1) - half[0]

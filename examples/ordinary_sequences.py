@@ -1,0 +1,178 @@
+"""Sequences drawn as a person would: a stick figure walks, a ball bounces, a bird flaps, letters morph.
+
+`python -m examples.ordinary_sequences [--only NAME] [--out DIR] [--accuracy draft]` draws the frames into
+DIR/NAME/frames, builds each sequence into DIR/NAME/parts, and prints what every frame came to. `--draw` stops
+at the frames. Ends with 1 if one fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import distance_transform_edt
+
+import knotfab
+from examples.measurement import Stopwatch, make_folder
+from examples.pictures import BOLD, SIZE, Canvas, Point
+from knotfab.sequence.frames import frame_name
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A sequence as a person would draw it, and whether its last frame leads back to the first."""
+
+    draw: Callable[[], list[Image.Image]]
+    loops: bool = True
+
+
+def stick_walk(frames: int = 6, lift: float = 0.5) -> list[Image.Image]:
+    """A stick figure walks: two legs that scissor, two arms against them, one stroke wide throughout.
+
+    Args:
+        lift: rad that the knee bends of the leg that swings forward; at 0 one leg wholly hides the other.
+    """
+    return [_stick_figure(2 * pi * k / frames, lift) for k in range(frames)]
+
+
+def _stick_figure(phase: float, lift: float) -> Image.Image:
+    c, width = Canvas(0.8, 1.0), 0.055
+    swing, bob = 0.5 * sin(phase), 0.012 * cos(2 * phase)
+    neck, hip = (0.40, 0.32 - bob), (0.40, 0.58 - bob)
+    c.disc(0.40, 0.17 - bob, 0.095)
+    c.stroke([(0.40, 0.24 - bob), neck, hip], width)
+    for side in (1, -1):
+        knee = _swing(hip, 0.18, side * swing)
+        bend = lift * (0.3 + max(0.0, side * cos(phase)))
+        c.stroke([hip, knee, _swing(knee, 0.17, side * swing - bend)], width)
+        elbow = _swing(neck, 0.13, -side * swing)
+        c.stroke([neck, elbow, _swing(elbow, 0.12, -side * swing + 0.3)], width)
+    return c.finish()
+
+
+def _swing(at: Point, length: float, angle: float) -> Point:
+    """`length` below `at`, `angle` from straight down, towards the right."""
+    return at[0] + length * sin(angle), at[1] + length * cos(angle)
+
+
+def bouncing_ball(frames: int = 8) -> list[Image.Image]:
+    """A ball falls, is squashed on the ground, and goes up again; there and back over the frames."""
+    found = []
+    for k in range(frames):
+        c, up = Canvas(0.6, 1.0), abs(cos(pi * k / frames))
+        squash = 1.0 if up > 0.2 else 1.35
+        across, high = 0.16 * squash, 0.16 / squash
+        c.disc(0.30, 0.93 - high - 0.55 * up, across, high)
+        found.append(c.finish())
+    return found
+
+
+def flapping_bird(frames: int = 6) -> list[Image.Image]:
+    """A bird from the front: a body, and two wings that go up and down."""
+    found = []
+    for k in range(frames):
+        c, up = Canvas(1.0, 0.8), cos(2 * pi * k / frames)
+        c.disc(0.50, 0.44, 0.085, 0.11)
+        for side in (1, -1):
+            elbow = 0.50 + side * 0.20, 0.40 - 0.14 * up
+            tip = 0.50 + side * 0.42, 0.44 - 0.26 * up
+            c.curve([(0.50, 0.42), elbow, tip], 0.13, 0.04)
+        found.append(c.finish())
+    return found
+
+
+def morphing_letters(frames: int = 8, text: str = "TLC") -> list[Image.Image]:
+    """One letter becomes the next: the distances from their outlines, mixed and cut at zero."""
+    fields = [_letter_distance(letter) for letter in text]
+    found = []
+    for k in range(frames):
+        at = k * (len(fields) - 1) / (frames - 1)
+        before = min(int(at), len(fields) - 2)
+        share = at - before
+        mixed = (1 - share) * fields[before] + share * fields[before + 1]
+        ink = np.clip(0.5 - mixed, 0.0, 1.0)
+        found.append(Image.fromarray(np.uint8(255 * (1 - ink))))
+    return found
+
+
+def _letter_distance(letter: str) -> np.ndarray:
+    """(SIZE, SIZE) px to the outline, negative inside."""
+    sheet = Image.new("L", (SIZE, SIZE), 0)
+    font = ImageFont.truetype(str(BOLD), round(0.95 * SIZE))
+    ImageDraw.Draw(sheet).text((SIZE / 2, SIZE / 2), letter, font=font, fill=255, anchor="mm")
+    ink = np.asarray(sheet) > 127
+    distance: np.ndarray = distance_transform_edt(~ink) - distance_transform_edt(ink)
+    return distance
+
+
+SEQUENCES: dict[str, Drawn] = {
+    "walk": Drawn(stick_walk),
+    "stiff-walk": Drawn(lambda: stick_walk(lift=0.0)),
+    "ball": Drawn(bouncing_ball),
+    "bird": Drawn(flapping_bird),
+    "letters": Drawn(morphing_letters, loops=False),
+}
+
+
+def draw_frames(name: str, folder: Path) -> Path:
+    """The frames of a sequence as numbered PNG files in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, image in enumerate(SEQUENCES[name].draw(), start=1):
+        image.save(folder / f"{frame_name(number)}.png", optimize=True)
+    return folder
+
+
+def _print_table(report: dict[str, Any]) -> None:
+    print("frame   IoU    word        vertices go   at most   began as   steps certified")
+    for view in report["views"]:
+        moved = view["motion"] or {"largest_mm": 0.0, "limit_mm": 0.0}
+        origin = "template" if view["began_as"] is None else f"frame {view['began_as']}"
+        word = view.get("verdict", {}).get("word", "")
+        print(
+            f"{view['frame']:5d}  {view['iou']:.4f}  {word:10s}  {moved['largest_mm']:8.2f} mm"
+            f"{moved['limit_mm']:8.2f} mm  {origin:9s}  {view['certificate']['accepted']:6d}"
+            f"  {view['failed'] or ''}"
+        )
+    for check in report["checks"]:
+        if check["required"] and check["status"] != "pass":
+            print(f"{check['name']}: {check['status']}, {check['detail']}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw, build, print; 1 where a sequence fails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=SEQUENCES)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--accuracy", default="draft")
+    parser.add_argument("--draw", action="store_true")
+    given = parser.parse_args(arguments)
+    folder, failed = make_folder(given.out, "sequences"), []
+    for name in [given.only] if given.only else SEQUENCES:
+        frames = draw_frames(name, folder / name / "frames")
+        if given.draw:
+            continue
+        watch = Stopwatch()
+        outcome = knotfab.build(
+            str(frames),
+            folder / name / "parts",
+            sequence=True,
+            no_loop=not SEQUENCES[name].loops,
+            accuracy=given.accuracy,
+            skip=("slicer",),
+        )
+        print(f"{name}: exit {outcome.exit_code}, {watch.wall_s:.0f} s", flush=True)
+        _print_table(outcome.report)
+        if outcome.exit_code:
+            failed.append(name)
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""A page to point at the frame's corners in a photograph: four clicks, and it says the command."""
+
+from __future__ import annotations
+
+import base64
+import io
+import shlex
+from pathlib import Path
+
+from PIL import Image
+
+from knotfab.compare.compare import read_photo
+from knotfab.files.whole import write_whole
+from knotfab.report.report_html import make_environment
+
+__all__ = ["write_click_page"]
+
+_LONGER_PX = 2000
+
+
+def write_click_page(photo: Path, command: list[str], out: Path) -> None:
+    """Write a page of one file, which opens offline.
+
+    Args:
+        command: the call of `knotfab compare` without its corners: what the page adds them to.
+
+    Raises:
+        InputError: the photograph cannot be read, or the page not written.
+    """
+    image = Image.fromarray((255 * read_photo(photo)).round().astype("uint8"))
+    width, height = image.size
+    image.thumbnail((_LONGER_PX, _LONGER_PX))
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=85)
+    template = make_environment(Path(__file__).parent).get_template("click.html.j2")
+    page: str = template.render(
+        name=photo.name,
+        uri="data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii"),
+        width=width,
+        height=height,
+        before=shlex.join(command[:4]),
+        after="".join(f" {shlex.quote(word)}" for word in command[4:]),
+    )
+    write_whole(out, page.encode())

@@ -1,0 +1,160 @@
+"""Contrast: light that reaches the shadow, and light that the lamp spreads unevenly. No outline moves."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from knotfab.arrays import Array
+from knotfab.effects.base import Effect, EffectContext, World
+from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.model import ResolvedView
+
+__all__ = ["CONTRAST", "Contrast", "contrast_of"]
+
+_PLACES = 9  # across and up, of the frame, where the lamp's light is looked at
+_FEET = 40  # points of the wall behind strands, where their own light is
+_CHORDS = 200  # across a strand
+
+
+def magnitude(context: EffectContext) -> float:
+    """What is missing of a shadow that is black everywhere on a wall that is lit alike, of 1."""
+    found = [contrast_of(v, context.points, context.radius, context.world) for v in context.views]
+    return max((c.missing for c in found if c is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """What light there is in the picture of one view, over the lamp's own in the middle of the frame.
+
+    `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
+    comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
+    through, and throw `bounced` back that the wall sent them, at most. `ghost_shift_mm`: how far from the
+    shadow of the piece's middle the second lamp throws it; None without one.
+    """
+
+    falloff: float
+    ambient: float
+    room: float
+    second: float
+    transmitted: float
+    bounced: float
+    ghost_shift_mm: float | None
+
+    def at(self, share: float) -> float:
+        """(lit - dark) / lit where the lamp gives `share` of its light in the middle."""
+        other = self.ambient + self.room + self.second
+        return share * (1 - min(self.transmitted + self.bounced, 1.0)) / (share + other)
+
+    @property
+    def contrast(self) -> float:
+        """In the middle of the picture."""
+        return self.at(1.0)
+
+    @property
+    def ghost(self) -> float:
+        """Contrast of the shadow that the second lamp throws."""
+        return self.second / (1 + self.ambient + self.room + self.second)
+
+    @property
+    def missing(self) -> float:
+        """Of a contrast of 1 in the darkest place, or of even light; the larger one."""
+        return max(1.0 - self.at(self.falloff), 1.0 - self.falloff)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report's keys."""
+        return {
+            "contrast": self.contrast,
+            "contrast_least": self.at(self.falloff),
+            **asdict(self),
+            "ghost_contrast": self.ghost,
+        }
+
+
+def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) -> Contrast | None:
+    """What light is where in the picture of a view; None of an eye, which needs no lamp.
+
+    A bulb of intensity I gives a wall at distance d, whose normal is an angle off, I cos / d²; of a flat lamp
+    that is times the cosine of the angle at which it is seen. On a wall that faces it: cos³ and cos⁴.
+    A bulb sends out 4 pi I, a flat lamp pi I; what falls into a room of area A and reflectance q lights
+    all of it by flux q / (A (1 - q)), as in an integrating sphere: over the lamp's own light at distance D
+    4 pi D² q / (A (1 - q)), or a quarter.
+
+    Filament of which each mm lets a share t through lets t^c through along a chord c, 2 sqrt(r² - x²) of a
+    round strand. The wall throws at most q of its light onto backs of strands, and these their own share of
+    that (by colour) onto the wall behind, where they fill 2 r l h / (pi d³) of what it sees, each piece of
+    length l at height h and distance d.
+    """
+    if view.kind == "eye":
+        return None
+    room, flat = world.room, view.light_shape != "ball"
+    falloff, middle = _lamp_light(view, flat)
+    spread = (np.pi if flat else 4 * np.pi) * room.reflectance / (1 - room.reflectance)
+    transmittance = world.material.transmittance_per_mm
+    return Contrast(
+        falloff=falloff,
+        ambient=room.ambient,
+        room=spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0,
+        second=0.0 if room.second_lamp_mm == "none" else room.second_lamp_share,
+        transmitted=_through(transmittance, radius) if transmittance > 0 else 0.0,
+        bounced=_bounced(view, points, radius, world) if room.reflectance > 0 else 0.0,
+        ghost_shift_mm=None
+        if isinstance(room.second_lamp_mm, str)
+        else _ghost_shift(view, np.array(room.second_lamp_mm)),
+    )
+
+
+def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
+    """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
+    camera = camera_of(view, _PLACES, _PLACES)
+    ends = np.linspace(-0.5, _PLACES - 0.5, _PLACES)
+    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(ends, ends))
+    ray = camera.corner + u * camera.du + v * camera.dv - camera.eye
+    far = np.linalg.norm(ray, axis=1)
+    light = -(ray @ camera.receiver[:3]) / far**3
+    if flat:
+        light = light * -(ray @ view_axes(view)[2]) / far
+    return float(light.min() / light.max()), float(light[len(light) // 2])
+
+
+def _ghost_shift(view: ResolvedView, second: Array) -> float:
+    """How far from the shadow of the scene's origin a second lamp throws it, mm."""
+    camera = camera_of(view, 1, 1)
+    normal, before = camera.receiver[:3], camera.receiver[3]
+    spots = [-lamp * before / (lamp @ normal) for lamp in (camera.eye, second)]
+    return float(np.linalg.norm(spots[0] - spots[1]))
+
+
+def _through(transmittance: float, radius: float) -> float:
+    """What a strand lets through of the light, mean across it."""
+    x = (np.arange(_CHORDS) + 0.5) / _CHORDS
+    return float((transmittance ** (2 * radius * np.sqrt(1 - x**2))).mean())
+
+
+def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> float:
+    """What strands throw back of the wall's light onto their own shadow, at most."""
+    if len(points) < 2:
+        return 0.0
+    camera = camera_of(view, 1, 1)
+    normal, offset = camera.receiver[:3], camera.receiver[3]
+    height, lamp = points @ normal + offset, float(camera.eye @ normal + offset)
+    spots = camera.eye + (points - camera.eye) * (lamp / (lamp - height))[:, None]
+    long = np.minimum(np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1), 4 * radius)
+    feet = spots[:: max(1, len(spots) // _FEET)]
+    away = np.linalg.norm(points - feet[:, None], axis=2)
+    filled = (2 * radius * long * np.maximum(height, 0) / (np.pi * away**3)).sum(axis=1)
+    own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
+    light = float(linear @ [0.2126, 0.7152, 0.0722])
+    return world.room.reflectance * light * min(float(filled.max()), 1.0)
+
+
+CONTRAST = Effect(
+    "contrast",
+    "",
+    magnitude,
+    0.4,  # a tenth of the contrast, at standard accuracy
+    "light reaches the shadow, or the lamp spreads it unevenly",
+)

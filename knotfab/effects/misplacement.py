@@ -1,0 +1,138 @@
+"""Misplacement: lamp, eye or piece are not quite where the scene says, as people place them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab.arrays import Array
+from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Placing, ResolvedView
+
+__all__ = ["MISPLACEMENT", "parting_mm"]
+
+_WORST = 0.7  # of the largest: points whose surroundings are looked at
+
+
+def magnitude(context: EffectContext) -> float:
+    """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
+    return max(
+        max(parting_mm(view, context.points, context.radius, context.world.placing))
+        / (view.longer_mm / VERIFIED_PX)
+        for view in context.views
+    )
+
+
+@dataclass(frozen=True)
+class _Field:
+    """Where points cast their shadows, and how these move: to first order, exact for the directions.
+
+    On the plane of the wall, in its axes (right, up, normal to the lamp). A point x at height h, the lamp
+    l at height H, w = (x - l) / (H - h) along the plane. The lamp off by e moves the shadow s by
+
+        -h / (H - h + e_n) (e_t + e_n w),
+
+    the point off by u by H / (H - h) (u_t + u_n w): similar triangles. `shadows` (2, n); `moves` (6, 2, n):
+    by 1 mm of the lamp along each axis, and 1 radian of the piece about each axis through its `middle`.
+    """
+
+    shadows: Array
+    moves: Array
+
+    @staticmethod
+    def of(points: Array, lamp: Array, middle: Array) -> _Field:
+        """Of points (3, n) in the wall's axes."""
+        h, high = points[2], lamp[2]
+        along, up = (points[:2] - lamp[:2, None]) / (high - h)
+        x, y, z = points - middle[:, None]
+        moves = np.zeros((6, 2, points.shape[1]))
+        moves[0, 0] = moves[1, 1] = back = -h / (high - h)
+        moves[2] = back * along, back * up
+        # axis times place along the plane, and along the normal times w
+        moves[3] = y * along, y * up - z
+        moves[4] = z - x * along, -x * up
+        moves[5] = -y, x
+        moves[3:] *= high / (high - h)
+        return _Field(lamp[:2, None] + high * np.stack([along, up]), moves)
+
+
+def parting_mm(
+    view: ResolvedView, points: Array, radius: float, placing: Placing
+) -> tuple[float, float]:
+    """Bounds, mm on the wall, of how far shadows part from their best likeness: by the lamp, by a turn.
+
+    The lamp (or eye) is off by `placing.lamp_mm` in any direction, the piece turned by `placing.turn_deg`
+    about any axis through its middle. What a shift, a scale and a turn of the whole shadow take away, fitted
+    by least squares, nobody sees; what is left is a linear function of the misplacement at each point, a
+    2 x 3 matrix, whose largest singular value is the worst direction's. At a lamp before a flat wall that is
+    about half of lamp_mm times the spread of (W + z) / (L - z), and of a turn turn_deg |z| M and a keystone.
+    Within `radius` of points (N, 3) it grows by at most its slope; what finite moves add to the first order
+    is added too.
+    """
+    if len(points) == 0:
+        return 0.0, 0.0
+    camera = camera_of(view, 1, 1)
+    axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    foot = -camera.receiver[3] * camera.receiver[:3]
+    lamp, local = axes @ (camera.eye - foot), axes @ (points - foot).T
+    clear = float(lamp[2] - local[2].max() - radius)
+    middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
+    far = float(np.linalg.norm(local - middle[:, None], axis=0).max()) + radius
+    off, angle = placing.lamp_mm, float(np.radians(placing.turn_deg))
+    if clear <= max(off, angle * far):
+        return np.inf, np.inf  # it may be moved into the lamp
+    field = _Field.of(local, lamp, middle)
+    centre, shift = field.shadows.mean(axis=1), field.moves.mean(axis=2)[:, :, None]
+    spread = field.shadows - centre[:, None]
+    size = max(float((spread**2).sum()), 1e-12)
+    scale = (field.moves.reshape(6, -1) @ spread.ravel()) / size
+    turn = (field.moves.reshape(6, -1) @ _aside(spread).ravel()) / size
+
+    def left(field: _Field, of: slice) -> Array:
+        """(3, 2, n) what the best likeness does not take away."""
+        s = field.shadows - centre[:, None]
+        likeness = scale[of, None, None] * s + turn[of, None, None] * _aside(s)
+        return np.asarray(field.moves[of] - shift[of] - likeness)
+
+    def largest(of: slice) -> float:
+        here = left(field, of)
+        size = _largest(here)
+        some = size >= _WORST * size.max()  # the slope of others does not make them the worst
+        near, here = local[:, some], here[:, :, some]
+        slopes = [
+            left(_Field.of(near + step[:, None], lamp, middle), of) - here
+            for step in radius * np.eye(3)
+        ]
+        steep = np.sqrt(sum(_largest(d) ** 2 for d in slopes))
+        return float((size[some] + steep).max())
+
+    grown = float(lamp[2]) / clear
+    second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
+    return (
+        off * largest(slice(0, 3)) * (1 + off / (clear - off)) ** 2,
+        angle * largest(slice(3, 6)) + second,
+    )
+
+
+def _aside(vectors: Array) -> Array:
+    """(2, n), turned by a quarter."""
+    return np.stack([-vectors[1], vectors[0]])
+
+
+def _largest(matrices: Array) -> Array:
+    """(n,) the largest singular value of each of (3, 2, n)."""
+    a, b = matrices[:, 0], matrices[:, 1]
+    aa, bb, ab = (a * a).sum(0), (b * b).sum(0), (a * b).sum(0)
+    return np.asarray(np.sqrt(0.5 * (aa + bb + np.hypot(aa - bb, 2 * ab))))
+
+
+MISPLACEMENT = Effect(
+    "misplacement",
+    "px",
+    magnitude,
+    4.0,  # of parts against each other: the eye forgives more than a blur of that width
+    "strands part where lamp or piece are placed as people place them",
+)

@@ -1,0 +1,58 @@
+"""The region of one view stands before it however it looks: from the front, from above, from below."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from shapely import MultiPolygon, box
+
+from knotfab.design.region import depth_extent, resolve_region
+from knotfab.errors import InputError
+from knotfab.limits.region import outside
+from knotfab.scene.camera import view_axes
+from knotfab.scene.load import parse_scene
+from knotfab.scene.model import Region, ResolvedView, Scene
+
+SQUARE = MultiPolygon([box(-70, -70, 70, 70)])
+
+
+def look(azimuth: float, elevation: float) -> ResolvedView:
+    return ResolvedView(
+        frame_width_mm=180.0, frame_height_mm=180.0, azimuth_deg=azimuth, elevation_deg=elevation
+    )
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere"])
+@pytest.mark.parametrize("view", [look(0, 40), look(0, -90), look(75, 0), look(-120, 35)])
+def test_a_piece_has_the_same_room_in_every_view(kind: str, view: ResolvedView) -> None:
+    asked = Region.model_validate({"kind": kind})
+    points = np.random.default_rng(0).uniform(-70, 70, (200, 3))
+    found = []
+    for seen in (look(0, 0), view):
+        region = resolve_region(asked, [seen], [], 2.0)
+        placed = points @ view_axes(seen)
+        found.append(outside(torch.as_tensor(placed), region, 2.0).numpy())
+        assert depth_extent(Scene(), SQUARE, region, 2.0) == depth_extent(
+            Scene(), SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0
+        )
+    assert found[1] == pytest.approx(found[0], abs=1e-9)
+
+
+def test_a_region_of_given_size_stands_as_it_is_given() -> None:
+    given = Region(size_mm=(100.0, 50.0, 20.0))
+    assert resolve_region(given, [look(0, 40)], [], 2.0).elevation_deg == 0.0
+
+
+def test_a_turned_region_behind_the_wall_and_a_turned_mesh_are_refused() -> None:
+    def scene(center: str) -> str:
+        return (
+            f"[region]\nsize_mm = [50.0, 50.0, 50.0]\nelevation_deg = 90.0\ncenter_mm = {center}\n"
+            "[[views]]\nelevation_deg = 90.0\n"
+        )
+
+    assert parse_scene(scene("[0.0, 0.0, -150.0]")).region.elevation_deg == 90.0
+    with pytest.raises(InputError, match="behind the wall"):
+        parse_scene(scene("[0.0, -150.0, 0.0]"))
+    with pytest.raises(InputError, match="not a mesh"):
+        parse_scene('[region]\nkind = "mesh"\nfile = "a.stl"\nelevation_deg = 9.0\n')

@@ -1,0 +1,130 @@
+"""Contrast: what lights the shadow, against light followed ray by ray and the lamp moved."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knotfab.effects import contrast
+from knotfab.effects.base import EffectContext, World
+from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
+from knotfab.effects.survey import survey
+from knotfab.errors import InputError
+from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
+from knotfab.scene.load import parse_scene
+from knotfab.scene.model import Material, ResolvedView, Room
+
+WHITE = Material(color="#ffffff")
+POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))
+
+
+def view(**keys: Any) -> ResolvedView:
+    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
+    return ResolvedView.model_validate({**frame, **keys})
+
+
+def light(world: World | None = None, **keys: Any) -> Contrast:
+    found = contrast_of(view(**keys), POINTS, 2.0, world or World())
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("shape", "power"), [("disc", 4), ("leds", 4), ("ball", 3)])
+def test_light_falls_off_by_the_cosine(shape: str, power: int) -> None:
+    angle = np.arctan(90 * np.sqrt(2) / 600)
+    assert light(light_shape=shape).falloff == pytest.approx(np.cos(angle) ** power)
+    # of a tilted wall the near side is lit more
+    assert light(light_shape=shape, wall_tilt_deg=30.0).falloff < np.cos(angle) ** power
+
+
+def test_a_room_gives_back_what_an_integrating_sphere_does() -> None:
+    """Photons of a bulb in a sphere, each thrown on by the cosine law until it is swallowed."""
+    rng, reflectance, count = np.random.default_rng(1), 0.8, 20000
+    bounces = rng.geometric(1 - reflectance, count) - 1  # after the first arrival
+    sphere_m2 = 4 * np.pi * 0.6**2  # with the bulb in its middle: its wall is 0.6 m away everywhere
+    room = World(room=Room(area_m2=sphere_m2, reflectance=reflectance))
+    found = light(room, light_shape="ball")
+    assert found.room == pytest.approx(bounces.mean(), rel=0.03)
+    white = light(World(room=Room(area_m2=59.0, reflectance=0.8)), light_shape="ball")
+    assert 1 / (1 + white.room) == pytest.approx(0.765, abs=0.005)
+    flat = light(World(room=Room(area_m2=59.0, reflectance=0.8)))
+    assert flat.room == pytest.approx(white.room / 4)
+
+
+def test_filament_lets_light_through_by_its_chords() -> None:
+    x = np.random.default_rng(2).uniform(-2, 2, 100_000)
+    through = (0.3 ** (2 * np.sqrt(4 - x**2))).mean()
+    found = light(World(material=Material(transmittance_per_mm=0.3)))
+    assert found.transmitted == pytest.approx(through, rel=0.02)
+    assert found.contrast == pytest.approx(1 - found.transmitted)
+
+
+def test_a_second_lamp_throws_a_ghost() -> None:
+    room = World(room=Room(ambient=0.5, second_lamp_mm=(50.0, 0.0, 500.0), second_lamp_share=0.5))
+    found = light(room)
+    assert found.ghost_shift_mm == pytest.approx(50.0 * 100 / 500)  # similar triangles
+    assert (found.contrast, found.ghost) == pytest.approx((1 / 2, 0.5 / 2))
+
+
+def test_a_black_piece_throws_nothing_back() -> None:
+    lit = {
+        color: light(World(room=Room(reflectance=0.5), material=Material(color=color)))
+        for color in ("#000000", "#808080", "#ffffff")
+    }
+    assert lit["#000000"].bounced == 0.0 < lit["#808080"].bounced < lit["#ffffff"].bounced <= 0.5
+    assert lit["#808080"].bounced == pytest.approx(0.216 * lit["#ffffff"].bounced, rel=0.01)
+    # a small disc of strands, seen from far below its middle, fills its area over pi h²
+    t = np.linspace(0, 60 * np.pi, 4000)
+    disc = np.column_stack([t / 60 * np.cos(t), t / 60 * np.sin(t), np.zeros_like(t)])
+    found = contrast_of(view(), disc, 0.05, World(room=Room(reflectance=0.5), material=WHITE))
+    assert found is not None
+    long = np.linalg.norm(np.diff(disc, axis=0), axis=1).sum()
+    assert found.bounced == pytest.approx(0.5 * 0.1 * long / (np.pi * 100**2), rel=0.05)
+
+
+def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:
+    found = light()
+    assert found.contrast == found.at(found.falloff) == 1.0 and found.ghost_shift_mm is None
+    assert contrast_of(view(kind="eye"), POINTS, 2.0, World()) is None
+    context = EffectContext((view(kind="eye"),), POINTS, 2.0, 0.25)
+    assert CONTRAST.magnitude(context) == 0.0
+
+
+def made_with(world: World) -> Any:
+    context = EffectContext((view(),), POINTS, 2.0, 0.25, world)
+    result = SimpleNamespace(effects=survey(context, {}))
+    scene = SimpleNamespace(
+        views=(view(),), placing=world.placing, room=world.room, material=world.material
+    )
+    knots = SimpleNamespace(points=POINTS, radius_mm=2.0)
+    return SimpleNamespace(result=result, scene=scene, knots=knots)
+
+
+def test_it_is_told_where_it_is_called_for_and_else_runs_no_code(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bright, dark = made_with(World(room=Room(ambient=0.4))), made_with(World())
+    report: dict[str, Any] = {"views": [{"name": "front"}]}
+    add_contrast(report["views"], bright)
+    tell_contrast(report)
+    assert "contrast of 0.71 of 1" in report["notes"][0]
+    line = next(x for x in list_effects(bright.result, {**report, "seconds": {}}) if x["calls"])
+    assert (line["name"], line["where"], line["calls"]) == ("contrast", ["report"], 1)
+
+    def explode(*_: object) -> None:
+        raise AssertionError("contrast was looked at")
+
+    monkeypatch.setattr(contrast, "contrast_of", explode)
+    views: list[dict[str, Any]] = [{"name": "front"}]
+    add_contrast(views, dark)
+    assert views == [{"name": "front"}]
+
+
+def test_a_second_lamp_behind_the_piece_is_refused() -> None:
+    assert parse_scene("[room]\nsecond_lamp_mm = [0.0, 0.0, 300.0]\n").room.second_lamp_mm
+    for wrong in ("second_lamp_mm = [0.0, 0.0, -50.0]", "ambient = -1.0", "reflectance = 1.0"):
+        with pytest.raises(InputError):
+            parse_scene(f"[room]\n{wrong}\n")
