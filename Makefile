@@ -93,6 +93,10 @@ mount-table: system slicer $(DONE)
 effects-table: system $(DONE)
 	$(BIN)/python -m examples.studies.effects_table
 
+# what grace costs the pictures, and how it looks (about 8 min)
+grace-table: $(DONE)
+	$(BIN)/python -m examples.studies.grace_table --out docs/grace.png
+
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)
 	$(BIN)/python -m examples.studies.tied_knots
