@@ -94,7 +94,10 @@ def draw(name: str, *pieces: Knots) -> Image.Image:
     left = LABEL_PX
     for knots in pieces:
         curves = [knot.points for knot in knots.knots]
-        reach = max(float(np.abs(c).max()) for c in curves) + knots.radius_mm
+        points = np.concatenate(curves)
+        turns = np.deg2rad(TURNS_DEG)
+        across = np.outer(points[:, 0], np.cos(turns)) - np.outer(points[:, 2], np.sin(turns))
+        reach = float(max(np.abs(across).max(), np.abs(points[:, 1]).max())) + knots.radius_mm
         for turn in TURNS_DEG:
             tile = side_view(curves, knots.radius_mm, reach, TILE_PX, turn)
             strip.paste(tile, (left, 0))
