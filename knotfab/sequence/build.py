@@ -27,6 +27,7 @@ from knotfab.sequence.report import (
     sequence_report,
 )
 from knotfab.sequence.require import require_sequence
+from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope
 from knotfab.sequence.written import read_knot_in_scene
 from knotfab.slicer.profile import write_profile
@@ -69,6 +70,9 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             )
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
+        kept = keep_for(request, targets)
+        if len(kept) > 0:
+            progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
         # side by side as the machine allows, with two processes that verify to one that slices
         jobs = min(len(targets), max(1, count_jobs() // 2))
         with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
@@ -80,7 +84,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
                 progress,
                 left,
                 loop=request.loop,
-                kept=(kept := keep_for(request, targets)),
+                kept=kept,
             )
             found: dict[int, tuple[Frame, WrittenPiece]] = {}
 
@@ -90,8 +94,6 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
                 return write_piece(frame.made, [target], *work, frame_suffix(target))
 
             for frame in chain.frames():
-                if chain.resumed == len(found) + 1:
-                    progress.say(f"Frame {frame.number + 1} was done before, and is kept.")
                 found[frame.number] = frame, write(frame)
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):
@@ -132,9 +134,10 @@ def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
 def _mend(
     chain: Chain, frame: Frame, piece: WrittenPiece, write: Callable[[Frame], WrittenPiece]
 ) -> tuple[Frame, WrittenPiece]:
-    """A frame that fails for no limit that forbids its picture, from another start, where that is better."""
-    failed = _fails(frame, piece)
-    if not failed or frame.made.unmet or frame.made.binding:
+    """A frame that fails, from another start where that is better; none helps against limits or a floor."""
+    failed, made = _fails(frame, piece), frame.made
+    best = failed == ["shadow"] and made.result.iou_estimate >= made.opening_iou - POOR
+    if not failed or best or made.unmet or made.binding:
         return frame, piece
     again = chain.retry(frame.number)
     _ = piece.sliced  # the slicer reads files that are now replaced

@@ -4,6 +4,7 @@ import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,21 +16,22 @@ from PIL import Image, ImageDraw
 from knotfab.errors import InputError
 from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
-from knotfab.sequence.build import build_sequence
+from knotfab.sequence.build import _mend, build_sequence
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.report import advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 
+FRAME_MM, RADIUS_MM = 90.0, 2.5  # small parts are soon sliced and verified
 QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 40, "fine_iterations": 40}
 
 
 def _scene(**keys: object) -> Scene:
-    views = (View(name="front", picture="front.png"),)
+    views = (View(name="front", picture="front.png", frame_width_mm=FRAME_MM),)
     return Scene.model_validate(
         {
             "views": views,
-            "piece": Piece(tube_radius_mm=5.0),
+            "piece": Piece(tube_radius_mm=RADIUS_MM),
             "search": {**QUICK, "depth_candidates": 6},
             **keys,
         }
@@ -104,9 +106,9 @@ def test_each_frame_hangs_by_itself_and_the_zoetrope_has_no_mount(outcome: Outco
     for number, mount, plate in zip(("01", "02"), mounts, plates, strict=True):
         scene = tomllib.loads((outcome.folder / f"scene-{number}.toml").read_text())
         assert scene["mount"]["pegs"] == [mount["pegs"] + mount["struts"]]
-        # a plate behind the frame: the part is deeper than its knot
+        # a plate is larger than the frame both ways, pegs alone reach further one way
         solid = trimesh.load_mesh(outcome.folder / f"part-{number}.stl")
-        assert solid.is_watertight and (solid.extents > 180).sum() == (2 if plate else 0)
+        assert solid.is_watertight and ((solid.extents > FRAME_MM).sum() >= 2) == plate
         assert (outcome.folder / f"setup-{number}.pdf").is_file()
     assert set(report["print"]["drawings"]) >= {"setup-01.svg", "setup-02.pdf"}
     ring = trimesh.load_mesh(outcome.folder / "zoetrope.stl")
@@ -137,9 +139,9 @@ def test_the_motion_reported_is_that_of_the_files(outcome: Outcome) -> None:
     away = float(np.linalg.norm(one - other, axis=1).max())
     motion = outcome.report["views"][1]["motion"]
     assert motion["largest_mm"] == pytest.approx(away, abs=1e-9)
-    assert away <= motion["outline_mm"] + 5.0
+    assert away <= motion["outline_mm"] + RADIUS_MM
     # the arm's round end goes this far on the wall; the plane of the outlines is nearer to the light
-    arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * 180 * 500 / 600
+    arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * FRAME_MM * 500 / 600
     assert motion["outline_mm"] == pytest.approx(arm, rel=0.1)
 
 
@@ -152,7 +154,8 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     assert 'iou_floor = "auto"' in written
     stricter = out / "stricter.toml"
     stricter.write_text(written.replace('iou_floor = "auto"', "iou_floor = 0.9999"))
-    call = ("build", "--sequence", "--print", "--quiet", "--skip", "slicer")
+    call = ("build", "--sequence", "--print", "--quiet")
+    call += ("--skip", "slicer", "--skip", "shadow-render")  # the exact polygons decide
     done = knotfab(*call, "--scene", stricter, "--out", out)
     stricter.unlink()
     assert (done.code, done.out) == (1, "")
@@ -160,7 +163,8 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     rejected = out / "rejected"
     assert {p.name: p.read_bytes() for p in out.iterdir() if p != rejected} == before
     marked = {"failures-01.png", "failures-02.png"}  # the parts, with the places that fail
-    assert set(before) == {p.name for p in rejected.iterdir()} - marked
+    soft = {"soft-frame-01.png", "soft-frame-02.png"}  # which only rendering makes
+    assert set(before) - soft == {p.name for p in rejected.iterdir()} - marked
     for name in ("part-01.stl", "part-02.stl", "knots-02.json", "picture-frame-02.png"):
         assert (rejected / name).read_bytes() == before[name], name
     report = json.loads((rejected / "report.json").read_text())
@@ -200,9 +204,55 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
 
 
+def _searched(iou: float = 0.8, bound: bool = False) -> Any:
+    result = SimpleNamespace(feasible=True, iou_estimate=iou)
+    binding = ("length",) if bound else ()
+    made = SimpleNamespace(result=result, opening_iou=0.97, unmet=None, binding=binding)
+    return SimpleNamespace(number=1, made=made)
+
+
+def _verified(*failed: str) -> Any:
+    checks = [{"name": name, "required": True, "status": "fail"} for name in failed]
+    return SimpleNamespace(verdict={"checks": checks}, sliced={})
+
+
+@pytest.mark.parametrize(
+    ("failed", "then", "better"),
+    [(("shadow", "outline"), (), True), (("shadow",), ("shadow",), False)],
+)
+def test_a_frame_that_fails_is_tried_again_and_the_better_one_kept(
+    failed: tuple[str, ...], then: tuple[str, ...], better: bool
+) -> None:
+    frame, again, piece, other = _searched(), _searched(), _verified(*failed), _verified(*then)
+    accepted: list[object] = []
+    chain: Any = SimpleNamespace(retry=lambda number: again, accept=accepted.append)
+    written: list[object] = []
+
+    def write(one: Any) -> Any:
+        written.append(one)
+        return other if one is again else piece
+
+    kept = _mend(chain, frame, piece, write)
+    assert kept == ((again, other) if better else (frame, piece))
+    assert accepted == ([again] if better else [])
+    # what lies in the folder in the end is the one that is kept
+    assert written[-1] is kept[0]
+
+
+@pytest.mark.parametrize(
+    ("frame", "failed"),
+    [(_searched(), ()), (_searched(bound=True), ("shadow",)), (_searched(iou=0.96), ("shadow",))],
+    ids=["passes", "a limit forbids it", "drawn as well as can be"],
+)
+def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, ...]) -> None:
+    piece = _verified(*failed)
+    none: Any = None
+    assert _mend(none, frame, piece, none) == (frame, piece)
+
+
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
     names = _frames(tmp_path, (0.0, 16.0))
-    several = _scene(piece=Piece(tube_radius_mm=5.0, knots=2))
+    several = _scene(piece=Piece(tube_radius_mm=RADIUS_MM, knots=2))
     with pytest.raises(InputError, match="one knot"):
         build_sequence(Request(several, tuple(names), tmp_path / "out", base=tmp_path))
     assert not (tmp_path / "out").exists()
