@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer browser viewer clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer browser viewer pictures clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -146,6 +146,12 @@ viewer:
 # the studio: first frame after the press, its builds against the command line's, frames a second of the viewer
 studio-table: system $(DONE)
 	$(BIN)/python -m examples.studies.studio_table
+
+# the pictures of README's first screen and of the studio's page: builds, a film and a browser (some minutes)
+pictures: demo browser
+	$(BIN)/python -m examples.hero demo-out docs/knight.png
+	$(BIN)/python -m examples.search_film examples/knight.png docs/search.gif
+	$(BIN)/python -m examples.studio_pictures examples/knight.png docs
 
 clean:
 	rm -rf $(VENV) demo-out out

@@ -16,7 +16,12 @@ __all__ = [
     "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
     "COMPARE_EXAMPLES",
+    "OUTPUT",
     "PREVIEW_EXAMPLES",
+    "SHADOW_EXAMPLES",
+    "STUDIO_EXAMPLES",
+    "TRADEOFF_EXAMPLES",
+    "VALIDATE_EXAMPLES",
     "BuildOptions",
     "Flag",
     "Names",
@@ -28,7 +33,7 @@ _PICTURE = Group.create_ordered("Picture")
 _PIECE = Group.create_ordered("Piece")
 _PRINT = Group.create_ordered("Print")
 _SEARCH = Group.create_ordered("Search")
-_OUTPUT = Group.create_ordered("Output")
+OUTPUT = Group.create_ordered("Output")
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
@@ -37,6 +42,7 @@ BUILD_EXAMPLES = """Examples:
 
 ```
 knotfab build cat.png --print              checked against the printer
+knotfab build cat.png --size 240 --watch   larger; a page shows how it comes about
 knotfab build cat.png --mount wall         ready to hang
 knotfab build cat.png --time-budget 1.5min
 knotfab build logo.svg --depth flat --tube-radius 2
@@ -63,6 +69,38 @@ COMPARE_EXAMPLES = """Examples:
 knotfab compare wall.jpg knotfab-out
 knotfab compare wall.jpg knotfab-out --click
 knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,1455
+```
+"""
+
+VALIDATE_EXAMPLES = """Examples:
+
+```
+knotfab validate knotfab-out               all that a build wrote
+knotfab validate tube.obj                  any tube, in mm
+knotfab validate part.stl --knots knots.json --scene scene.toml --json
+```
+"""
+
+STUDIO_EXAMPLES = """Examples:
+
+```
+knotfab studio
+knotfab studio --port 8900 --no-open --out pieces
+```
+"""
+
+SHADOW_EXAMPLES = """Examples:
+
+```
+knotfab shadow cat/part.stl --scene cat/scene.toml --out shadow.png
+```
+"""
+
+TRADEOFF_EXAMPLES = """Examples:
+
+```
+knotfab tradeoff cat.png
+knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
 ```
 """
 
@@ -102,8 +140,10 @@ class PictureOptions:
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
     """A scene.toml; the other options are shorthands for its keys and win over it."""
+    size: Annotated[float | None, Parameter(group=_PIECE)] = None
+    """mm of the picture's longer side on the wall; 180 by default."""
     width: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm of the picture on the wall; its height follows. By default the longer side is 180 mm."""
+    """mm of the picture on the wall; its height follows."""
     height: Annotated[float | None, Parameter(group=_PIECE)] = None
     """mm of the picture on the wall; its width follows."""
     lamp_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
@@ -171,19 +211,19 @@ class BuildOptions(PictureOptions):
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""
 
-    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("knotfab-out")
+    out: Annotated[Path, Parameter(group=OUTPUT)] = Path("knotfab-out")
     """The folder to write."""
-    force: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    force: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Replace what another picture was built to, in the default folder; a named one is replaced anyway."""
-    colours: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
-    accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=_OUTPUT)] = None
+    accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
     """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
-    skip: Annotated[Names, Parameter(group=_OUTPUT)] = ()
+    skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Checks to go on without, such as shadow-render."""
-    quiet: Annotated[Flag, Parameter(group=_OUTPUT)] = False
+    quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Say nothing but errors."""
-    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=_OUTPUT)] = False
+    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False
     """Say how long each stage took."""
 
     @property

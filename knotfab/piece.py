@@ -189,12 +189,14 @@ def finish_build(
     report: Record,
     title: str,
     pieces: Sequence[WrittenPiece],
+    progress: Progress,
 ) -> Outcome:
     """Write the report, and move the whole to where its checks say that it belongs.
 
     Args:
         pieces: one, or the frames of a sequence; the report's viewer shows them.
     """
+    report["timings"] |= {**progress.timings, "total": progress.total}  # with the report's own
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]
     write_report_html(

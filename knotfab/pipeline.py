@@ -71,7 +71,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                     _draw(piece.part, piece.scene, folder.file("part.png"))
             report = report_piece(piece, folder, request, progress)
         title = " and ".join(target.name for target in targets)
-        return finish_build(folder, request, report, title, [piece])
+        return finish_build(folder, request, report, title, [piece], progress)
 
 
 # of one view in draft; what they come to on this machine is learned as they pass

@@ -153,8 +153,13 @@ def _view_keys(options: BuildOptions) -> dict[str, Any]:
     if options.width is not None or options.height is not None:
         # one side alone: the other follows from the picture, whatever the scene had
         keys |= {"frame_width_mm": options.width, "frame_height_mm": options.height}
-    for key, value in keys.items():
+    for key, value in {**keys, "size": options.size}.items():
         _check_view_key(key, value)
+    if options.size is not None:
+        if options.width is not None or options.height is not None:
+            why = "--width or --height is given too"
+            raise InputError(f"--size {options.size:g}", why, "Give one of them.")
+        keys |= {"frame_width_mm": None, "frame_height_mm": None}  # read_call knows the longer one
     return keys
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from knotfab.errors import InputError
 from knotfab.options import options_from
+from knotfab.prepare import survey_pictures
 from knotfab.read_options import read_scene
 from knotfab.scene.load import dump_scene, parse_scene
 
@@ -51,11 +52,26 @@ def test_one_side_of_a_frame_frees_the_other(tmp_path: Path, key: str) -> None:
     ("name", "value"),
     [("threshold", 1.0), ("threshold", 0.0), ("smooth", -1.0), ("keep_largest", 0), ("specks", -1),
      ("width", 0.0), ("height", float("nan")), ("lamp_distance", -5.0), ("lamp_diameter", -1.0),
-     ("ink", "plaid"), ("crop", "1,2,3"), ("crop", "1,2,0,4"), ("thicken", "-2")],
+     ("size", 0.0), ("ink", "plaid"), ("crop", "1,2,3"), ("crop", "1,2,0,4"), ("thicken", "-2")],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused_by_the_options_name(name: str, value: object) -> None:
     with pytest.raises(InputError, match="--" + name.replace("_", "-")):
         read_scene(options_from({name: value}))
+
+
+def test_size_is_one_of_three() -> None:
+    for other in ("width", "height"):
+        with pytest.raises(InputError, match="--size 100: --width or --height"):
+            read_scene(options_from({"size": 100.0, other: 50.0}))
+
+
+@pytest.mark.parametrize(("text", "longer"), [("text:l", 1), ("text:long", 0)])
+def test_size_is_that_of_the_longer_side(text: str, longer: int) -> None:
+    found = survey_pictures([text], options_from({"size": 90.0})).views[0].view
+    sides = found.frame_width_mm, found.frame_height_mm
+    assert sides[longer] == pytest.approx(90.0) and sides[1 - longer] < 90.0
+    usual = survey_pictures([text], options_from({})).views[0].view
+    assert usual.frame_width_mm / usual.frame_height_mm == pytest.approx(sides[0] / sides[1])
 
 
 def test_effects_are_switched_by_name_and_the_last_word_counts(tmp_path: Path) -> None:

@@ -89,8 +89,16 @@ def build_by_command(picture: Path, accuracy: str, out: Path) -> float:
     return time.perf_counter() - begun
 
 
+# what draws: a processor alone (SwiftShader, llvmpipe) or a graphics card
+RENDERER = """() => {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const told = context.getExtension("WEBGL_debug_renderer_info");
+  return context.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : context.RENDERER);
+}"""
+
+
 def frames_a_second(start: Path, scene: Path) -> str:
-    """Of the viewer in a browser without a build beside it, its curves set anew for every frame."""
+    """Of the viewer in a browser without a build beside it: turned, its lamp moved, its curves set anew."""
     chromium = shutil.which("chromium")
     try:
         from playwright.sync_api import sync_playwright
@@ -109,23 +117,34 @@ def frames_a_second(start: Path, scene: Path) -> str:
         page = browser.new_page(viewport={"width": 900, "height": 600})
         page.set_content("<div id=here style='height:560px'></div>")
         page.add_script_tag(path=str(VIEWER))
+        renderer = str(page.evaluate(RENDERER))
         found = page.evaluate(
-            """([data, seconds]) => new Promise((done) => {
+            """async ([data, seconds]) => {
                  const viewer = KnotfabViewer.mount(document.getElementById("here"), data);
-                 const begun = performance.now();
-                 let frames = 0;
-                 const step = () => {
-                   viewer.setCurves(data.curves, data.radius);
-                   frames += 1;
-                   const took = (performance.now() - begun) / 1000;
-                   took < seconds ? requestAnimationFrame(step) : done(frames / took);
-                 };
-                 requestAnimationFrame(step);
-               })""",
+                 const count = (act) => new Promise((done) => {
+                   const begun = performance.now();
+                   let frames = 0;
+                   const step = () => {
+                     act(frames++);
+                     const took = (performance.now() - begun) / 1000;
+                     took < seconds ? requestAnimationFrame(step) : done(frames / took);
+                   };
+                   requestAnimationFrame(step);
+                 });
+                 const key = () => document.getElementById("here").shadowRoot.querySelector("canvas")
+                   .dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", cancelable: true }));
+                 return [await count(key), await count(() => viewer.setLamp({ height: 20 * Math.random() })),
+                   await count(() => viewer.setCurves(data.curves, data.radius))];
+               }""",
             [data, FPS_S],
         )
         browser.close()
-    return f"{found:.1f} with {len(knots.points)} vertices"
+    turned, lit, anew = found
+    software = any(word in renderer.lower() for word in ("swiftshader", "llvmpipe", "softpipe"))
+    return (
+        f"turned {turned:.1f}, its lamp moved {lit:.1f}, its curves set anew {anew:.1f}, with "
+        f"{len(knots.points)} vertices, drawn in {'software' if software else 'hardware'} ({renderer})"
+    )
 
 
 def main() -> None:

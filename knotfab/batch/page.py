@@ -27,7 +27,7 @@ def _card(record: Record, folder: Path) -> dict[str, Any]:
     place = folder / record["name"]
     if record["exit_code"] == 1:
         place = place / REJECTED
-    built = record["exit_code"] in (0, 1)
+    built = record["exit_code"] in (0, 1) and record.get("reported", True)
     shown = sorted(place.glob("compare-*.png"))[:3] if built else []
     report = place / "report.html"
     return {

@@ -31,7 +31,7 @@ __all__ = [
     "unpack_result",
 ]
 
-Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, error
+Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
 _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
@@ -111,6 +111,7 @@ def record_of(
         "seconds": round(seconds, 2),
         "iou": None if report is None else _least_iou(report),
         "verdict": ((report or {}).get("verdict") or {}).get("word"),
+        "reported": report is not None,  # what lies there may be an earlier build's
         "error": error,
         "key": task.key,
     }

@@ -22,7 +22,12 @@ from knotfab.options import (
     BATCH_EXAMPLES,
     BUILD_EXAMPLES,
     COMPARE_EXAMPLES,
+    OUTPUT,
     PREVIEW_EXAMPLES,
+    SHADOW_EXAMPLES,
+    STUDIO_EXAMPLES,
+    TRADEOFF_EXAMPLES,
+    VALIDATE_EXAMPLES,
     BuildOptions,
     Flag,
     Names,
@@ -57,8 +62,8 @@ _READ = PictureOptions()
 def build(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
-    open_: Annotated[bool, Parameter(name="--open", negative="", show_default=False)] = False,
-    watch: Flag = False,
+    open_: Annotated[Flag, Parameter(name="--open", group=OUTPUT)] = False,
+    watch: Annotated[Flag, Parameter(group=OUTPUT)] = False,
     events: Annotated[str | None, Parameter(show=False)] = None,
 ) -> int:
     """Turn a picture, or several, into a verified part.
@@ -176,7 +181,7 @@ def batch(
     return 1 if failed else 0
 
 
-@app.command
+@app.command(help_epilogue=STUDIO_EXAMPLES)
 def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
     """Open a local page to drop a picture on, set the scene, and watch the knot come about.
 
@@ -195,7 +200,7 @@ def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-st
     return 0
 
 
-@app.command
+@app.command(help_epilogue=VALIDATE_EXAMPLES)
 def validate(
     part: Path | None = None,
     *,
@@ -245,7 +250,7 @@ def validate(
     return int(verdict["exit_code"])
 
 
-@app.command
+@app.command(help_epilogue=SHADOW_EXAMPLES)
 def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> int:
     """Render the shadow that a part casts in a scene, as a picture.
 
@@ -317,7 +322,7 @@ def compare(
     return 0
 
 
-@app.command
+@app.command(help_epilogue=TRADEOFF_EXAMPLES)
 def tradeoff(
     picture: str,
     *,

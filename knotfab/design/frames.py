@@ -16,7 +16,14 @@ from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
 from knotfab.target.thicken import thicken
 
-__all__ = ["frame_view", "framed_alike", "size_frames", "spread_views", "thicken_targets"]
+__all__ = [
+    "frame_view",
+    "framed_alike",
+    "size_frames",
+    "size_longer",
+    "spread_views",
+    "thicken_targets",
+]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _ROOM = 1.1  # width of a widened stroke over the thinnest tube's shadow
@@ -106,6 +113,14 @@ def size_frames(scene: Scene, targets: Sequence[Target]) -> Scene:
     views = tuple(
         v.model_copy(update={key: scale * (getattr(v, key) or 0.0) for key in keys}) for v in alike
     )
+    return scene.model_copy(update={"views": views})
+
+
+def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
+    """Every frame so wide, or so high, as the longer side of `target` is to be."""
+    key = "frame_width_mm" if target.width >= target.height else "frame_height_mm"
+    none = {"frame_width_mm": None, "frame_height_mm": None}
+    views = tuple(v.model_copy(update={**none, key: longer_mm}) for v in scene.views)
     return scene.model_copy(update={"views": views})
 
 

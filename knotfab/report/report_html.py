@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+from PIL import Image
 
 from knotfab.verify.checks import list_unmet, mark_of
 
@@ -47,6 +49,8 @@ VERDICTS = {
     ),
 }
 DIGITS = 4
+_LARGE_BYTES = 100_000  # of a picture, from which it is embedded as WebP
+_QUALITY = 85  # of that, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
 
@@ -62,9 +66,13 @@ class Picture:
 
     @property
     def data_uri(self) -> str:
-        """The file as a data URI."""
-        content = base64.b64encode(self.path.read_bytes()).decode("ascii")
-        return f"data:{MEDIA[self.path.suffix.lower()]};base64,{content}"
+        """The file as a data URI; a large one as WebP, so that the page stays small."""
+        data, kind = self.path.read_bytes(), MEDIA[self.path.suffix.lower()]
+        if len(data) > _LARGE_BYTES:
+            buffer = io.BytesIO()
+            Image.open(self.path).save(buffer, "WEBP", quality=_QUALITY)
+            data, kind = buffer.getvalue(), "image/webp"
+        return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def make_environment(folder: Path) -> Environment:

@@ -119,7 +119,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             report["settings"]["sequence"] |= {"loop": request.loop, "resumed": chain.resumed}
             sliced = {name: one for piece in pieces for name, one in piece.sliced.items()}
             add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
-        outcome = finish_build(folder, request, report, "a sequence", pieces)
+        outcome = finish_build(folder, request, report, "a sequence", pieces, progress)
         kept.discard()
         return outcome
 

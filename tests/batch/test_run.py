@@ -55,10 +55,13 @@ def test_a_build_that_left_no_report_has_no_figures_of_an_earlier_one(
 ) -> None:
     pictures = draw(tmp_path / "pictures", a="fail")
     assert batch([str(pictures)], options(tmp_path))[0]["iou"] == 0.95
+    index = tmp_path / "out" / "index.html"
+    assert "a/rejected/report.html" in index.read_text()
     (pictures / "a.png").write_text("crash")
     record = batch([str(pictures)], options(tmp_path))[0]
     assert (record["exit_code"], record["iou"], record["verdict"]) == (1, None, None)
     assert record["error"] == "out of ideas"
+    assert "a/rejected" not in index.read_text()
 
 
 def test_started_again_only_what_is_missing_or_changed_is_built(

@@ -20,10 +20,11 @@ from PIL import Image
 
 import knotfab as package
 from knotfab import doctor, pipeline
+from knotfab import options as knotfab_options
 from knotfab.cli.app import app
 from knotfab.doctor import Finding
 from knotfab.errors import InputError, MachineError
-from knotfab.options import BUILD_EXAMPLES, BuildOptions
+from knotfab.options import BuildOptions
 from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier
 
@@ -317,14 +318,18 @@ def test_help() -> None:
     assert groups == sorted(groups)
 
 
-def test_the_examples_of_the_help_are_calls() -> None:
-    lines = [line for line in BUILD_EXAMPLES.splitlines() if line.startswith("knotfab ")]
-    assert len(lines) > 5
+@pytest.mark.parametrize(
+    "name", ["batch", "build", "compare", "preview", "shadow", "studio", "tradeoff", "validate"]
+)
+def test_the_examples_of_the_help_are_calls(name: str) -> None:
+    examples = getattr(knotfab_options, f"{name.upper()}_EXAMPLES")
+    lines = [line for line in examples.splitlines() if line.startswith("knotfab ")]
+    assert lines and lines[0].split("   ")[0] in knotfab(name, "--help").out
     for line in lines:
         words = shlex.split(line.split("   ")[0])
         command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
-        assert command.__name__ == "build"
-        assert bound.args or "--scene" in words or "--sequence" in words
+        assert command.__name__ == name
+        assert bound.args or name == "studio" or "--scene" in words or "--sequence" in words
 
 
 def test_version() -> None:

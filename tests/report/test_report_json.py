@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 from html.parser import HTMLParser
@@ -225,6 +227,21 @@ def test_numbers_are_finite_and_plain() -> None:
     assert type(plain(np.int64(3))) is int
     with pytest.raises(TypeError):
         plain(object())
+
+
+def test_a_large_picture_is_embedded_small(tmp_path: Path) -> None:
+    y, x = np.mgrid[:360, :1440]
+    waves = 128 + 60 * np.sin(x / 9) * np.cos(y / 7)
+    waves = waves[..., None] + np.random.default_rng(0).normal(0, 6, (360, 1440, 3))
+    Image.fromarray(waves.clip(0, 255).astype(np.uint8)).save(tmp_path / "part.png")
+    head, _, text = Picture(tmp_path / "part.png", "part").data_uri.partition(",")
+    data = base64.b64decode(text)
+    assert (
+        head == "data:image/webp;base64"
+        and len(data) < 0.3 * (tmp_path / "part.png").stat().st_size
+    )
+    shown = np.asarray(Image.open(io.BytesIO(data)), dtype=float)
+    assert shown.shape == waves.shape and np.abs(shown - waves).mean() < 8
 
 
 def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:

@@ -263,6 +263,19 @@ def test_the_report_is_short_small_and_silent(desk: Any, report: Path) -> None:
     assert "precision" in desk.inner_text("main")
 
 
+def test_the_report_of_a_tall_picture_is_short_too(browser: Any, report: Path) -> None:
+    """Tall frames side by side, and tall drawings."""
+    for page in open_report(browser, report, 1280, "light"):
+        page.evaluate(
+            """() => Promise.all([...document.querySelectorAll(".compare img, .drawing img")].map((image) => {
+              const sheet = Object.assign(document.createElement("canvas"), { width: 900, height: 1100 });
+              image.src = sheet.toDataURL();
+              return image.decode();
+            }))"""
+        )
+        assert page.evaluate("document.documentElement.scrollHeight") <= 2500
+
+
 def test_the_report_fits_a_phone(phone: Any) -> None:
     assert phone.evaluate("document.documentElement.scrollWidth") <= 390
     canvas = phone.locator("canvas")

@@ -30,6 +30,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no browser here: apt-get install chromium"),
 ]
 TOKEN = "a-token"
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 
 
 @pytest.fixture
@@ -67,6 +68,19 @@ def page(address: str) -> Iterator[Any]:
     assert wrong == []
 
 
+def violations(page: Any) -> list[Any]:
+    """What axe-core finds in what is shown; nothing where it is not installed."""
+    if not AXE.is_file():
+        return []
+    # beside the page's own scripts: its policy lets no other in
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    found = page.evaluate(
+        "axe.run(document, {iframes: false})"
+        ".then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html)]))"
+    )
+    return list(found)
+
+
 def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: Path) -> None:
     page.click("#tab-draw")
     box = page.locator("#drawing").bounding_box()
@@ -79,12 +93,16 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.click("#use-drawing")
     page.wait_for_selector("#survey:not([hidden])")  # what a tube will lose of it
     assert "1 piece" in page.inner_text("#survey-lines")
+    assert violations(page) == []
     page.locator("input[value=wall]").check(force=True)
     page.click("#build")
     page.wait_for_selector("#result:not([hidden])")
     assert page.inner_text("#verdict") == "Good"
+    assert violations(page) == []
     page.click("#tab-live")
     page.wait_for_selector("html[data-frames]", state="attached")  # the knots were drawn
+    page.emulate_media(color_scheme="dark")
+    assert violations(page) == []
     page.click("#tab-result")
     with page.expect_download() as loading:
         page.click("#download")

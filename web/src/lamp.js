@@ -2,7 +2,7 @@
 import { BoxGeometry, Group, InstancedMesh, Matrix4, Quaternion, SphereGeometry, Vector3 } from "three";
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
-const POINTS = 32; // that a lamp's shadow is averaged over, about
+const POINTS = 16; // that a lamp's shadow is averaged over, about
 const MOST_LEDS = 100; // of a larger array so many stand for all
 const PLASTIC = 1.32471795724; // x³ = x + 1: its powers spread points evenly over a square (R2)
 

@@ -1,0 +1,66 @@
+"""The pictures of the studio in README and docs: a picture is dropped, the build runs, the result.
+
+`python -m examples.studio_pictures examples/knight.png docs` drives a real build in Chromium.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from examples.studies.studio_table import TOKEN, serve
+
+COLOURS = 128
+SHOWN_IOU = 0.95  # from which the running build is worth a picture
+
+
+def draw(page: Page, picture: Path, out: Path) -> None:
+    """Screenshots of a build from the first drop to the result: studio-preview, -live and -result.png."""
+    page.set_input_files("#file", picture)
+    page.wait_for_selector("#survey:not([hidden])")
+    page.wait_for_function("document.getElementById('survey-picture').complete")
+    _keep(page, out / "studio-preview.png")
+    page.locator("input[value=draft]").check(force=True)
+    page.click("#build")
+    page.wait_for_function(
+        "least => parseFloat(document.getElementById('shadow-iou').textContent.slice(4)) > least",
+        arg=SHOWN_IOU,
+        timeout=600_000,
+    )
+    _keep(page, out / "studio-live.png")
+    page.wait_for_selector("#result:not([hidden])", timeout=1_200_000)
+    page.frame_locator("#report").locator("h1").wait_for()
+    _keep(page, out / "studio-result.png")
+
+
+def _keep(page: Page, path: Path) -> None:
+    page.wait_for_timeout(1000)
+    page.screenshot(path=path)
+    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+def main(picture: Path, out: Path) -> None:
+    with (
+        tempfile.TemporaryDirectory(prefix="knotfab-studio-") as place,
+        serve(Path(place)) as (_, host),
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 820})
+        page.goto(f"http://{host}/?token={TOKEN}")
+        page.wait_for_selector("html[data-ready]", state="attached")
+        draw(page, picture, out)
+        browser.close()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: python -m examples.studio_pictures PICTURE FOLDER")
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
