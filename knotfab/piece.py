@@ -31,7 +31,7 @@ from knotfab.report.of_build import (
     check_limits,
     report_of,
 )
-from knotfab.report.of_effects import add_advice, add_warnings, tell_contrast
+from knotfab.report.of_effects import add_advice, add_sag, add_warnings, tell_contrast
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
@@ -169,6 +169,8 @@ def report_piece(
         with progress.stage("drawings"):
             drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
     with progress.stage("report"):
+        masks = [target.mask for target in piece.targets]
+        add_sag(verdict["views"], made, part.mounted.moves, masks)
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)

@@ -7,6 +7,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from knotfab.arrays import Array, Mask
     from knotfab.design.design import Design
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_advice",
     "add_contrast",
+    "add_sag",
     "add_warnings",
     "limits_as_effects",
     "list_effects",
@@ -102,6 +104,33 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
             found = contrast_of(view, made.knots.points, made.knots.radius_mm, world)
         if found is not None:
             record["contrast"] = found.to_dict()
+
+
+def add_sag(
+    views: Sequence[Record], made: Design, moves: Array | None, masks: Sequence[Mask]
+) -> None:
+    """Add to the views what is left of the knots' shadow where the mount lets them sag, if it shows.
+
+    Args:
+        moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
+    """
+    from knotfab.effects.base import EffectContext, World, decide
+    from knotfab.effects.sag import SAG, measure_sag
+    from knotfab.geometry.polylines import polylines_of_sizes
+
+    decision = made.result.effects.get(SAG.name)
+    if decision is None or moves is None or len(moves) == 0:
+        return
+    knots, tolerance = made.knots, made.settings.tolerance_px
+    world, radius = World.of(made.scene), knots.radius_mm
+    context = EffectContext(made.scene.views, knots.points, radius, tolerance, world, moves)
+    decision.keep_largest(decide(SAG, context, {}))
+    if not decision.simulated:
+        return
+    rings = polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
+    for view, mask, record in zip(made.scene.views, masks, views, strict=False):
+        with decision.called("report"):
+            record["sag"] = measure_sag(view, mask, knots.points, moves, rings, radius)
 
 
 def tell_contrast(report: Record) -> None:

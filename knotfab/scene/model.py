@@ -177,6 +177,7 @@ class Switches(_Table):
     penumbra: Switch = "auto"
     misplacement: Switch = "auto"
     contrast: Switch = "auto"
+    sag: Switch = "auto"
 
 
 class Room(_Table):
