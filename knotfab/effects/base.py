@@ -12,7 +12,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Material, Placing, ResolvedView, Room, Scene, Switch
+from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
 
 __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "World", "decide"]
 
@@ -26,11 +26,12 @@ class World:
     placing: Placing = field(default_factory=Placing)
     room: Room = field(default_factory=Room)
     material: Material = field(default_factory=Material)
+    printer: Printer = field(default_factory=Printer)
 
     @staticmethod
     def of(scene: Scene) -> World:
         """The world of a scene."""
-        return World(scene.placing, scene.room, scene.material)
+        return World(scene.placing, scene.room, scene.material, scene.printer)
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class EffectContext:
 
     `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
     than. `tolerance_px`: of the accuracy setting. `moves` (N, 3): how far a mount lets the points sag, mm.
+    `upwards` (3,): the printer's, once the piece lies on its bed.
     """
 
     views: tuple[ResolvedView, ...]
@@ -69,6 +71,7 @@ class EffectContext:
     tolerance_px: float
     world: World = field(default_factory=World)
     moves: Array | None = None
+    upwards: Array | None = None
 
 
 @dataclass(frozen=True)

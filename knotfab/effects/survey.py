@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.contrast import CONTRAST
+from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.sag import SAG
@@ -13,7 +14,7 @@ from knotfab.scene.model import Switch
 
 __all__ = ["EFFECTS", "survey"]
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

@@ -17,6 +17,7 @@ __all__ = [
     "add_contrast",
     "add_sag",
     "add_warnings",
+    "judge_made",
     "limits_as_effects",
     "list_effects",
     "list_limits",
@@ -106,6 +107,25 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
             record["contrast"] = found.to_dict()
 
 
+def judge_made(made: Design, moves: Array | None, upwards: Array | None) -> None:
+    """Judge the effects anew, by what is known once the piece is mounted and lies on the printer's bed.
+
+    Args:
+        moves: (N, 3) how far its mount lets each vertex sag, mm. upwards: (3,) the printer's, in the scene;
+            None where it is not printed.
+    """
+    from knotfab.effects.base import EffectContext, World
+    from knotfab.effects.survey import survey
+
+    knots, tolerance, world = made.knots, made.settings.tolerance_px, World.of(made.scene)
+    context = EffectContext(
+        made.scene.views, knots.points, knots.radius_mm, tolerance, world, moves, upwards
+    )
+    for name, fresh in survey(context, {}).items():
+        if name in made.result.effects:
+            made.result.effects[name].keep_largest(fresh)
+
+
 def add_sag(
     views: Sequence[Record], made: Design, moves: Array | None, masks: Sequence[Mask]
 ) -> None:
@@ -114,23 +134,16 @@ def add_sag(
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
     """
-    from knotfab.effects.base import EffectContext, World, decide
     from knotfab.effects.sag import SAG, measure_sag
     from knotfab.geometry.polylines import polylines_of_sizes
 
-    decision = made.result.effects.get(SAG.name)
-    if decision is None or moves is None or len(moves) == 0:
-        return
-    knots, tolerance = made.knots, made.settings.tolerance_px
-    world, radius = World.of(made.scene), knots.radius_mm
-    context = EffectContext(made.scene.views, knots.points, radius, tolerance, world, moves)
-    decision.keep_largest(decide(SAG, context, {}))
-    if not decision.simulated:
+    decision, knots = made.result.effects.get(SAG.name), made.knots
+    if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
         return
     rings = polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
     for view, mask, record in zip(made.scene.views, masks, views, strict=False):
         with decision.called("report"):
-            record["sag"] = measure_sag(view, mask, knots.points, moves, rings, radius)
+            record["sag"] = measure_sag(view, mask, knots.points, moves, rings, knots.radius_mm)
 
 
 def tell_contrast(report: Record) -> None:

@@ -178,6 +178,7 @@ class Switches(_Table):
     misplacement: Switch = "auto"
     contrast: Switch = "auto"
     sag: Switch = "auto"
+    layers: Switch = "auto"
 
 
 class Room(_Table):

@@ -10,11 +10,11 @@ import pytest
 
 from examples.parting import cast, directions
 from knotfab.effects import sag
-from knotfab.effects.base import EffectContext
+from knotfab.effects.base import EffectContext, World
 from knotfab.effects.sag import SAG, measure_sag, shifts_mm
 from knotfab.effects.survey import survey
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.report.of_effects import add_sag
+from knotfab.report.of_effects import add_sag, judge_made
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
@@ -54,12 +54,15 @@ def test_without_a_mount_nothing_sags() -> None:
     assert sagging == pytest.approx(0.2 * 600 / (500 - 15 - 2) / (180 / 1024), rel=0.01)
 
 
-def made_of(moves: np.ndarray) -> Any:
+def made_of() -> Any:
     context = EffectContext((view(),), FLAT, 2.0, 0.25)
+    w = World()
     return SimpleNamespace(
         result=SimpleNamespace(effects=survey(context, {})),
         settings=SimpleNamespace(tolerance_px=0.25),
-        scene=SimpleNamespace(views=(view(),), placing=None, room=None, material=None),
+        scene=SimpleNamespace(
+            views=(view(),), placing=w.placing, room=w.room, material=w.material, printer=w.printer
+        ),
         knots=SimpleNamespace(points=FLAT, radius_mm=2.0, knots=[SimpleNamespace(points=FLAT)]),
     )
 
@@ -74,7 +77,8 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     rows, columns = np.mgrid[:180, :180] - 89.5
     mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
     views: list[dict[str, Any]] = [{}]
-    made = made_of(down)
+    made = made_of()
+    judge_made(made, down, None)
     add_sag(views, made, down, [mask])
     sagged = views[0]["sag"]
     assert sagged["iou"] < sagged["iou_designed"] - 0.2
@@ -89,5 +93,7 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     monkeypatch.setattr(sag, "measure_sag", explode)
     views = [{}]
     for moves in (0.01 * down, None):
-        add_sag(views, made_of(down), moves, [mask])
+        made = made_of()
+        judge_made(made, moves, None)
+        add_sag(views, made, moves, [mask])
     assert views == [{}]
