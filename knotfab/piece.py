@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from knotfab.design.design import START_FILE, Design
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
@@ -31,7 +33,7 @@ from knotfab.report.of_build import (
     check_limits,
     report_of,
 )
-from knotfab.report.of_effects import add_advice, add_warnings, tell_contrast
+from knotfab.report.of_effects import add_advice, add_sag, add_warnings, judge_made, tell_contrast
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
@@ -169,6 +171,11 @@ def report_piece(
         with progress.stage("drawings"):
             drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
     with progress.stage("report"):
+        masks = [target.mask for target in piece.targets]
+        lies = piece.scene.pose
+        up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
+        judge_made(made, part.mounted.moves, up)
+        add_sag(verdict["views"], made, part.mounted.moves, masks)
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)

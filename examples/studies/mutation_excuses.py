@@ -80,6 +80,7 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("mesh.surface_checks", "len(where) > 1"): WORDS,
     ("mesh.surface_checks", "len(bodies) > 1"): WORDS,
     ("mesh.surface_checks", "rounded < flat"): WORDS,
+    ("shadows.layers", "*"): INFORMS,
     ("shadows.misplacement", "*"): INFORMS,
     ("tube.mount_matter", "BESIDE"): GRAIN,
     ("tube.mount_matter", "OFF"): MARGIN,

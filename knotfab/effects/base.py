@@ -8,10 +8,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from knotfab.arrays import Array
-from knotfab.scene.model import Material, Placing, ResolvedView, Room, Scene, Switch
+import numpy as np
 
-__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "World", "decide"]
+from knotfab.arrays import Array
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
+
+__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "World", "decide"]
 
 VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which magnitudes are told
 
@@ -23,11 +26,34 @@ class World:
     placing: Placing = field(default_factory=Placing)
     room: Room = field(default_factory=Room)
     material: Material = field(default_factory=Material)
+    printer: Printer = field(default_factory=Printer)
 
     @staticmethod
     def of(scene: Scene) -> World:
         """The world of a scene."""
-        return World(scene.placing, scene.room, scene.material)
+        return World(scene.placing, scene.room, scene.material, scene.printer)
+
+
+@dataclass(frozen=True)
+class OnWall:
+    """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`."""
+
+    axes: Array
+    foot: Array  # of the wall's axes, in the scene
+    lamp: Array
+
+    @staticmethod
+    def of(view: ResolvedView) -> OnWall:
+        """Where light and wall are."""
+        camera = camera_of(view, 1, 1)
+        axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        foot = -camera.receiver[3] * camera.receiver[:3]
+        return OnWall(axes, foot, axes @ (camera.eye - foot))
+
+    def place(self, points: Array) -> Array:
+        """(3, n) points (n, 3) of the scene in the wall's axes."""
+        return np.asarray(self.axes @ (points - self.foot).T)
 
 
 @dataclass(frozen=True)
@@ -35,7 +61,8 @@ class EffectContext:
     """What an effect's magnitude is judged from: the views, and the curves that stand before them.
 
     `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
-    than. `tolerance_px`: of the accuracy setting.
+    than. `tolerance_px`: of the accuracy setting. `moves` (N, 3): how far a mount lets the points sag, mm.
+    `upwards` (3,): the printer's, once the piece lies on its bed.
     """
 
     views: tuple[ResolvedView, ...]
@@ -43,6 +70,8 @@ class EffectContext:
     radius: float  # of the tube, mm
     tolerance_px: float
     world: World = field(default_factory=World)
+    moves: Array | None = None
+    upwards: Array | None = None
 
 
 @dataclass(frozen=True)

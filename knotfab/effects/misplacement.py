@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
-from knotfab.scene.camera import camera_of
+from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall
 from knotfab.scene.model import Placing, ResolvedView
 
 __all__ = ["MISPLACEMENT", "parting_mm"]
@@ -73,11 +72,8 @@ def parting_mm(
     """
     if len(points) == 0:
         return 0.0, 0.0
-    camera = camera_of(view, 1, 1)
-    axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    foot = -camera.receiver[3] * camera.receiver[:3]
-    lamp, local = axes @ (camera.eye - foot), axes @ (points - foot).T
+    wall = OnWall.of(view)
+    lamp, local = wall.lamp, wall.place(points)
     clear = float(lamp[2] - local[2].max() - radius)
     middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
     far = float(np.linalg.norm(local - middle[:, None], axis=0).max()) + radius

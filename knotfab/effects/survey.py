@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.contrast import CONTRAST
+from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
+from knotfab.effects.sag import SAG
 from knotfab.scene.model import Switch
 
 __all__ = ["EFFECTS", "survey"]
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

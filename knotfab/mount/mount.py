@@ -42,6 +42,12 @@ class Mounted:
     stand: StandMount | None = None
 
     @property
+    def moves(self) -> Array | None:
+        """(N, 3) how far each vertex of the knots moves under its own weight, mm; None without a mount."""
+        mount = self.wall if self.stand is None else self.stand
+        return None if mount is None else mount.moves
+
+    @property
     def must_be_upright(self) -> bool:
         """A wall mount must; a stand that is too tall for the printer may lie down."""
         return self.wall is not None

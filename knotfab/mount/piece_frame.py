@@ -18,8 +18,10 @@ __all__ = [
     "Stiffness",
     "piece_beams",
     "piece_frame",
+    "sag_moves",
     "sag_of",
     "taper",
+    "worst_of",
 ]
 
 
@@ -87,18 +89,19 @@ def piece_frame(knots: Knots, sites: Sites, members: Candidates, stiffness: Stif
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
 
 
-def sag_of(
+def sag_moves(
     knots: Knots,
     sites: Sites,
     members: Candidates,
     stiffness: Stiffness,
     end_radius_mm: Array | None = None,
     step_radii: float = JOINT_RADII,
-) -> tuple[float, Array]:
-    """Largest displacement (mm) of all knots on their members, and where (3,), by a frame built anew.
+) -> Array:
+    """(N, 3) how far each vertex of the knots moves on their members, mm, by a frame built anew.
 
     Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
-    pieces: a second opinion on those who choose members by a coarser frame.
+    pieces: a second opinion on those who choose members by a coarser frame. Between joints moves are
+    interpolated by the vertices' numbers.
 
     Args:
         sites: that the members join. end_radius_mm: (n,) of members that taper.
@@ -114,6 +117,31 @@ def sag_of(
     moved = replace(members, first=there[members.first], second=there[members.second])
     beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES, end_radius_mm)
     frame = frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
-    size = np.linalg.norm(frame.displacements()[: len(fine.knot), :3], axis=1)
+    moves = frame.displacements()[: len(fine.knot), :3]
+    found = []
+    for k, knot in enumerate(knots.knots):
+        own, count = fine.knot == k, len(knot.points)
+        each = (np.interp(range(count), fine.vertex[own], m, period=count) for m in moves[own].T)
+        found.append(np.column_stack(list(each)))
+    return np.concatenate(found)
+
+
+def sag_of(
+    knots: Knots,
+    sites: Sites,
+    members: Candidates,
+    stiffness: Stiffness,
+    end_radius_mm: Array | None = None,
+    step_radii: float = JOINT_RADII,
+) -> tuple[float, Array]:
+    """The largest of `sag_moves`, mm, and where (3,)."""
+    return worst_of(
+        sag_moves(knots, sites, members, stiffness, end_radius_mm, step_radii), knots.points
+    )
+
+
+def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
+    """The largest of moves (N, 3), mm, and at which of the points (3,)."""
+    size = np.linalg.norm(moves, axis=1)
     worst = int(size.argmax())
-    return float(size[worst]), fine.point[worst]
+    return float(size[worst]), points[worst]

@@ -7,7 +7,7 @@ the case of one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from knotfab.arrays import Array, Indices, Mask
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
-from knotfab.mount.piece_frame import Stiffness, sag_of
+from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.plinth import (
     CHAMFER_MM,
     CORNER_MM,
@@ -79,8 +79,8 @@ class StandMount:
     `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds` (n,)
     says which knot each was added for. `margin_mm` is how far inside its foot the centre of mass
     lies, `tip_deg` how far the part may be tipped; `sag_mm` (at `sag_at`) is by the model that chose
-    the members, `sag_again_mm` by a finer one. `predicted_intrusion` (views,) is the share of each
-    frame that the stand darkens outside picture and knots.
+    the members, `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices. `predicted_intrusion`
+    (views,) is the share of each frame that the stand darkens outside picture and knots.
     """
 
     members: Candidates
@@ -92,6 +92,7 @@ class StandMount:
     sag_at: Array
     sag_again_mm: float
     predicted_intrusion: Array
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def posts(self) -> Candidates:
@@ -159,6 +160,7 @@ def plan_stand(
         settings.base_thickness_mm,
         settings.tip_deg,
     )
+    moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
     return StandMount(
         members,
         np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
@@ -167,8 +169,9 @@ def plan_stand(
         base.tip_deg,
         braced.sag_mm,
         braced.sag_at,
-        sag_of(knots, sites, members, stiffness, step_radii=FINE_RADII)[0],
+        worst_of(moves, knots.points)[0],
         shadows.darken(members),
+        moves,
     )
 
 

@@ -12,7 +12,7 @@ from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.choose import choose_pegs
-from knotfab.mount.piece_frame import Stiffness, sag_of
+from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import as_manifold, frame_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, join, nothing
@@ -94,7 +94,8 @@ class WallMount:
     """Pegs (those that lean last), struts between strands, and what the piece sags on them (mm, and where).
 
     `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
-    solved anew; `sag_at` is where that is largest. `struts_of` (n,) is the knot each strut begins at.
+    solved anew; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots moves.
+    `struts_of` (n,) is the knot each strut begins at.
     """
 
     pegs: tuple[Peg, ...]
@@ -104,6 +105,7 @@ class WallMount:
     settings: WallSettings
     struts: Candidates = field(default_factory=nothing)
     struts_of: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def plan_wall(
@@ -169,8 +171,9 @@ def _with_share(
     )
     sites = sites_with(knots, rays, chosen.rays)
     bare, feet = pegs_on(sites, rays, chosen.rays, top), foot[chosen.rays]
-    again, at = sag_of(knots, sites, bare, stiffness, feet)
-    mount = WallMount(pegs, chosen.sag_mm, at, again, settings)
+    moves = sag_moves(knots, sites, bare, stiffness, feet)
+    again, at = worst_of(moves, knots.points)
+    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, moves=moves)
     if again <= stiffness.max_sag_mm or settings.foot != "plate":
         return mount
     if target is None:
@@ -178,7 +181,8 @@ def _with_share(
     roots = root * knots.radius_mm * spread[chosen.rays]
     braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
     every, ends = join([bare, braces]), np.concatenate([feet, braces.radius])
-    again, at = sag_of(knots, sites, every, stiffness, ends)
+    moves = sag_moves(knots, sites, every, stiffness, ends)
+    again, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
     leaning = tuple(
         Peg(int(sites.knot[first]), start, end, float(r), float(r), float(r))
@@ -198,6 +202,7 @@ def _with_share(
         sag_again_mm=again,
         struts=struts,
         struts_of=sites.knot[struts.first],
+        moves=moves,
     )
 
 

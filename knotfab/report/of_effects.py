@@ -7,6 +7,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from knotfab.arrays import Array, Mask
     from knotfab.design.design import Design
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 __all__ = [
     "add_advice",
     "add_contrast",
+    "add_sag",
     "add_warnings",
+    "judge_made",
     "limits_as_effects",
     "list_effects",
     "list_limits",
@@ -102,6 +105,45 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
             found = contrast_of(view, made.knots.points, made.knots.radius_mm, world)
         if found is not None:
             record["contrast"] = found.to_dict()
+
+
+def judge_made(made: Design, moves: Array | None, upwards: Array | None) -> None:
+    """Judge the effects anew, by what is known once the piece is mounted and lies on the printer's bed.
+
+    Args:
+        moves: (N, 3) how far its mount lets each vertex sag, mm. upwards: (3,) the printer's, in the scene;
+            None where it is not printed.
+    """
+    from knotfab.effects.base import EffectContext, World
+    from knotfab.effects.survey import survey
+
+    knots, tolerance, world = made.knots, made.settings.tolerance_px, World.of(made.scene)
+    context = EffectContext(
+        made.scene.views, knots.points, knots.radius_mm, tolerance, world, moves, upwards
+    )
+    for name, fresh in survey(context, {}).items():
+        if name in made.result.effects:
+            made.result.effects[name].keep_largest(fresh)
+
+
+def add_sag(
+    views: Sequence[Record], made: Design, moves: Array | None, masks: Sequence[Mask]
+) -> None:
+    """Add to the views what is left of the knots' shadow where the mount lets them sag, if it shows.
+
+    Args:
+        moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
+    """
+    from knotfab.effects.sag import SAG, measure_sag
+    from knotfab.geometry.polylines import polylines_of_sizes
+
+    decision, knots = made.result.effects.get(SAG.name), made.knots
+    if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
+        return
+    rings = polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
+    for view, mask, record in zip(made.scene.views, masks, views, strict=False):
+        with decision.called("report"):
+            record["sag"] = measure_sag(view, mask, knots.points, moves, rings, knots.radius_mm)
 
 
 def tell_contrast(report: Record) -> None:

@@ -177,6 +177,8 @@ class Switches(_Table):
     penumbra: Switch = "auto"
     misplacement: Switch = "auto"
     contrast: Switch = "auto"
+    sag: Switch = "auto"
+    layers: Switch = "auto"
 
 
 class Room(_Table):

@@ -97,7 +97,11 @@ def made_with(world: World) -> Any:
     context = EffectContext((view(),), POINTS, 2.0, 0.25, world)
     result = SimpleNamespace(effects=survey(context, {}))
     scene = SimpleNamespace(
-        views=(view(),), placing=world.placing, room=world.room, material=world.material
+        views=(view(),),
+        placing=world.placing,
+        room=world.room,
+        material=world.material,
+        printer=world.printer,
     )
     knots = SimpleNamespace(points=POINTS, radius_mm=2.0)
     return SimpleNamespace(result=result, scene=scene, knots=knots)

@@ -52,6 +52,7 @@ class Piece:
 
     tube_radius_mm: float | None
     clearance_mm: float
+    printed: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,7 @@ class Effects:
     penumbra: str = "auto"
     tolerance_px: float = 0.25
     misplacement: str = "auto"
+    layers: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -243,6 +245,7 @@ def parse_scene(
         piece=Piece(
             tube_radius_mm=piece.open_number("tube_radius_mm", None, above=0),
             clearance_mm=piece.number("clearance_mm", 0.4, least=0),
+            printed=piece.flag("printed", False),
         ),
         region=_region(region, folder),
         material=Material(
@@ -272,6 +275,7 @@ def parse_scene(
         effects=Effects(
             penumbra=effects.word("penumbra", "auto", SWITCH),
             misplacement=effects.word("misplacement", "auto", SWITCH),
+            layers=effects.word("layers", "auto", SWITCH),
             tolerance_px=search.number("tolerance_px", 0.25, above=0),
         ),
         placing=Placing(

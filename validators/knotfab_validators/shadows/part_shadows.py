@@ -19,6 +19,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
 from knotfab_validators.shadows.misplacement import (
     measure_misplacement,
     moves_apart,
@@ -145,6 +146,14 @@ def verify_shadows(
                     }
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
+            own, layer = fine.in_part(pose), scene.printer.layer_height_mm
+            if scene.piece.printed and shows_layers(
+                scene.effects, layer_shift_px(mesh.vertices, own, layer)
+            ):
+                with time_stage(seconds, "layers"):
+                    views[-1]["layers"] = measure_layers(
+                        mesh, own, layer, found.target, found.exact
+                    )
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)

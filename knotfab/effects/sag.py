@@ -1,0 +1,70 @@
+"""Sag: the piece bends under its own weight on its mount, and its shadow with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from knotfab.arrays import Array, Mask
+from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall
+from knotfab.geometry.polylines import Polylines
+from knotfab.scene.model import ResolvedView
+
+__all__ = ["SAG", "measure_sag", "shifts_mm"]
+
+
+def magnitude(context: EffectContext) -> float:
+    """The furthest that any strand's shadow is shifted, px; 0 of a piece without a mount."""
+    if context.moves is None or len(context.moves) == 0:
+        return 0.0
+    return max(
+        float(shifts_mm(view, context.points, context.moves, context.radius).max())
+        / (view.longer_mm / VERIFIED_PX)
+        for view in context.views
+    )
+
+
+def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) -> Array:
+    """(N,) bounds of how far shadows of what is within `radius` of points (N, 3) are shifted by moves (N, 3).
+
+    A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
+
+        H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall,
+
+    aside: similar triangles. On the tube's surface h is larger by r, and w by r / (H - h - r) (1 + |w|), at
+    most.
+    """
+    wall = OnWall.of(view)
+    place, move = wall.place(points), wall.axes @ moves.T
+    below = np.maximum(wall.lamp[2] - place[2], 1e-9)
+    across = (place[:2] - wall.lamp[:2, None]) / below
+    near = np.maximum(below - radius - np.abs(move[2]), 1e-9)
+    shift = np.linalg.norm(move[:2] + move[2] * across, axis=0)
+    leaning = np.abs(move[2]) * radius / near * (1 + np.linalg.norm(across, axis=0))
+    return np.asarray(wall.lamp[2] / near * (shift + leaning))
+
+
+def measure_sag(
+    view: ResolvedView, mask: Mask, points: Array, moves: Array, rings: Polylines, radius: float
+) -> dict[str, float]:
+    """IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
+
+    `widest_px`: the furthest that a centre line's shadow is shifted.
+    """
+    from knotfab.render.picture import image_at
+
+    image = image_at(view, mask, radius, VERIFIED_PX)
+    widest = float(shifts_mm(view, points, moves, 0.0).max()) / (view.longer_mm / VERIFIED_PX)
+    return {
+        "widest_px": widest,
+        "iou": image.iou(points + moves, rings, radius),
+        "iou_designed": image.iou(points, rings, radius),
+    }
+
+
+SAG = Effect(
+    "sag",
+    "px",
+    magnitude,
+    2.0,  # half a pixel, at standard accuracy
+    "the piece bends under its own weight",
+)

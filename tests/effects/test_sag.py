@@ -1,0 +1,99 @@
+"""Sag: a bound of how far shadows are shifted that holds and is close, and the piece moved for real."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from examples.parting import cast, directions
+from knotfab.effects import sag
+from knotfab.effects.base import EffectContext, World
+from knotfab.effects.sag import SAG, measure_sag, shifts_mm
+from knotfab.effects.survey import survey
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.report.of_effects import add_sag, judge_made
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import ResolvedView
+
+T = 2 * np.pi * np.arange(200) / 200
+RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
+FLAT = RING * [1, 1, 0]
+
+
+def view(**keys: Any) -> ResolvedView:
+    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
+    return ResolvedView.model_validate({**frame, **keys})
+
+
+def test_it_bounds_the_truth_and_closely() -> None:
+    rng, ratios = np.random.default_rng(5), []
+    for _ in range(200):
+        distance, wall = rng.uniform(200, 2000), rng.uniform(50, 400)
+        tilt = rng.uniform(-30, 30)
+        seen = view(light_distance_mm=distance, wall_distance_mm=wall, wall_tilt_deg=tilt)
+        points = rng.uniform(-1, 1, (60, 3)) * [70, 70, min(0.4 * distance, 0.4 * wall) / 2]
+        camera = camera_of(seen, 1, 1)
+        moves, radius = rng.normal(scale=0.3, size=(60, 3)), rng.uniform(0.5, 4)
+        surface = points[:, None] + radius * directions(40)
+        pairs = (surface.reshape(-1, 3), (surface + moves[:, None]).reshape(-1, 3))
+        was, now = (cast(p, camera.eye, camera) for p in pairs)
+        truth = np.linalg.norm(now - was, axis=1).reshape(60, 40).max(axis=1)
+        bound = shifts_mm(seen, points, moves, radius)
+        assert (bound >= truth).all()
+        ratios.append(bound.max() / truth.max())
+    assert np.median(ratios) <= 1.02
+
+
+def test_without_a_mount_nothing_sags() -> None:
+    assert SAG.magnitude(EffectContext((view(),), RING, 2.0, 0.25)) == 0.0
+    moves = np.tile([0.0, -0.2, 0.0], (200, 1))
+    sagging = SAG.magnitude(EffectContext((view(),), RING, 2.0, 0.25, moves=moves))
+    assert sagging == pytest.approx(0.2 * 600 / (500 - 15 - 2) / (180 / 1024), rel=0.01)
+
+
+def made_of() -> Any:
+    context = EffectContext((view(),), FLAT, 2.0, 0.25)
+    w = World()
+    return SimpleNamespace(
+        result=SimpleNamespace(effects=survey(context, {})),
+        settings=SimpleNamespace(tolerance_px=0.25),
+        scene=SimpleNamespace(
+            views=(view(),), placing=w.placing, room=w.room, material=w.material, printer=w.printer
+        ),
+        knots=SimpleNamespace(points=FLAT, radius_mm=2.0, knots=[SimpleNamespace(points=FLAT)]),
+    )
+
+
+def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mask = np.zeros((180, 180), dtype=bool)
+    rings, down = polylines_of_sizes((200,)), np.tile([0.0, -2.0, 0.0], (200, 1))
+    found = measure_sag(view(), mask, FLAT, 0 * down, rings, 2.0)
+    assert found == {"widest_px": 0.0, "iou": 0.0, "iou_designed": 0.0}
+    rows, columns = np.mgrid[:180, :180] - 89.5
+    mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
+    views: list[dict[str, Any]] = [{}]
+    made = made_of()
+    judge_made(made, down, None)
+    add_sag(views, made, down, [mask])
+    sagged = views[0]["sag"]
+    assert sagged["iou"] < sagged["iou_designed"] - 0.2
+    # as far as its shadow goes: 2 mm, 1.2 times larger, of 180 mm on 1024 px
+    assert sagged["widest_px"] == pytest.approx(2.4 / 180 * 1024, rel=0.05)
+    line = made.result.effects["sag"].to_dict()
+    assert (line["calls"], line["where"], line["simulated"]) == (1, ["report"], True)
+
+    def explode(*_: object) -> None:
+        raise AssertionError("the piece was moved")
+
+    monkeypatch.setattr(sag, "measure_sag", explode)
+    views = [{}]
+    for moves in (0.01 * down, None):
+        made = made_of()
+        judge_made(made, moves, None)
+        add_sag(views, made, moves, [mask])
+    assert views == [{}]
