@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.design.frames import size_frames, spread_views, thicken_targets
+from knotfab.design.frames import size_frames, spread_views, widen_targets
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.progress import Progress
@@ -124,9 +124,8 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
             targets = read_targets(sources, scene.views, base=base, font=options.font)
     if not options.sequence and (options.width or options.height):
         scene = size_frames(scene, targets)
-    if any(view.thicken_mm != "none" for view in scene.views):
-        widened, targets = thicken_targets(resolve(scene), targets, options.sequence)
-        scene = scene.model_copy(update={"views": widened.views})
+    widened, targets = widen_targets(resolve(scene), targets, options.sequence)
+    scene = scene.model_copy(update={"views": widened.views})
     return _Call(scene, sources, base, targets)
 
 
