@@ -116,7 +116,9 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
         scene = framed_alike(scene, targets)
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     thinnest, asked = scene.printer.min_tube_radius_mm, scene.piece.tube_radius_mm
-    if isinstance(asked, str):
+    if views[0].lines == "on":  # one tube for all strokes
+        tried = [line_radius(views[0])]
+    elif isinstance(asked, str):
         usual, thin = usual_radii(views, thinnest, _CANDIDATES)
         tried = sorted({round(r, 2) for r in (*thin[:1], *usual)})[: _CANDIDATES + 1]
     else:

@@ -1,7 +1,8 @@
-"""A drawing's lines become one simple closed curve, each run through once or twice; hidden passes keep apart."""
+"""A drawing's lines become one simple closed curve, and passes that hide each other keep apart."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import cos, pi, sin
 
 import numpy as np
@@ -30,7 +31,7 @@ def ring(x: float, y: float, radius: float, ends: int = 1) -> list[Line]:
     """A circle in so many arcs, which meet exactly."""
     at = [2 * pi * k / ends for k in range(ends + 1)]
     arcs = []
-    for one, end in zip(at[:-1], at[1:], strict=True):
+    for one, end in pairwise(at):
         t = np.linspace(one, end, 80 // ends)
         arcs.append(np.stack([x + radius * np.cos(t), y + radius * np.sin(t)], axis=1))
         arcs[-1][-1] = (x + radius * cos(end % (2 * pi)), y + radius * sin(end % (2 * pi)))

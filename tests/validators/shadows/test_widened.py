@@ -58,7 +58,7 @@ def test_a_line_is_judged_as_wide_as_it_is_drawn() -> None:
     width = 2 * RADIUS * VIEW.magnification
     alone, wide = judge(None), judge(width)
     assert alone.judged.iou == alone.whole.iou == wide.whole.iou < 0.5
-    assert wide.judged.iou > 0.94
+    assert wide.judged.iou > 0.9
     assert status(alone, None)[0] == "fail"
     found, said = status(wide, width)
     assert found == "pass"
