@@ -135,6 +135,9 @@ class PictureOptions:
     """Draw it blurred by so many px and cut at half; its shadow is compared with the picture itself."""
     thicken: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Widen thinner strokes to so many mm on the wall, or auto: to what can be printed."""
+    lines: Annotated[Literal["auto", "on", "off"] | None, Parameter(group=_PICTURE)] = None
+    """One tube along the middle of each stroke, as wide as the tube: on, off, or auto (where most strokes
+    are thinner than the tube)."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Of text:…, a family's name, such as "DejaVu Serif", or a font file."""
 

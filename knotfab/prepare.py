@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.design.frames import size_frames, size_longer, spread_views, thicken_targets
+from knotfab.design.frames import size_frames, size_longer, spread_views, widen_targets
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.progress import Progress
@@ -131,9 +131,8 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):
         scene = size_frames(scene, targets)
-    if any(view.thicken_mm != "none" for view in scene.views):
-        widened, targets = thicken_targets(resolve(scene), targets, options.sequence)
-        scene = scene.model_copy(update={"views": widened.views})
+    widened, targets = widen_targets(resolve(scene), targets, options.sequence)
+    scene = scene.model_copy(update={"views": widened.views})
     return _Call(scene, sources, base, targets)
 
 

@@ -44,6 +44,7 @@ class TargetView:
         MultiPolygon  # the silhouette in the plane through the origin, along the view's axes, mm
     )
     left: MultiPolygon | None = None  # what the other views' pictures leave of it; None: all
+    lines: tuple[Array, ...] = ()  # its centre lines in that plane, where they are what is drawn
 
     def image_at(self, radius: float, pixels: int, device: str = "cpu") -> ViewImage:
         """The picture with `pixels` on the longer side; `radius` of the tube in mm."""

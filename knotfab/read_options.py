@@ -143,6 +143,7 @@ def _view_keys(options: BuildOptions) -> dict[str, Any]:
         "keep_largest": options.keep_largest,
         "speck_px": options.specks,
         "smooth_px": options.smooth,
+        "lines": options.lines,
         "light_distance_mm": options.lamp_distance,
         "wall_distance_mm": options.wall_distance,
         "light_diameter_mm": options.lamp_diameter,

@@ -10,10 +10,19 @@ import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.errors import SceneError
-from knotfab.scene.model import Printer, ResolvedView
+from knotfab.scene.model import Printer, ResolvedView, View
 from knotfab.target.opening import thickest_radius
 
-__all__ = ["DEPTH_RATIO", "DRAWN", "RadiusRange", "range_of", "too_fine", "usual_radii"]
+__all__ = [
+    "DEPTH_RATIO",
+    "DRAWN",
+    "RadiusRange",
+    "line_radius",
+    "line_width",
+    "range_of",
+    "too_fine",
+    "usual_radii",
+]
 
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
@@ -49,6 +58,18 @@ def range_of(views: int) -> RadiusRange:
     return _RANGES[min(views, 3)]
 
 
+def line_width(view: View, radius: float) -> float:
+    """mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm."""
+    return round(2.0 * radius * view.magnification, 3)
+
+
+def line_radius(view: View) -> float:
+    """The radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
+    if isinstance(view.thicken_mm, str):
+        raise ValueError("the width of strokes that are drawn along their middle is known")
+    return round(view.thicken_mm / (2.0 * view.magnification), 4)
+
+
 def usual_radii(
     views: Sequence[ResolvedView], thinnest: float, count: int
 ) -> tuple[list[float], list[float]]:
@@ -70,13 +91,18 @@ def usual_radii(
 
 
 def too_fine(
-    polygon: MultiPolygon, view: ResolvedView, pixels: tuple[int, int], printer: Printer, why: str
+    polygon: MultiPolygon,
+    view: ResolvedView,
+    pixels: tuple[int, int],
+    printer: Printer,
+    why: str,
+    otherwise: str = "--lines on, or --thicken auto",
 ) -> SceneError:
     """The error for a picture whose lines no printable tube draws, with remedies that each suffice.
 
     Args:
         polygon: the silhouette in any unit in which the frame is `view`'s at the scale of `pixels`: px.
-        pixels: width and height of the picture. why: what was found.
+        pixels: width and height of the picture. why: what was found. otherwise: what else would do.
     """
     width, longer = pixels[0], max(pixels)
     px = view.px_per_mm(width)
@@ -99,6 +125,6 @@ def too_fine(
         lines = f"; most of its lines are about {2 * drawn:.1f} px thick"
     else:
         lines = "; it is hardly more than dust"
-    return SceneError(
-        "the picture", why + lines, ", ".join(remedies).capitalize() + ", or --thicken auto."
-    )
+    if otherwise:
+        remedies.append(f"or {otherwise}")
+    return SceneError("the picture", why + lines, ", ".join(remedies).capitalize() + ".")

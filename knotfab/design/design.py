@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from knotfab.design.budget import scale_to_budget
+from knotfab.design.candidates import line_radius
 from knotfab.design.fineness import VERIFIED_PX, fine_enough
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
@@ -51,6 +52,8 @@ __all__ = [
 
 REGION_FILE = "region.stl"
 START_FILE = "start.json"
+_LINE_PX = 5.0  # of the fine picture, to the width of a line
+_LINE_GRACE = 4.0  # times what filled areas ask for
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
@@ -105,6 +108,7 @@ def design_knots(
         scene, settings = place_start(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
+    settings = _for_lines(question, settings, scene)
     question, radius, start, choice = choose_tube(question, settings, progress)
     problem = question.problem
     _tell_scene(progress, question, radius)
@@ -156,6 +160,25 @@ def design_knots(
         history=() if unmet or settings.free_view else tuple(history.states),
     )
     return price_design(made, question, start, unmet, progress, device)
+
+
+def _for_lines(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
+    """Settings for a picture that is drawn along its lines: finer pictures, and strands that run smoothly.
+
+    A line shows every wave of its tube, and is thinner than what the presets were measured on.
+    """
+    view = question.problem.views[0]
+    if not view.lines:
+        return settings
+    pixels = (
+        _LINE_PX * view.view.longer_mm / (2.0 * line_radius(view.view) * view.view.magnification)
+    )
+    least = {
+        "fine_px": max(settings.fine_px, min(round(pixels), VERIFIED_PX)),
+        "coarse_px": max(settings.coarse_px, min(round(0.5 * pixels), VERIFIED_PX)),
+        "grace": _LINE_GRACE * settings.grace,
+    }
+    return settings.model_copy(update={k: v for k, v in least.items() if k not in scene.search})
 
 
 def price_design(

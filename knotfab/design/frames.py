@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.design.candidates import line_width
+from knotfab.errors import InputError
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
-from knotfab.target.thicken import thicken
+from knotfab.target.thicken import is_thin, thicken
 
 __all__ = [
     "frame_view",
@@ -22,11 +24,12 @@ __all__ = [
     "size_frames",
     "size_longer",
     "spread_views",
-    "thicken_targets",
+    "widen",
+    "widen_targets",
 ]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
-_ROOM = 1.1  # width of a widened stroke over the thinnest tube's shadow
+_ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
@@ -124,42 +127,79 @@ def size_longer(scene: Scene, target: Target, longer_mm: float) -> Scene:
     return scene.model_copy(update={"views": views})
 
 
-def thicken_targets(
+def widen_targets(
     scene: Scene, targets: Sequence[Target], sequence: bool = False
 ) -> tuple[Scene, tuple[Target, ...]]:
-    """Widen thin strokes where the scene asks for it (`thicken_mm`, on the receiver).
+    """Widen thin strokes where the scene asks for it (`thicken_mm`, on the receiver), or draws along them.
+
+    The one picture of a scene is drawn along its centre lines (`lines`) where most of it is thinner than
+    the tube; its strokes are then as wide as that draws them.
 
     Args:
         scene: with its printer's figures. targets: of its views, or of a sequence its frames.
 
     Returns:
-        The scene, with the widths as numbers, and the targets with what is to be drawn.
+        The scene, with the widths as numbers and `lines` settled, and the targets with what is to be drawn.
+
+    Raises:
+        InputError: several pictures are to be drawn along their lines.
     """
-    if all(view.thicken_mm == "none" for view in scene.views):
-        return scene, tuple(targets)
     if not sequence and len(targets) > 1:  # what is widened must not change the frames
-        scene = framed_alike(scene, targets)
+        framed = framed_alike(scene, targets)
+    else:
+        framed = scene
+    one = len(targets) == 1 and not sequence
+    asked = scene.piece.tube_radius_mm
+    radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
     views = []
-    for view in scene.views:
-        width = view.thicken_mm
-        if width == "auto":
-            thinnest = scene.printer.min_tube_radius_mm
-            width = round(_ROOM * 2.0 * thinnest * view.magnification, 3)
-        views.append(view.model_copy(update={"thicken_mm": width}))
+    if not one and any(view.lines == "on" for view in scene.views):
+        raise InputError(
+            "--lines on",
+            "it is for one picture, and there are several",
+            "Leave it out; --thicken auto widens thin strokes",
+        )
+    for view, target in zip(framed.views, targets, strict=False):
+        width: float | str = view.thicken_mm
+        lines = view.lines
+        if lines == "auto":
+            lines = "on" if one and width == "none" and _is_thin(view, target, radius) else "off"
+        if lines == "on" and width in ("none", "auto"):
+            width = line_width(view, radius)
+        elif width == "auto":
+            width = round(_ROOM * line_width(view, scene.printer.min_tube_radius_mm), 3)
+        views.append(view.model_copy(update={"thicken_mm": width, "lines": lines}))
+    if all(view.thicken_mm == "none" for view in views):
+        settled = tuple(
+            old.model_copy(update={"lines": new.lines})
+            for old, new in zip(scene.views, views, strict=True)
+        )
+        return scene.model_copy(update={"views": settled}), tuple(targets)
     each = views * len(targets) if sequence else views
-    widened = tuple(_thicken(v, t) for v, t in zip(each, targets, strict=True))
-    return scene.model_copy(update={"views": tuple(views)}), widened
+    widened = tuple(widen(v, t) for v, t in zip(each, targets, strict=True))
+    return framed.model_copy(update={"views": tuple(views)}), widened
 
 
-def _thicken(view: View, target: Target) -> Target:
+def _is_thin(view: View, target: Target, radius: float) -> bool:
+    """Whether most of a picture is thinner than the shadow of a tube of this radius, mm."""
+    px = frame_view(view, target).px_per_mm(target.width)
+    return is_thin(target.mask, 2.0 * radius * px)
+
+
+def widen(view: View, target: Target) -> Target:
+    """The target with its thin strokes as wide as its view says, where that is a number."""
     if isinstance(view.thicken_mm, str):
         return target
     width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
     mask = thicken(target.mask, width)
-    if (mask == target.mask).all():
-        return target
-    rule = f"{target.rule}; strokes widened to {view.thicken_mm:g} mm, {width:.1f} px"
-    return replace(target, mask=mask, original=target.asked, rule=rule)
+    rule = target.rule
+    if view.lines == "on":
+        rule += "; drawn along its centre lines by one tube each"
+    if (mask != target.mask).any():
+        rule += (
+            f"; strokes widened to {view.thicken_mm:g} mm, {width:.1f} px, by which it is judged"
+        )
+    widened = mask if target.original is None else thicken(target.asked, width)
+    return replace(target, mask=mask, original=target.asked, widened=widened, rule=rule)
 
 
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:

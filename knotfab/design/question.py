@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,9 +24,12 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
 from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
+from knotfab.start.filling import template_iou
+from knotfab.start.start import make_template
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
+from knotfab.target.strokes import trace_strokes
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
 
@@ -36,7 +39,7 @@ class Question:
     """A problem, the scene it comes from with printer and material filled in, and each view's bound.
 
     `bounds` say what several pictures leave of each other; there are none of one. `likeness`: the IoU of
-    what is drawn, smoothed or with wider strokes, and the picture, where they are least alike.
+    what is drawn and what it is judged by, where they are least alike: of a picture drawn smoothed.
     """
 
     scene: Scene
@@ -54,8 +57,12 @@ class Question:
         return min(opening_iou(p, radius) for p in self.problem.polygons)
 
     def most_iou(self, radius: float) -> float:
-        """The IoU that no such tube can exceed in all views; about, where other strokes are drawn."""
-        return min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
+        """The IoU that no such tube can exceed in all views; about, if smoothed or drawn along its lines."""
+        most = min(self.opening(radius), *(b.iou for b in self.bounds), 1.0) * self.likeness
+        view = self.problem.views[0]
+        if view.lines:  # the search may draw a little more than tubes that lie along them
+            most = min(most, template_iou(make_template(view, radius), view.polygon))
+        return most
 
     def roomy(self) -> ResolvedRegion:
         """A region in which nothing is in the pictures' way."""
@@ -73,7 +80,7 @@ class Question:
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
         """The same question from other views of the same pictures."""
         seen = tuple(
-            TargetView(v, t.mask, silhouette_polygon(v, t))
+            TargetView(v, t.mask, silhouette_polygon(v, t), lines=_strokes(v, t))
             for v, t in zip(views, targets, strict=True)
         )
         return replace(self, problem=replace(self.problem, views=seen))
@@ -93,7 +100,10 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         require_several(scene)
         scene = framed_alike(scene, targets)
     scene, views = resolve(scene), _frame_views(scene, targets)
-    seen = [TargetView(v, t.mask, _trace(v, t)) for v, t in zip(views, targets, strict=True)]
+    seen = [
+        TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t))
+        for v, t in zip(views, targets, strict=True)
+    ]
     thinnest = scene.printer.min_tube_radius_mm
     bounds: tuple[HullBound, ...] = ()
     if several:
@@ -131,8 +141,8 @@ def _overhang_deg(scene: Scene) -> float | None:
 
 
 def _likeness(targets: Sequence[Target]) -> float:
-    """IoU of what is drawn and what its shadow is compared with, of the picture where it is least."""
-    return min(float((t.mask & t.asked).sum() / (t.mask | t.asked).sum()) for t in targets)
+    """IoU of what is drawn and what its shadow is judged by, of the picture where it is least."""
+    return min(float((t.mask & t.judged).sum() / (t.mask | t.judged).sum()) for t in targets)
 
 
 def _frame_views(scene: Scene, targets: Sequence[Target]) -> tuple[ResolvedView, ...]:
@@ -171,8 +181,24 @@ def _trace(view: ResolvedView, target: Target) -> MultiPolygon:
     return polygon
 
 
+def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
+    """The centre lines of the strokes in the plane of `silhouette_polygon`; none where areas are filled."""
+    if view.lines != "on" or isinstance(view.thicken_mm, str):
+        return ()
+    width = view.thicken_mm * target.width / view.frame_width_mm
+    to_plane = _plane_of(view, target)
+    return tuple(to_plane(line) for line in trace_strokes(target.mask, width))
+
+
 def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
     """The silhouette as a polygon, mm, in the plane through the origin, along the view's axes."""
+    moved = shapely.transform(trace_polygon(target.mask), _plane_of(view, target))
+    parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
+    return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
+
+
+def _plane_of(view: ResolvedView, target: Target) -> Callable[[Array], Array]:
+    """From pixels (n, 2) of a picture to the plane through the origin, along the view's axes, mm."""
     own = view.model_copy(update={"azimuth_deg": 0.0, "elevation_deg": 0.0})
     camera = camera_of(own, target.width, target.height)
 
@@ -181,9 +207,7 @@ def silhouette_polygon(view: ResolvedView, target: Target) -> MultiPolygon:
         share = camera.eye[2] / (camera.eye[2] - at[:, 2])
         return np.asarray((camera.eye + (at - camera.eye) * share[:, None])[:, :2])
 
-    moved = shapely.transform(trace_polygon(target.mask), to_plane)
-    parts = [p for p in shapely.get_parts(moved.buffer(0)) if isinstance(p, Polygon)]
-    return MultiPolygon([shapely.geometry.polygon.orient(p) for p in parts if p.area > 0])
+    return to_plane
 
 
 def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> MultiPolygon:

@@ -6,24 +6,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
-import shapely
-from numpy.typing import NDArray
-from shapely import LinearRing, MultiPolygon, Polygon
 
-from knotfab.design.candidates import range_of, too_fine, usual_radii
+from knotfab.design.candidates import line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Report, Start, Watch
 from knotfab.scene.settings import SearchSettings
-from knotfab.start.filling import Template, fill, simple_curves
-from knotfab.start.start import make_start
+from knotfab.start.filling import Template, simple_curves, template_iou
+from knotfab.start.start import make_start, make_template
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["RadiusChoice", "RadiusTrial", "choose_radius", "template_iou"]
+__all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 
 _NOTHING = 0.5  # IoU below which there is no picture
-_HAIR = 1e-7  # of the radius
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 
@@ -68,7 +64,9 @@ class _Trials:
         if not self.one_view:
             return self.question.opening(radius)
         polygon = self.question.problem.polygons[0]
-        template = self.templates[radius] = fill(polygon, radius, self.knots)
+        template = self.templates[radius] = make_template(
+            self.question.problem.views[0], radius, self.knots
+        )
         if self.watch is not None:
             self.watch(lambda: _flat_knots(template), False)
         if not simple_curves(list(template.curves)):
@@ -126,6 +124,8 @@ def choose_radius(
     span = range_of(len(views))
     thinnest = question.scene.printer.min_tube_radius_mm
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
+    if question.problem.views[0].lines:  # strokes are as wide as one tube
+        radii, thin = [line_radius(views[0])], []
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
         if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness
@@ -178,6 +178,13 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
     if top >= _NOTHING:
         return
     view = question.problem.views[0]
+    if view.lines:
+        raise SceneError(
+            "the picture",
+            f"one tube of {min(scores):.2f} mm radius along each of its strokes reaches an IoU of "
+            f"{top:.2f} with them: they are wider than that, or run together",
+            "Leave out --lines on, or give the width of its strokes (--thicken MM).",
+        )
     height, width = view.mask.shape
     raise too_fine(
         trace_polygon(view.mask),
@@ -193,20 +200,3 @@ def _flat_knots(template: Template) -> Knots:
     """The filling where it is drawn, in the middle of the scene."""
     laid = (np.pad(curve, ((0, 0), (0, 1))) for curve in template.curves)
     return Knots(tuple(Knot(curve) for curve in laid), template.radius)
-
-
-def template_iou(template: Template, polygon: MultiPolygon) -> float:
-    """IoU of the planar tube with the silhouette, exact on polygons."""
-    tube = shapely.union_all([_band(c, template.radius) for c in template.curves])
-    return float(tube.intersection(polygon).area / tube.union(polygon).area)
-
-
-def _band(curve: NDArray[np.float64], radius: float) -> Polygon | MultiPolygon:
-    """What a closed planar curve covers, drawn with a pen of this radius.
-
-    Where strands of a picture with straight sides just touch, GEOS gives an invalid polygon of a wrong
-    area, which no union takes, on a grid or off it: a pen that is a hair slimmer leaves gaps instead.
-    """
-    line = LinearRing(curve)
-    band = line.buffer(radius)
-    return band if band.is_valid else line.buffer(radius * (1 - _HAIR)).buffer(0)

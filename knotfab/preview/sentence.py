@@ -32,6 +32,9 @@ def _describe_silhouette(seen: ViewSurvey) -> str:
 
 def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     """What the tube that is likely loses, and how thick one may be."""
+    if seen.view.lines == "on":
+        text = f"  One tube of {found.radius_mm:.2f} mm radius runs along each of its strokes"
+        return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
     radius = min(seen.losses, key=lambda r: abs(r - found.radius_mm))
     lost = seen.losses[radius]
     text = f"  A tube of {radius:.2f} mm radius loses "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from shapely import MultiPolygon
 
-from knotfab.design.candidates import DRAWN, too_fine, usual_radii
+from knotfab.design.candidates import DRAWN, line_radius, too_fine, usual_radii
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.preview.guess import Guess, guess_print
 from knotfab.scene.catalogue import resolve
@@ -16,6 +16,7 @@ from knotfab.target.masks import holes_of, pieces_of
 from knotfab.target.opening import Loss, find_losses, opening_iou, thickest_radius
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
+from knotfab.target.thicken import run_together
 
 __all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 
@@ -24,6 +25,7 @@ _HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no searc
 _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
 _CANDIDATES = 4  # radii that are shown
 _ALL = 0.95  # of the silhouette
+_BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
 _SPARE = 0.3  # px that an outline may move by
 _MOST_FRAMES = 24  # of a sequence that are looked at
 
@@ -33,7 +35,8 @@ class ViewSurvey:
     """One picture: its silhouette in px, and what it takes to draw it. Radii in mm of the piece.
 
     `feasible_mm`: the thickest tube that draws it well, None where none does that can be printed.
-    `losses`: for each candidate radius what it loses, in px of the picture.
+    `losses`: for each candidate radius what it loses, in px of the picture. `together`: the share of its
+    strokes, as wide as the tube along them, that run together; 0 where areas are filled.
     """
 
     view: ResolvedView
@@ -43,6 +46,7 @@ class ViewSurvey:
     holes: int
     feasible_mm: float | None
     losses: dict[float, list[Loss]]
+    together: float = 0.0
 
     @property
     def px_per_mm(self) -> float:
@@ -87,7 +91,9 @@ def survey(scene: Scene, targets: Sequence[Target], sequence: bool = False) -> S
     thinnest, asked = scene.printer.min_tube_radius_mm, scene.piece.tube_radius_mm
     frames = len(targets) if sequence else 0
     views = survey_views(scene, [_hardest(targets)] if sequence else targets)
-    if isinstance(asked, str):
+    if views[0].view.lines == "on":
+        radius = line_radius(views[0].view)
+    elif isinstance(asked, str):
         feasible = [v.feasible_mm for v in views]
         known = [f for f in feasible if f is not None]
         usual = _USUAL_SHARE * max(v.view.longer_mm for v in views)
@@ -110,7 +116,9 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
         scene = framed_alike(scene, targets)
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     thinnest, asked = scene.printer.min_tube_radius_mm, scene.piece.tube_radius_mm
-    if isinstance(asked, str):
+    if views[0].lines == "on":  # one tube for all strokes
+        tried = [line_radius(views[0])]
+    elif isinstance(asked, str):
         usual, thin = usual_radii(views, thinnest, _CANDIDATES)
         tried = sorted({round(r, 2) for r in (*thin[:1], *usual)})[: _CANDIDATES + 1]
     else:
@@ -129,6 +137,9 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
                 len(holes_of(target.mask)[1]),
                 None if feasible is None else feasible / px,
                 _losses(polygon, tried, px),
+                0.0
+                if view.lines != "on"
+                else run_together(target.asked, target.judged, 2.0 * line_radius(view) * px),
             )
         )
     return tuple(found)
@@ -168,6 +179,21 @@ def require_drawable(found: Survey, scene: Scene) -> None:
     if len(found.views) > 1 or found.frames or scene.piece.tube_radius_mm != "auto":
         return
     printer, (seen,), thinnest = resolve(scene).printer, found.views, found.thinnest_mm
+    target, pixels = seen.target, (seen.target.width, seen.target.height)
+    if seen.view.lines == "on":
+        radius = line_radius(seen.view)
+        if seen.together > _BLOBS:
+            thin = trace_polygon(target.asked).simplify(_SPARE)
+            raise too_fine(
+                thin if isinstance(thin, MultiPolygon) else MultiPolygon([thin]),
+                seen.view,
+                pixels,
+                printer,
+                "its lines are too close together for any printable tube: as wide as one of "
+                f"{2 * radius:g} mm, {seen.together:.0%} of them run together",
+                otherwise="",
+            )
+        return
     radius = thinnest * seen.px_per_mm
     if opening_iou(seen.polygon, radius) >= _HOPELESS:
         return
@@ -177,7 +203,7 @@ def require_drawable(found: Survey, scene: Scene) -> None:
         raise too_fine(
             seen.polygon,
             seen.view,
-            (seen.target.width, seen.target.height),
+            pixels,
             printer,
             f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
         )

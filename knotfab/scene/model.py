@@ -147,6 +147,9 @@ class View(Reading):
     thicken_mm: Positive | Literal["none", "auto"] = (
         "none"  # strokes that are thinner, on the receiver
     )
+    lines: Literal["auto", "on", "off"] = (
+        "auto"  # on: drawn along its centre lines; auto: where most of it is thinner than the tube
+    )
 
     @field_validator("light_leds")
     @classmethod

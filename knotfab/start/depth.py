@@ -27,6 +27,8 @@ __all__ = ["choose_depth", "lift"]
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
+_RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
+_RELIEF_WAVES = 4
 _SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
@@ -72,6 +74,35 @@ class _Profile:
 
         offsets = self.offsets + change * rng.normal(size=len(self.offsets))
         return _Profile(tuple(mix(w) for w in self.waves), offsets, self.shortest)
+
+
+@dataclass(frozen=True)
+class _Relief:
+    """Plane waves over the picture: (k, 2) wave vectors, 1/mm, and the cosines and sines (2, k) of each."""
+
+    vectors: Array
+    waves: Array
+
+    def heights(self, places: list[Array]) -> list[Array]:
+        """Between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
+        out = []
+        for points in places:
+            angle = points @ self.vectors.T
+            wave = self.waves[0] * np.cos(angle) - self.waves[1] * np.sin(angle)
+            out.append(2.0 * erf(wave.sum(1) / np.sqrt(2 * len(self.vectors))))
+        return out
+
+    def varied(self, rng: np.random.Generator, change: float) -> _Relief:
+        """Another of the same wave vectors, in which each wave is changed by this share."""
+        step = rng.normal(size=self.waves.shape)
+        return _Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
+
+
+def _draw_relief(rng: np.random.Generator, shortest: float) -> _Relief:
+    turn = rng.uniform(0.0, 2 * np.pi, _RELIEF_WAVES)
+    length = shortest * rng.uniform(1.0, 2.0, _RELIEF_WAVES)
+    vectors = 2 * np.pi / length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return _Relief(vectors, rng.normal(size=(2, _RELIEF_WAVES)))
 
 
 def _draw_profile(rng: np.random.Generator, arcs: list[Array], shortest: float) -> _Profile:
@@ -120,6 +151,7 @@ class _Judge:
     target: Mask
     overhang_deg: float | None
     sharpening: Sharpening | None = None
+    lanes: tuple[Array, ...] | None = None
     turns: Array = field(default_factory=_turns)
 
     def __post_init__(self) -> None:
@@ -128,10 +160,33 @@ class _Judge:
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.arcs, self.radius)
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
+        self.beside = None  # what the samples' lanes add to their heights, mm
+        if self.lanes is not None:
+            shares = [arc_lengths(c)[:-1] / arc_lengths(c)[-1] for c in self.curves]
+            self.beside = [
+                np.interp(arc[:-1] / arc[-1], share, lane, period=1.0)
+                for arc, share, lane in zip(self.arcs, shares, self.lanes, strict=True)
+            ]
 
-    def place(self, profile: _Profile) -> list[Array]:
+    def draw(self, rng: np.random.Generator, number: int, across: float) -> _Profile | _Relief:
+        """A profile by chance; a relief where strands have lanes."""
+        if self.lanes is not None:
+            return _draw_relief(rng, _RELIEF[number % len(_RELIEF)] * across)
+        return _draw_profile(rng, self.arcs, _WAVELENGTHS[number % len(_WAVELENGTHS)] * across)
+
+    def heights(
+        self, profile: _Profile | _Relief, curves: tuple[Array, ...], drawing: list[Array]
+    ) -> list[Array]:
+        """Of each vertex of the curves, lanes left out."""
+        if isinstance(profile, _Relief):
+            return self.fit(profile.heights(list(curves)), drawing)
+        return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
+
+    def place(self, profile: _Profile | _Relief) -> list[Array]:
         """The samples lifted."""
-        heights = self.fit(profile.heights(self.arcs), self.drawing)
+        heights = self.heights(profile, self.samples, self.drawing)
+        if self.beside is not None:
+            heights = [h + b for h, b in zip(heights, self.beside, strict=True)]
         return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
 
     def fit(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
@@ -189,6 +244,7 @@ def choose_depth(
     seed: int,
     overhang_deg: float | None = None,
     sharpening: Sharpening | None = None,
+    lanes: tuple[Array, ...] | None = None,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
@@ -200,15 +256,19 @@ def choose_depth(
         target: the picture's mask, from `legibility.stretch_mask`.
         overhang_deg: the steepest from the vertical that prints without supports; None: they cost nothing.
         sharpening: what a wide lamp asks of depth; None: it is not called for.
+        lanes: [(n,) mm] by which strands that hide each other differ; they are judged with them, and the
+            depths that are returned leave them out.
     """
     rng = np.random.default_rng(seed)
-    judge = _Judge(curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening)
+    judge = _Judge(
+        curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening, lanes
+    )
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
     drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
     first = []
     for n in range(drawn):
-        profile = _draw_profile(rng, judge.arcs, _WAVELENGTHS[n % len(_WAVELENGTHS)] * across)
+        profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
         first.append((judge.legibility(parts) + judge.blur(parts), profile, parts))
     first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
@@ -226,6 +286,5 @@ def choose_depth(
             best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
     seen = judge.legibility(judge.place(profile))
-    arcs = [arc_lengths(c) for c in curves]
     drawing = [] if sharpening is None else sharpening.drawing(curves)
-    return DepthChoice(tuple(judge.fit(profile.heights(arcs), drawing)), seen)
+    return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen)

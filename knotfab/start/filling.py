@@ -18,23 +18,36 @@ from shapely.geometry.base import BaseGeometry
 from knotfab.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
 
-__all__ = ["Template", "fill", "rings_of", "simple_curves", "smooth_closed"]
+__all__ = [
+    "Template",
+    "fill",
+    "join_curves",
+    "rings_of",
+    "simple_curves",
+    "smooth_closed",
+    "template_iou",
+]
 
 
 _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times the tube's width
 _BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
 _NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
+_HAIR = 1e-7  # of the radius
 _NOISE_WIDTH = 0.5  # of the radius: such an outline's area is less than this times its length
 
 
 @dataclass(frozen=True)
 class Template:
-    """Closed planar curves [(n, 2) mm], disjoint and simple, and the polygon they fill."""
+    """Closed planar curves [(n, 2) mm], disjoint and simple, and the polygon they fill.
+
+    With `passes` they run along lines, there and back, and hide behind themselves.
+    """
 
     curves: tuple[Array, ...]
     polygon: MultiPolygon
     radius: float
+    passes: bool = False
 
 
 def _polygons(shape: BaseGeometry) -> list[Polygon]:
@@ -145,7 +158,7 @@ def simple_curves(curves: list[Array]) -> bool:
     return bool((one == other).all())
 
 
-def _join(
+def join_curves(
     curves: list[Array], radius: float, step: float, until: int = 1, keep: bool = False
 ) -> list[Array]:
     """Closed curves joined, smallest first and each to its nearest, until so many are left.
@@ -212,9 +225,9 @@ def fill(
         rings = [
             sample_evenly(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
         ]
-        curves.extend(_join(rings, radius, step))
+        curves.extend(join_curves(rings, radius, step))
     if knots is not None:
-        curves = _join(curves, radius, step, knots, keep=True)
+        curves = join_curves(curves, radius, step, knots, keep=True)
     smoothed = curves
     for sigma in (2.0, 1.0, 0.5):
         trial = [smooth_closed(sample_evenly(c, step), sigma * radius * 0.4 / step) for c in curves]
@@ -222,3 +235,20 @@ def fill(
             smoothed = trial
             break
     return Template(tuple(smoothed), polygon, radius)
+
+
+def template_iou(template: Template, polygon: MultiPolygon) -> float:
+    """IoU of the planar tube with the silhouette, exact on polygons."""
+    tube = shapely.union_all([_band(c, template.radius) for c in template.curves])
+    return float(tube.intersection(polygon).area / tube.union(polygon).area)
+
+
+def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:
+    """What a closed planar curve covers, drawn with a pen of this radius.
+
+    Where strands of a picture with straight sides just touch, GEOS gives an invalid polygon of a wrong
+    area, which no union takes, on a grid or off it: a pen that is a hair slimmer leaves gaps instead.
+    """
+    line = LinearRing(curve)
+    band = line.buffer(radius)
+    return band if band.is_valid else line.buffer(radius * (1 - _HAIR)).buffer(0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from knotfab.effects.base import Decision, EffectContext, decide
@@ -12,6 +14,7 @@ from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import Template, simple_curves
+from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.legibility import stretch_mask
 
 __all__ = ["lift_template"]
@@ -32,6 +35,8 @@ def lift_template(
     sharpening = None
     if decision.excess > 0 and not flat:
         sharpening = Sharpening(decision, target.view, target.polygon, radius)
+    separation = problem.limits(radius).separation
+    lanes = assign_lanes(template.curves, separation) if template.passes else None
     depth = choose_depth(
         template.curves,
         radius,
@@ -42,7 +47,12 @@ def lift_template(
         settings.seed,
         problem.overhang_deg,
         sharpening,
+        None if lanes is None else tuple(0.5 * separation * lane for lane in lanes),
     )
+    if lanes is not None:
+        depth = replace(
+            depth, depths=part_passes(template.curves, depth.depths, lanes, separation, light)
+        )
     step = settings.edge_radii * radius
     parts = [
         sample_evenly(lift(c, d, light), step)

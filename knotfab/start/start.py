@@ -9,16 +9,17 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.knots import Knots
 from knotfab.limits.region import tube_outside
-from knotfab.problem import Problem, Start
+from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
+from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import Room, tie
 from knotfab.start.views import start_between_views, start_ious
 
-__all__ = ["go_on", "make_start", "tie_knot"]
+__all__ = ["go_on", "make_start", "make_template", "tie_knot"]
 
 
 def make_start(
@@ -42,7 +43,7 @@ def make_start(
     """
     one = len(problem.views) == 1
     if one and template is None:
-        template = fill(problem.views[0].polygon, spacing * radius, knots)
+        template = make_template(problem.views[0], spacing * radius, knots)
     if settings.network_start == "circle":
         start = start_at_circles(problem, radius, settings, template)
     elif template is not None:
@@ -54,6 +55,13 @@ def make_start(
     if one or start.ious:
         return start
     return replace(start, ious=start_ious(problem, start, radius))
+
+
+def make_template(target: TargetView, radius: float, knots: int | None = None) -> Template:
+    """Closed planar curves that fill one view's picture, or follow its lines; `knots` as for `make_start`."""
+    if target.lines:
+        return follow_strokes(list(target.lines), target.polygon, radius, knots)
+    return fill(target.polygon, radius, knots)
 
 
 def go_on(problem: Problem, knots: Knots, radius: float) -> Start:

@@ -30,7 +30,8 @@ class Target:
 
     `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says
     which rule made it. `original` is the silhouette that a shadow is compared with, where that is not
-    what is drawn. `crop_px` is the part of the picture that was read (left, top, width, height).
+    what is drawn; where strokes were widened, `widened` is what it is judged by, that with wider strokes.
+    `crop_px` is the part of the picture that was read (left, top, width, height).
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
     mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
@@ -46,6 +47,12 @@ class Target:
     rule: str = ""
     crop_px: Box | None = None
     original: NDArray[np.bool_] | None = None
+    widened: NDArray[np.bool_] | None = None
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """The silhouette by which a shadow is judged."""
+        return self.asked if self.widened is None else self.widened
 
     @property
     def asked(self) -> NDArray[np.bool_]:

@@ -4,11 +4,55 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Mask
+from knotfab.arrays import Array, Mask
 
-__all__ = ["thicken"]
+__all__ = ["is_thin", "run_together", "thicken"]
 
+_MOST = 0.5  # of the middle lines of a drawing of lines are thinner than the tube
+_SOLID = 0.2  # of its area, at most, is twice as thick
 _RIDGE = 0.7  # px: on a slope of the distance a neighbour is further in by 0.9 or more, on a ridge by less
+
+
+def _inside(mask: Mask) -> Array:
+    """(H, W) distance of each pixel's middle from what is not in the mask, px."""
+    from scipy import ndimage
+
+    # a pixel's middle is half a pixel inside its side
+    found: Array = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
+    return np.maximum(found, 0.0)
+
+
+def _opened(inside: Array, radius: float) -> Mask:
+    """What discs of a radius cover that lie in a mask."""
+    from scipy import ndimage
+
+    core = inside >= radius
+    return np.asarray(ndimage.distance_transform_edt(~core) <= radius) if core.any() else core
+
+
+def _ridge(mask: Mask, inside: Array) -> Mask:
+    """The middle lines: pixels of which no neighbour is further in."""
+    from scipy import ndimage
+
+    return np.asarray(mask & (inside > ndimage.maximum_filter(inside, 3) - _RIDGE))
+
+
+def is_thin(mask: Mask, width_px: float) -> bool:
+    """Whether a silhouette is a drawing of lines thinner than this.
+
+    Most of its middle lines are, by their length, and hardly any of its area is twice as thick.
+    """
+    inside = _inside(mask)
+    thin = inside[_ridge(mask, inside)] < 0.5 * width_px
+    solid = (mask & _opened(inside, width_px)).sum() / mask.sum()
+    return bool(thin.mean() > _MOST and solid < _SOLID)
+
+
+def run_together(mask: Mask, widened: Mask, width_px: float) -> float:
+    """What share of widened strokes lies where they ran together: thicker than one, where none was."""
+    radius = 0.75 * width_px
+    blobs = _opened(_inside(widened), radius) & ~_opened(_inside(mask), radius)
+    return float(blobs.sum() / widened.sum())
 
 
 def thicken(mask: Mask, width_px: float) -> Mask:
@@ -24,10 +68,8 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     from scipy import ndimage
 
     radius = 0.5 * width_px
-    # a pixel's middle is half a pixel inside its side
-    inside = np.maximum(ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5, 0.0)
-    core = inside >= radius
-    opened = ndimage.distance_transform_edt(~core) <= radius if core.any() else core
+    inside = _inside(mask)
+    opened = _opened(inside, radius)
     thin = mask & ~opened
     labels, count = ndimage.label(thin, np.ones((3, 3)))
     if count == 0:
@@ -36,6 +78,6 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     # corners that the disc rounds are no strokes: they end within its radius
     long = ndimage.maximum(reach, labels, np.arange(count + 1)) > radius
     strokes = np.asarray(long)[labels] & thin
-    middle = strokes & (inside > ndimage.maximum_filter(inside, 3) - _RIDGE)
+    middle = strokes & _ridge(mask, inside)
     away = ndimage.distance_transform_edt(~middle) if middle.any() else None
     return mask if away is None else mask | (away <= radius)

@@ -106,13 +106,14 @@ def cast_shadows(
     """
     from scipy.ndimage import distance_transform_edt
 
+    from knotfab.design.frames import widen
     from knotfab.target.read import read_target
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry
 
     found = []
     for view, picture in zip(views, pictures, strict=True):
-        mask = read_target(picture, view).asked
+        mask = widen(view, read_target(picture, view)).judged
         height, width = mask.shape
         frame = working_frame(width, height)
         geometry = view_geometry(view, width, height).resample(frame)

@@ -18,13 +18,12 @@ from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
 from knotfab.design.design import design_knots
 from knotfab.design.prices import SHORT, price_limits
-from knotfab.design.radius import template_iou
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
-from knotfab.start.filling import fill
+from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import trace_polygon

@@ -12,11 +12,12 @@ import pytest
 from PIL import Image, ImageDraw
 
 from knotfab.cli.app import app
-from knotfab.design.frames import frame_view
-from knotfab.errors import SceneError
+from knotfab.design.frames import frame_view, widen_targets
+from knotfab.errors import InputError, SceneError
 from knotfab.preview.draw import draw_survey
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Piece, Printer, Scene, View
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import read_target
@@ -152,3 +153,44 @@ def test_the_command_writes_a_picture_and_says_the_same(
     with Image.open(out) as drawn:
         assert drawn.width > 500
     assert list(out.parent.iterdir()) == [out]
+
+
+def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
+    thin = read_target(lines(tmp_path / "thin.png", width=3))
+    asked = resolve(Scene())
+    scene, targets = widen_targets(asked, (thin,))
+    assert scene.views[0].lines == "on"
+    assert scene.views[0].thicken_mm == pytest.approx(2 * 0.8 * 1.2)
+    found = survey(scene, targets)
+    require_drawable(found, scene)
+    assert found.radius_mm == pytest.approx(0.8)
+    (said,) = [line for line in describe(found) if "runs along each of its strokes" in line]
+    assert "0.80 mm radius" in said
+    # what is thick enough is filled, and so are several pictures
+    bold = read_target(lines(tmp_path / "bold.png", width=30))
+    assert widen_targets(asked, (bold,))[0].views[0].lines == "off"
+    two = Scene(views=(View(name="a"), View(name="b", azimuth_deg=90.0)))
+    assert [v.lines for v in widen_targets(resolve(two), (thin, thin))[0].views] == ["off", "off"]
+
+
+def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
+    image = Image.new("L", (SIDE, SIDE), 255)
+    draw = ImageDraw.Draw(image)
+    for k in range(100, 700, 6):
+        draw.line((100, k, 700, k), fill=0, width=2)
+    image.save(tmp_path / "hatched.png")
+    scene, targets = widen_targets(resolve(Scene()), (read_target(tmp_path / "hatched.png"),))
+    with pytest.raises(SceneError, match="run together") as caught:
+        require_drawable(survey(scene, targets), scene)
+    assert "--lines" not in caught.value.remedy
+    wide = int(re.search(r"the picture (\d+) mm wide", caught.value.remedy)[1])  # type: ignore[index]
+    larger = Scene(views=(View(frame_width_mm=float(wide)),))
+    scene, targets = widen_targets(resolve(larger), (read_target(tmp_path / "hatched.png"),))
+    require_drawable(survey(scene, targets), scene)
+
+
+def test_several_pictures_are_not_drawn_along_lines(tmp_path: Path) -> None:
+    target = read_target(lines(tmp_path / "thin.png", width=3))
+    scene = Scene(views=(View(name="a", lines="on"), View(name="b", azimuth_deg=90.0)))
+    with pytest.raises(InputError, match="one picture"):
+        widen_targets(resolve(scene), (target, target))

@@ -5,9 +5,8 @@ import pytest
 import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
-from knotfab.design.radius import template_iou
 from knotfab.geometry.sampling import sample_evenly
-from knotfab.start.filling import fill, rings_of, simple_curves
+from knotfab.start.filling import fill, rings_of, simple_curves, template_iou
 from knotfab.target.silhouette import trace_polygon
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from knotfab.design.frames import thicken_targets
+from knotfab.design.frames import widen_targets
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.target.read import Target
@@ -89,13 +89,13 @@ def test_what_the_scene_asks_for_is_drawn_and_the_picture_kept(sequence: bool) -
     mask = drawn(*LINES["bent"], width=2)
     targets = [Target("line", mask, b"", 200, 160)] * (3 if sequence else 1)
     scene = resolve(Scene(views=(View(thicken_mm="auto"),)))
-    changed, found = thicken_targets(scene, targets, sequence)
+    changed, found = widen_targets(scene, targets, sequence)
     # 1.1 x the shadow of a tube 1.6 mm thick, on a wall 100 mm behind a piece 500 mm from the lamp
     assert changed.views[0].thicken_mm == pytest.approx(1.1 * 1.6 * 1.2)
     assert len(found) == len(targets)
     for target in found:
         assert (target.asked == mask).all() and "widened" in target.rule
         assert (target.mask == thicken(mask, 1.1 * 1.6 * 1.2 * 200 / 180)).all()
-    assert thicken_targets(scene.model_copy(update={"views": (View(),)}), targets[:1])[1] == (
-        targets[0],
-    )
+    assert widen_targets(scene.model_copy(update={"views": (View(lines="off"),)}), targets[:1])[
+        1
+    ] == (targets[0],)

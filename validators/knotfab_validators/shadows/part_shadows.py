@@ -78,6 +78,9 @@ def verify_shadows(
             with time_stage(seconds, f"view {view.name}"):
                 target = read_silhouette(folder / view.picture, view.reading)
                 geometry = view_geometry(view, target.shape[1], target.shape[0])
+                wide = None
+                if view.thicken_mm is not None:
+                    wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
                 found = verify_view(
                     vertices,
                     mesh.faces,
@@ -89,18 +92,17 @@ def verify_shadows(
                     mounted=scene.mount.kind != "none",
                     stand=scene.mount.kind == "stand",
                     renderer=renderer,
+                    drawn=wide,
                 )
             verified[view.name] = found
             if found.tube_px is not None:
                 with time_stage(seconds, "verdict"):
-                    wanted, iou = found.target, found.framed.iou
-                    if view.thicken_mm is not None:
-                        width = view.thicken_mm / geometry.pixel_mm
-                        wanted = padded_mask(widen_strokes(target, width), found.frame)
-                        iou = drawn[view.name] = overlap(found.seen, wanted).iou
+                    iou = found.framed.iou
+                    if wide is not None:
+                        iou = drawn[view.name] = overlap(found.seen, found.drawn).iou
                     judged = recognise(
                         found.seen,
-                        wanted,
+                        found.drawn,
                         iou,
                         found.tube_px,
                         found.frame,
@@ -175,6 +177,7 @@ def verify_shadows(
         no_rendering=None if renderer is not None else why,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
+        widened_mm={v.name: v.thicken_mm for v in scene.views if v.thicken_mm is not None},
     )
     accepted = "unrecognisable" in scene.accuracy.accept
     return [*checks, check_recognisable(worst_verdict(views), accepted=accepted)], views

@@ -33,13 +33,15 @@ class VerifiedView:
     along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
     that a mount darkens outside both picture and knots; None where the knots are not known.
     `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
-    floor is asked, without all that it darkens beside the tube; without a stand all three are one.
+    floor is asked, without all that it darkens beside the tube, and with the strokes as wide as they are
+    drawn (`drawn`); without a stand and wider strokes all three are one.
     `seen` is the shadow that `framed` compares, and `tube_px` half the width of the tube's, in the middle
     of its depth; None without knots.
     """
 
     frame: WorkingFrame
     target: Mask
+    drawn: Mask
     exact: Mask
     rendered: Mask | None
     whole: Overlap
@@ -76,6 +78,7 @@ def verify_view(
     stand: bool = False,
     renderer: SilhouetteRenderer | None = None,
     longer: int = 1024,
+    drawn: Mask | None = None,
 ) -> VerifiedView:
     """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
 
@@ -90,6 +93,8 @@ def verify_view(
             outline is then that of the tube's own surface, and the tube's shadow is what is judged.
         renderer: of this mesh, where rendering is possible.
         longer: pixels on the longer side of the frame.
+        drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
+            judged; `target` where left out.
 
     Raises:
         ShadowError: the part reaches the light.
@@ -97,6 +102,7 @@ def verify_view(
     frame = working_frame(target.shape[1], target.shape[0], longer)
     fine = geometry.resample(frame)
     wanted = padded_mask(target, frame)
+    wide = wanted if drawn is None else padded_mask(drawn, frame)
     lines = shadow_lines(vertices, faces, fine)
     exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
     rendered = renderer.render(fine) if renderer is not None else None
@@ -108,7 +114,8 @@ def verify_view(
         rendered=rendered,
         whole=whole,
         framed=whole,
-        judged=whole,
+        judged=whole if drawn is None else overlap(exact if rendered is None else rendered, wide),
+        drawn=wide,
         exact_iou=overlap(exact, wanted).iou,
         stray_px=None if rendered is None else count_stray(rendered, exact, polygon),
         tube=None if mounted else whole,
@@ -134,7 +141,7 @@ def verify_view(
             result = replace(
                 result,
                 framed=overlap(kept, wanted),
-                judged=overlap(shadow & field.mask, wanted),
+                judged=overlap(shadow & field.mask, wide),
                 wrong=find_wrong_stretch(kept, wanted),
                 seen=kept,
             )

@@ -1,0 +1,176 @@
+"""Lanes: strands that hide each other, seen from the light, are kept apart along its rays.
+
+A curve that runs along strokes there and back lies behind itself. Each of its passes is given a lane, a
+whole number of half separations, so that passes in one place have lanes that differ by two or more: a
+stretch at a time, each the best (Viterbi 1967) for what all others leave. Then the depths themselves are
+moved until the strands are as far apart as they must be, slopes and all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
+
+from knotfab.arrays import Array, Indices
+from knotfab.geometry.sampling import arc_lengths, sample_evenly
+
+__all__ = ["assign_lanes", "part_passes"]
+
+_LANES = 8  # on either side of the middle
+_STEP = 0.5  # separations between samples that have a lane each
+_ALONG = 2.5  # separations along the curve within which a strand is its own neighbour
+_TURNED = 0.5  # of the way along it, as the crow flies: less is a turn on the spot, at the end of a stroke
+_HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
+_CHANGE, _ASIDE = 0.15, 0.02  # of a change by one lane; of a sample in the next lane to the middle
+_STRETCH, _PASSES = 24, 8  # samples whose lanes are changed together; times that each is looked at
+_ROOM = 1.03  # separations that strands are given
+_ROUNDS = 60  # of moving them apart
+
+
+def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, ...]:
+    """A lane for each vertex of closed planar curves [(n, 2) mm]: (n,) in half separations, smooth."""
+    samples = [sample_evenly(curve, _STEP * separation) for curve in curves]
+    near = _Neighbours(samples, separation)
+    lanes: Array = np.full(near.count, np.nan)
+    for turn in range(_PASSES):
+        for first, size in near.curves():
+            stretch = min(_STRETCH, size)
+            shift = turn * stretch // _PASSES
+            for begin in range(0, size, stretch):
+                block = first + (shift + begin + np.arange(min(stretch, size - begin))) % size
+                before = first + (block[0] - first - 1) % size
+                after = first + (block[-1] - first + 1) % size
+                lanes[block] = _best_lanes(near.prices(block, lanes), lanes[before], lanes[after])
+    found = []
+    for (first, size), curve, sample in zip(near.curves(), curves, samples, strict=True):
+        smooth = gaussian_filter1d(lanes[first : first + size], 1.0, mode="wrap")
+        share = arc_lengths(sample)[:-1] / arc_lengths(sample)[-1]
+        at = arc_lengths(curve)[:-1] / arc_lengths(curve)[-1]
+        found.append(np.interp(at, share, smooth, period=1.0))
+    return tuple(found)
+
+
+class _Neighbours:
+    """Samples of all curves in a row, and which of them hide each other."""
+
+    def __init__(self, samples: list[Array], separation: float) -> None:
+        self.sizes = [len(s) for s in samples]
+        self.count = sum(self.sizes)
+        pairs, along = _hiding(samples, separation)
+        pairs = pairs[along >= 0.99 * separation]
+        both = np.concatenate([pairs, pairs[:, ::-1]])
+        both = both[np.argsort(both[:, 0], kind="stable")]
+        self.of = np.searchsorted(both[:, 0], np.arange(self.count + 1))
+        self.others = both[:, 1]
+
+    def curves(self) -> Iterator[tuple[int, int]]:
+        """The first sample of each curve and how many it has."""
+        first = 0
+        for size in self.sizes:
+            yield first, size
+            first += size
+
+    def prices(self, block: Indices, lanes: Array) -> Array:
+        """(k, lanes) what each sample of a stretch costs in each lane, for the others as they stand."""
+        levels = np.arange(-_LANES, _LANES + 1)
+        prices = np.tile(_ASIDE * np.abs(levels), (len(block), 1))
+        inside = set(block.tolist())
+        for row, sample in enumerate(block.tolist()):
+            others = self.others[self.of[sample] : self.of[sample + 1]]
+            taken = lanes[[o for o in others.tolist() if o not in inside]]
+            gap = np.abs(levels[:, None] - taken[np.isfinite(taken)])
+            prices[row] += _HIDDEN[0] * (gap < 0.5).sum(1) + _HIDDEN[1] * (abs(gap - 1) < 0.5).sum(
+                1
+            )
+        return prices
+
+
+def _best_lanes(prices: Array, before: float, after: float) -> Array:
+    """The cheapest lanes of a stretch, each at most one from the last.
+
+    `before`, `after`: the lanes beside it; nan where they are free.
+    """
+    levels = np.arange(prices.shape[1]) - _LANES
+    score = np.zeros(len(levels))
+    if np.isfinite(before):
+        score = np.where(np.abs(levels - before) <= 1, _CHANGE * np.abs(levels - before), 1e3)
+    came = []
+    for price in prices:
+        score = score + price
+        came.append(score)
+        up = np.concatenate([[np.inf], score[:-1]]) + _CHANGE
+        down = np.concatenate([score[1:], [np.inf]]) + _CHANGE
+        score = np.minimum(score, np.minimum(up, down))
+    last = came[-1]
+    if np.isfinite(after):
+        far = np.abs(levels - after)
+        last = last + np.where(far <= 1, _CHANGE * far, 1e3 * far)
+    path = [int(last.argmin())]
+    for score in reversed(came[:-1]):
+        here = path[-1]
+        nearby = range(max(0, here - 1), min(len(levels), here + 2))
+        path.append(min(nearby, key=lambda k: score[k] + _CHANGE * abs(k - here)))
+    return levels[path[::-1]].astype(np.float64)
+
+
+def _hiding(samples: list[Array], separation: float) -> tuple[Indices, Array]:
+    """(k, 2) pairs of samples closer than the separation in the plane, and how far apart along their curve.
+
+    Neighbours along a curve are left out, but where it turns on the spot. Infinite: of different curves.
+    """
+    sizes = [len(s) for s in samples]
+    curve = np.repeat(np.arange(len(samples)), sizes)
+    arcs = [arc_lengths(s) for s in samples]
+    arc, total = np.concatenate([a[:-1] for a in arcs]), np.repeat([a[-1] for a in arcs], sizes)
+    points = np.concatenate(samples)
+    pairs = cKDTree(points).query_pairs(separation, output_type="ndarray")
+    i, j = pairs[:, 0], pairs[:, 1]
+    along = np.abs(arc[i] - arc[j])
+    along = np.minimum(along, total[i] - along)
+    along[curve[i] != curve[j]] = np.inf
+    turned = np.hypot(*(points[i] - points[j]).T) < _TURNED * along
+    found = (along > _ALONG * separation) | turned
+    return np.asarray(pairs[found]), along[found]
+
+
+def part_passes(
+    curves: tuple[Array, ...],
+    depths: tuple[Array, ...],
+    lanes: tuple[Array, ...],
+    separation: float,
+    light_distance: float,
+) -> tuple[Array, ...]:
+    """The depths moved until strands that hide each other are a separation apart, as their lanes lie.
+
+    Args:
+        curves: closed planar polylines [(n, 2) mm], evenly sampled. depths: [(n,) mm] towards the light.
+        lanes: of `assign_lanes`.
+    """
+    plane, lane, depth = (np.concatenate(each) for each in (curves, lanes, depths))
+    pairs, along = _hiding(list(curves), separation)
+    # a turn on the spot is half a circle, as wide as the separation, along the light's rays
+    turn = np.minimum(along / separation, 1.0)
+    apart = _ROOM * separation * np.sqrt(turn * (2.0 - turn))
+    one, other = pairs[:, 0], pairs[:, 1]
+    swap = lane[one] < lane[other]
+    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    bounds = np.cumsum([0, *(len(c) for c in curves)])
+    steps = [arc_lengths(c)[-1] / len(c) for c in curves]
+    for _ in range(_ROUNDS):
+        near = 1.0 - depth / light_distance
+        seen = plane * near[:, None]
+        across = ((seen[one] - seen[other]) ** 2).sum(1)
+        wanted = np.sqrt(np.maximum(apart**2 - across, 0.0))
+        short = np.maximum(wanted - (depth[one] - depth[other]), 0.0)
+        if short.max(initial=0.0) < 0.01 * separation:
+            break
+        up, down = np.zeros_like(depth), np.zeros_like(depth)
+        np.maximum.at(up, one, 0.5 * short)
+        np.maximum.at(down, other, 0.5 * short)
+        for a, b, step in zip(bounds[:-1], bounds[1:], steps, strict=True):
+            moved = (up - down)[a:b]
+            depth[a:b] += gaussian_filter1d(moved, 0.3 * separation / step, mode="wrap")
+    return tuple(np.split(depth, bounds[1:-1]))

@@ -1,0 +1,210 @@
+"""The stroke template: a drawing's centre lines as one simple closed curve for each connected drawing.
+
+The curve is the outline of a disc. A plane graph parts the plane into faces; some of them are filled, so that
+lines between a filled face and an empty one are run through once (as many as can be: a largest cut of the
+dual graph, by ascent). A line between two empty faces is a thin ribbon, one between two filled ones a slit;
+both are run through there and back. Where lines meet, filled faces and ribbons are joined until they
+are one disc: a tree of joints, so that its outline is one curve, which meets itself nowhere.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LineString, MultiPolygon, Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from knotfab.arrays import Array
+from knotfab.geometry.sampling import sample_evenly
+from knotfab.start.filling import Template, join_curves, simple_curves, smooth_closed
+
+__all__ = ["follow_strokes"]
+
+_APART = 0.07  # radii: half the distance between the two passes of a line, seen from the light
+_JOINT = 0.5  # radii about a place where lines meet, where filled faces and ribbons may be joined
+_SIDE = 0.02  # radii beside a line where its faces are looked up
+_STEP = 0.25  # radii between the curve's points
+_WIDE = 1.2  # radii of half a stroke that two passes side by side draw better than one
+
+
+def follow_strokes(
+    lines: list[Array], polygon: MultiPolygon, radius: float, knots: int | None = None
+) -> Template:
+    """One simple closed curve along the lines of each connected drawing.
+
+    Args:
+        lines: [(n, 2) mm] of `target.strokes.trace_strokes`, which meet in common ends only.
+        polygon: what is to be drawn, mm. radius: projected tube radius, mm.
+        knots: None for one curve a drawing; a number to bridge them until so many are left.
+    """
+    step = _STEP * radius
+    curves = [
+        sample_evenly(np.asarray(_outline_disc(part, polygon, radius).coords)[:-1], step)
+        for part in _connected(lines)
+    ]
+    if knots is not None:
+        curves = join_curves(curves, radius, step, knots, keep=True)
+    for sigma in (2.0, 1.0, 0.5):
+        smoothed = [smooth_closed(curve, sigma) for curve in curves]
+        if simple_curves(smoothed):
+            curves = smoothed
+            break
+    return Template(tuple(curves), polygon, radius, passes=True)
+
+
+def _connected(lines: list[Array]) -> list[list[LineString]]:
+    """The lines in groups that hang together by their ends."""
+    groups: dict[tuple[float, float], int] = {}
+    members: dict[int, list[LineString]] = {}
+    for number, points in enumerate(lines):
+        ends = [(float(x), float(y)) for x, y in points[[0, -1]]]
+        met = {groups[end] for end in ends if end in groups}
+        members[number] = [LineString(points)]
+        for other in met:
+            members[number] += members.pop(other)
+        groups |= {end: number for end in ends}
+        groups |= {end: number for end, group in groups.items() if group in met}
+    return list(members.values())
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """Lines and the faces they part; of each line the face on either side, 0 of which is all around."""
+
+    lines: list[LineString]
+    faces: list[Polygon]
+    sides: list[tuple[int, int]]
+
+    def face_at(self, x: float, y: float) -> int:
+        """The number of the face that holds a point."""
+        point = Point(x, y)
+        return next((n for n, f in enumerate(self.faces, 1) if f.covers(point)), 0)
+
+
+def _part_plane(lines: list[LineString], radius: float) -> _Plane:
+    plane = _Plane(lines, list(shapely.polygonize(lines).geoms), [])
+    for line in lines:
+        one, end = (line.interpolate(0.5 + d, normalized=True) for d in (-1e-3, 1e-3))
+        along = np.array([end.x - one.x, end.y - one.y])
+        x, y = _SIDE * radius * along / np.hypot(*along)
+        middle = line.interpolate(0.5, normalized=True)
+        plane.sides.append(
+            (plane.face_at(middle.x - y, middle.y + x), plane.face_at(middle.x + y, middle.y - x))
+        )
+    return plane
+
+
+def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
+    """Which faces are filled, so that the lines between filled and empty are as long as may be.
+
+    Those that are wide count against it: they are better run through twice.
+    Ascent by one face and by two neighbours at a time; the outermost stays empty.
+    """
+    count = len(plane.faces) + 1
+    weight = np.zeros((count, count))
+    for line, (one, other), twice in zip(plane.lines, plane.sides, wide, strict=True):
+        if one != other:
+            weight[one, other] += -line.length if twice else line.length
+            weight[other, one] = weight[one, other]
+    sign = np.ones(count)
+    better = True
+    while better:
+        better = False
+        for one in range(1, count):
+            moves = [(one,), *((one, int(other)) for other in np.flatnonzero(weight[one]) if other)]
+            for move in moves:
+                flipped = sign.copy()
+                flipped[list(move)] *= -1
+                if flipped @ weight @ flipped < sign @ weight @ sign - 1e-9:
+                    sign, better = flipped, True
+    return [bool(s < 0) for s in sign]
+
+
+def _is_wide(line: LineString, edge: BaseGeometry, radius: float) -> bool:
+    """Whether most of a stroke is wider than one tube draws it; `edge`: of what is to be drawn."""
+    at = shapely.line_interpolate_point(line, np.linspace(0.1, 0.9, 9), normalized=True)
+    return bool(np.median(shapely.distance(at, edge)) > _WIDE * radius)
+
+
+def _outline_disc(
+    lines: list[LineString], polygon: MultiPolygon, radius: float
+) -> shapely.LinearRing:
+    """The closed curve along lines that hang together."""
+    plane = _part_plane(lines, radius)
+    edge = polygon.boundary
+    filled = _fill_faces(plane, [_is_wide(line, edge, radius) for line in lines])
+    apart, reach = _APART * radius, _JOINT * radius
+    solid: list[BaseGeometry] = [f for f, on in zip(plane.faces, filled[1:], strict=True) if on]
+    slits: list[BaseGeometry] = []
+    for line, (one, other) in zip(lines, plane.sides, strict=True):
+        if filled[one] == filled[other]:
+            (slits if filled[one] else solid).append(line.buffer(apart))
+    disc = shapely.union_all(solid)
+    if slits:
+        disc = disc.difference(shapely.union_all(slits))
+    spokes = _join_at_ends(plane, filled, reach)
+    joints = [Point(at) for at in spokes]
+    if joints:
+        disc = disc.difference(shapely.union_all([j.buffer(reach) for j in joints]))
+        bars = [
+            LineString([at, end]).buffer(apart, cap_style="square")
+            for at, ends in spokes.items()
+            for end in ends
+        ]
+        disc = shapely.union_all([disc, *bars])
+    parts = [p for p in shapely.get_parts(disc) if isinstance(p, Polygon)]
+    return max(parts, key=lambda p: p.area).exterior
+
+
+def _join_at_ends(
+    plane: _Plane, filled: list[bool], reach: float
+) -> dict[tuple[float, float], list[Array]]:
+    """For each place where filled faces or ribbons meet, the points about it that are joined to it.
+
+    They are joined unless they hang together already.
+    """
+    meeting: dict[tuple[float, float], list[tuple[int, Array]]] = defaultdict(list)
+    for number, line in enumerate(plane.lines):
+        coords = np.asarray(line.coords)
+        for end, way in ((coords[0], reach), (coords[-1], line.length - reach)):
+            at = (float(end[0]), float(end[1]))
+            near = line.interpolate(way)
+            meeting[at].append((number, np.array([near.x, near.y]) - end))
+    joined: dict[tuple[str, int], tuple[str, int]] = {}
+
+    def root(part: tuple[str, int]) -> tuple[str, int]:
+        while part in joined:
+            part = joined[part]
+        return part
+
+    spokes: dict[tuple[float, float], list[Array]] = {}
+    for at, ends in meeting.items():
+        if len(ends) < 2:
+            continue
+        around = sorted(ends, key=lambda e: np.arctan2(e[1][1], e[1][0]))
+        angles = [float(np.arctan2(way[1], way[0])) for _, way in around]
+        block: dict[tuple[str, int], Array] = {}
+        runs = 0
+        for k, (number, way) in enumerate(around):
+            one, other = plane.sides[number]
+            if filled[one] == filled[other] and not filled[one]:
+                runs += 1
+                block.setdefault(root(("line", number)), np.array(at) + 1.2 * way)
+            gap = (angles[(k + 1) % len(around)] - angles[k]) % (2 * np.pi) or 2 * np.pi
+            turn = angles[k] + 0.5 * gap
+            middle = np.array(at) + reach * np.array([np.cos(turn), np.sin(turn)])
+            face = plane.face_at(*middle)
+            if filled[face]:
+                runs += 1
+                end = np.array(at) + 1.2 * (middle - np.array(at))
+                block.setdefault(root(("face", face)), end)
+        if runs < 2:
+            continue
+        first, *rest = block
+        for part in rest:
+            joined[part] = first
+        spokes[at] = list(block.values()) if rest else []
+    return spokes
