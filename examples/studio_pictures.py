@@ -39,6 +39,7 @@ def draw(page: Page, picture: Path, out: Path) -> None:
 
 
 def _keep(page: Page, path: Path) -> None:
+    page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(1000)
     page.screenshot(path=path)
     Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
