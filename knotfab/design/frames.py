@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
+_SLIM = 1.25  # times the tube's shadow: thinner strokes are drawn along their lines
 _ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
@@ -180,9 +181,9 @@ def widen_targets(
 
 
 def _is_thin(view: View, target: Target, radius: float) -> bool:
-    """Whether most of a picture is thinner than the shadow of a tube of this radius, mm."""
+    """Whether most of a picture is too thin for two strands of this radius, mm, side by side."""
     px = frame_view(view, target).px_per_mm(target.width)
-    return is_thin(target.mask, 2.0 * radius * px)
+    return is_thin(target.mask, _SLIM * 2.0 * radius * px)
 
 
 def widen(view: View, target: Target) -> Target:

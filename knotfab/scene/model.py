@@ -148,7 +148,7 @@ class View(Reading):
         "none"  # strokes that are thinner, on the receiver
     )
     lines: Literal["auto", "on", "off"] = (
-        "auto"  # on: drawn along its centre lines; auto: where most of it is thinner than the tube
+        "auto"  # on: drawn along its centre lines; auto: where most strokes are as thin as the tube
     )
 
     @field_validator("light_leds")

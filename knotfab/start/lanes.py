@@ -25,7 +25,17 @@ _ALONG = 2.5  # separations along the curve within which a strand is its own nei
 _TURNED = 0.5  # of the way along it, as the crow flies: less is a turn on the spot, at the end of a stroke
 _HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
 _CHANGE, _ASIDE = 0.15, 0.02  # of a change by one lane; of a sample in the next lane to the middle
-_STRETCH, _PASSES = 24, 8  # samples whose lanes are changed together; times that each is looked at
+_STRETCHES = (
+    4,
+    8,
+    16,
+    6,
+    12,
+    5,
+    10,
+    4,
+    3,
+)  # samples whose lanes are changed together, pass by pass
 _ROOM = 1.03  # separations that strands are given
 _ROUNDS = 60  # of moving them apart
 
@@ -35,10 +45,10 @@ def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, .
     samples = [sample_evenly(curve, _STEP * separation) for curve in curves]
     near = _Neighbours(samples, separation)
     lanes: Array = np.full(near.count, np.nan)
-    for turn in range(_PASSES):
+    for turn, most in enumerate(_STRETCHES):
         for first, size in near.curves():
-            stretch = min(_STRETCH, size)
-            shift = turn * stretch // _PASSES
+            stretch = min(most, size)
+            shift = turn * stretch // len(_STRETCHES)
             for begin in range(0, size, stretch):
                 block = first + (shift + begin + np.arange(min(stretch, size - begin))) % size
                 before = first + (block[0] - first - 1) % size
