@@ -27,6 +27,7 @@ from knotfab.sequence.report import (
     sequence_report,
 )
 from knotfab.sequence.require import require_sequence
+from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope
 from knotfab.sequence.written import read_knot_in_scene
 from knotfab.slicer.profile import write_profile
@@ -132,9 +133,10 @@ def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
 def _mend(
     chain: Chain, frame: Frame, piece: WrittenPiece, write: Callable[[Frame], WrittenPiece]
 ) -> tuple[Frame, WrittenPiece]:
-    """A frame that fails for no limit that forbids its picture, from another start, where that is better."""
-    failed = _fails(frame, piece)
-    if not failed or frame.made.unmet or frame.made.binding:
+    """A frame that fails, from another start where that is better; none helps against limits or a floor."""
+    failed, made = _fails(frame, piece), frame.made
+    best = failed == ["shadow"] and made.result.iou_estimate >= made.opening_iou - POOR
+    if not failed or best or made.unmet or made.binding:
         return frame, piece
     again = chain.retry(frame.number)
     _ = piece.sliced  # the slicer reads files that are now replaced

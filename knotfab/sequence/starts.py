@@ -16,11 +16,20 @@ from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, finish, follow
 from knotfab.target.opening import opening_iou
 
-__all__ = ["Attempt", "Following", "Likeness", "Tie", "Trial", "list_attempts", "list_retries"]
+__all__ = [
+    "POOR",
+    "Attempt",
+    "Following",
+    "Likeness",
+    "Tie",
+    "Trial",
+    "list_attempts",
+    "list_retries",
+]
 
 
 _MORE = 2.0  # times the iterations, where a frame did not come out
-_POOR = 0.025  # of IoU below what the radius allows: another start is tried
+POOR = 0.025  # of IoU below what the radius allows: another start is tried
 _ALIKE = 0.5  # of what differs from the neighbour: another frame is the better start
 _SMALL_PX = 256  # of pictures that are compared
 
@@ -128,7 +137,7 @@ class Following:
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
     ) -> Trial:
         """The first trial that keeps every limit and draws the picture well, else the best of all."""
-        wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - _POOR
+        wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - POOR
         best: Trial | None = None
         for attempt in attempts:
             if attempt.still and best is not None and best.quality[0]:

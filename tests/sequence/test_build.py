@@ -21,15 +21,16 @@ from knotfab.sequence.report import advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 
+FRAME_MM, RADIUS_MM = 90.0, 2.5  # small parts are soon sliced and verified
 QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 40, "fine_iterations": 40}
 
 
 def _scene(**keys: object) -> Scene:
-    views = (View(name="front", picture="front.png"),)
+    views = (View(name="front", picture="front.png", frame_width_mm=FRAME_MM),)
     return Scene.model_validate(
         {
             "views": views,
-            "piece": Piece(tube_radius_mm=5.0),
+            "piece": Piece(tube_radius_mm=RADIUS_MM),
             "search": {**QUICK, "depth_candidates": 6},
             **keys,
         }
@@ -104,9 +105,9 @@ def test_each_frame_hangs_by_itself_and_the_zoetrope_has_no_mount(outcome: Outco
     for number, mount, plate in zip(("01", "02"), mounts, plates, strict=True):
         scene = tomllib.loads((outcome.folder / f"scene-{number}.toml").read_text())
         assert scene["mount"]["pegs"] == [mount["pegs"] + mount["struts"]]
-        # a plate behind the frame: the part is deeper than its knot
+        # a plate is larger than the frame both ways, pegs alone reach further one way
         solid = trimesh.load_mesh(outcome.folder / f"part-{number}.stl")
-        assert solid.is_watertight and (solid.extents > 180).sum() == (2 if plate else 0)
+        assert solid.is_watertight and ((solid.extents > FRAME_MM).sum() >= 2) == plate
         assert (outcome.folder / f"setup-{number}.pdf").is_file()
     assert set(report["print"]["drawings"]) >= {"setup-01.svg", "setup-02.pdf"}
     ring = trimesh.load_mesh(outcome.folder / "zoetrope.stl")
@@ -137,9 +138,9 @@ def test_the_motion_reported_is_that_of_the_files(outcome: Outcome) -> None:
     away = float(np.linalg.norm(one - other, axis=1).max())
     motion = outcome.report["views"][1]["motion"]
     assert motion["largest_mm"] == pytest.approx(away, abs=1e-9)
-    assert away <= motion["outline_mm"] + 5.0
+    assert away <= motion["outline_mm"] + RADIUS_MM
     # the arm's round end goes this far on the wall; the plane of the outlines is nearer to the light
-    arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * 180 * 500 / 600
+    arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * FRAME_MM * 500 / 600
     assert motion["outline_mm"] == pytest.approx(arm, rel=0.1)
 
 
@@ -152,7 +153,8 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     assert 'iou_floor = "auto"' in written
     stricter = out / "stricter.toml"
     stricter.write_text(written.replace('iou_floor = "auto"', "iou_floor = 0.9999"))
-    call = ("build", "--sequence", "--print", "--quiet", "--skip", "slicer")
+    call = ("build", "--sequence", "--print", "--quiet")
+    call += ("--skip", "slicer", "--skip", "shadow-render")  # the exact polygons decide
     done = knotfab(*call, "--scene", stricter, "--out", out)
     stricter.unlink()
     assert (done.code, done.out) == (1, "")
@@ -160,7 +162,8 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     rejected = out / "rejected"
     assert {p.name: p.read_bytes() for p in out.iterdir() if p != rejected} == before
     marked = {"failures-01.png", "failures-02.png"}  # the parts, with the places that fail
-    assert set(before) == {p.name for p in rejected.iterdir()} - marked
+    soft = {"soft-frame-01.png", "soft-frame-02.png"}  # which only rendering makes
+    assert set(before) - soft == {p.name for p in rejected.iterdir()} - marked
     for name in ("part-01.stl", "part-02.stl", "knots-02.json", "picture-frame-02.png"):
         assert (rejected / name).read_bytes() == before[name], name
     report = json.loads((rejected / "report.json").read_text())
@@ -202,7 +205,7 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
     names = _frames(tmp_path, (0.0, 16.0))
-    several = _scene(piece=Piece(tube_radius_mm=5.0, knots=2))
+    several = _scene(piece=Piece(tube_radius_mm=RADIUS_MM, knots=2))
     with pytest.raises(InputError, match="one knot"):
         build_sequence(Request(several, tuple(names), tmp_path / "out", base=tmp_path))
     assert not (tmp_path / "out").exists()
