@@ -70,6 +70,9 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             )
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
+        kept = keep_for(request, targets)
+        if len(kept) > 0:
+            progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
         # side by side as the machine allows, with two processes that verify to one that slices
         jobs = min(len(targets), max(1, count_jobs() // 2))
         with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
@@ -81,7 +84,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
                 progress,
                 left,
                 loop=request.loop,
-                kept=(kept := keep_for(request, targets)),
+                kept=kept,
             )
             found: dict[int, tuple[Frame, WrittenPiece]] = {}
 
@@ -91,8 +94,6 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
                 return write_piece(frame.made, [target], *work, frame_suffix(target))
 
             for frame in chain.frames():
-                if chain.resumed == len(found) + 1:
-                    progress.say(f"Frame {frame.number + 1} was done before, and is kept.")
                 found[frame.number] = frame, write(frame)
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):

@@ -39,6 +39,9 @@ class KeptFrames:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
+    def __len__(self) -> int:
+        return len(list(self.folder.glob("*.frame")))
+
     def load(self, number: int) -> Any:
         """What was stored of a frame (from 0); None where there is nothing that can be read."""
         with contextlib.suppress(Exception):  # whatever a damaged file makes of it

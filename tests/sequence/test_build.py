@@ -4,6 +4,7 @@ import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from PIL import Image, ImageDraw
 from knotfab.errors import InputError
 from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
-from knotfab.sequence.build import build_sequence
+from knotfab.sequence.build import _mend, build_sequence
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.report import advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
@@ -201,6 +202,52 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
         for names in (("outline",), ("clearance",), ("shadow", "limits"))
     )
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
+
+
+def _searched(iou: float = 0.8, bound: bool = False) -> Any:
+    result = SimpleNamespace(feasible=True, iou_estimate=iou)
+    binding = ("length",) if bound else ()
+    made = SimpleNamespace(result=result, opening_iou=0.97, unmet=None, binding=binding)
+    return SimpleNamespace(number=1, made=made)
+
+
+def _verified(*failed: str) -> Any:
+    checks = [{"name": name, "required": True, "status": "fail"} for name in failed]
+    return SimpleNamespace(verdict={"checks": checks}, sliced={})
+
+
+@pytest.mark.parametrize(
+    ("failed", "then", "better"),
+    [(("shadow", "outline"), (), True), (("shadow",), ("shadow",), False)],
+)
+def test_a_frame_that_fails_is_tried_again_and_the_better_one_kept(
+    failed: tuple[str, ...], then: tuple[str, ...], better: bool
+) -> None:
+    frame, again, piece, other = _searched(), _searched(), _verified(*failed), _verified(*then)
+    accepted: list[object] = []
+    chain: Any = SimpleNamespace(retry=lambda number: again, accept=accepted.append)
+    written: list[object] = []
+
+    def write(one: Any) -> Any:
+        written.append(one)
+        return other if one is again else piece
+
+    kept = _mend(chain, frame, piece, write)
+    assert kept == ((again, other) if better else (frame, piece))
+    assert accepted == ([again] if better else [])
+    # what lies in the folder in the end is the one that is kept
+    assert written[-1] is kept[0]
+
+
+@pytest.mark.parametrize(
+    ("frame", "failed"),
+    [(_searched(), ()), (_searched(bound=True), ("shadow",)), (_searched(iou=0.96), ("shadow",))],
+    ids=["passes", "a limit forbids it", "drawn as well as can be"],
+)
+def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, ...]) -> None:
+    piece = _verified(*failed)
+    none: Any = None
+    assert _mend(none, frame, piece, none) == (frame, piece)
 
 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:

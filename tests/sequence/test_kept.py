@@ -32,6 +32,7 @@ def test_an_interrupted_sequence_goes_on_to_the_same_knots(tmp_path: Path) -> No
     begun = Chain(SCENE, targets, kept=place).frames()
     first, second = next(begun), next(begun)
     begun.close()  # here the machine is switched off
+    assert len(place) == 2
     again = Chain(SCENE, targets, kept=place)
     resumed = in_order(again)
     assert again.resumed == 2
