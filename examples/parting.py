@@ -1,15 +1,18 @@
-"""How far shadows part when lamp and piece are moved for real, against the magnitude of misplacement."""
+"""How far shadows move when lamp, piece or strands are moved for real, against the magnitudes of effects."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.effects.base import VERIFIED_PX, EffectContext, World
+from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import parting_mm
+from knotfab.effects.sag import SAG
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Placing, ResolvedView
+from knotfab.scene.model import Placing, Printer, ResolvedView
 
-__all__ = ["bounds_and_truths"]
+__all__ = ["bounds_and_truths", "cast", "directions", "shift_bound_and_truth"]
 
 Array = NDArray[np.float64]
 
@@ -19,20 +22,7 @@ def bounds_and_truths(rng: np.random.Generator, ways: int = 150) -> tuple[Array,
 
     Moved by the whole amount in `ways` directions; all round the tube about random points.
     """
-    while True:
-        view = ResolvedView(
-            frame_width_mm=180.0,
-            frame_height_mm=180.0,
-            light_distance_mm=rng.uniform(200, 2000),
-            wall_distance_mm=rng.uniform(50, 400),
-            wall_tilt_deg=rng.uniform(-30, 30),
-        )
-        radius = rng.uniform(0.5, 4)
-        room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
-        points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
-        camera = camera_of(view, 1, 1)
-        if (points @ camera.receiver[:3] + camera.receiver[3]).min() > radius:
-            break
+    view, points, radius, camera = random_scene(rng)
     placing = Placing(lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3))
     all_round = directions(ways)
     surface = (points[:, None] + radius * directions(15)).reshape(-1, 3)
@@ -49,6 +39,48 @@ def bounds_and_truths(rng: np.random.Generator, ways: int = 150) -> tuple[Array,
         for way in all_round
     )
     return np.array(parting_mm(view, points, radius, placing)), np.array([lamp, turn])
+
+
+def random_scene(rng: np.random.Generator) -> tuple[ResolvedView, Array, float, Camera]:
+    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius."""
+    while True:
+        view = ResolvedView(
+            frame_width_mm=180.0,
+            frame_height_mm=180.0,
+            light_distance_mm=rng.uniform(200, 2000),
+            wall_distance_mm=rng.uniform(50, 400),
+            wall_tilt_deg=rng.uniform(-30, 30),
+        )
+        radius = rng.uniform(0.5, 4)
+        room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
+        points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
+        camera = camera_of(view, 1, 1)
+        if (points @ camera.receiver[:3] + camera.receiver[3]).min() > radius:
+            return view, points, radius, camera
+
+
+def shift_bound_and_truth(rng: np.random.Generator, effect: str) -> tuple[float, float]:
+    """The magnitude of "sag" or "layers" in a random scene, and what moving the surface for real shifts, px.
+
+    The mount lets every point sag by about 0.3 mm its own way; the layers are 0.05 to 0.4 mm high and lie
+    in any direction.
+    """
+    view, points, radius, camera = random_scene(rng)
+    surface, px = points[:, None] + radius * directions(60), view.longer_mm / VERIFIED_PX
+    was = cast(surface.reshape(-1, 3), camera.eye, camera)
+
+    def shift(moves: Array) -> float:
+        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera)
+        return float(np.linalg.norm(now - was, axis=1).max()) / px
+
+    if effect == "sag":
+        moves = rng.normal(scale=0.3, size=points.shape)
+        context = EffectContext((view,), points, radius, 0.25, moves=moves)
+        return SAG.magnitude(context), shift(moves[:, None])
+    height, upwards = rng.uniform(0.05, 0.4), directions(50)[rng.integers(50)]
+    world = World(printer=Printer(layer_height_mm=height))
+    context = EffectContext((view,), points, radius, 0.25, world, upwards=upwards)
+    return LAYERS.magnitude(context), max(shift(s * height * upwards) for s in (-0.5, 0.5))
 
 
 def directions(count: int) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.measurement import build_apart
-from examples.parting import bounds_and_truths
+from examples.parting import bounds_and_truths, shift_bound_and_truth
 from knotfab.effects.base import VERIFIED_PX, EffectContext
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.survey import survey
@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("ball", "disc", "rectangle", "leds")
 KNIGHT = Path(__file__).resolve().parents[1] / "knight.png"
+UP = np.array([0.0, 1.0, 0.0])  # a printer's z, in the scene
 _RIM = 60  # points along the edge of a lamp; of an array fewer a LED
 _WORST = 6  # strand points of a scene that are looked at all round
 _ROUND = 60  # points of the tube's surface about each
@@ -140,13 +141,17 @@ def print_bounds(scenes: int) -> None:
     parted = np.array([np.divide(*bounds_and_truths(rng)) for _ in range(scenes)])
     for what, ratio in zip(("lamp", "turn"), parted.T, strict=True):
         tell(f"misplacement, {what}", ratio)
+    for effect in ("sag", "layers"):
+        rng = np.random.default_rng(0)
+        shifts = [np.divide(*shift_bound_and_truth(rng, effect)) for _ in range(scenes)]
+        tell(effect, np.array(shifts))
 
 
 def print_deciding() -> None:
     """Milliseconds of deciding all effects on 5000 vertices in two views."""
     views = (ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0),) * 2
     points = 20 * np.random.default_rng(0).normal(size=(5000, 3))
-    context = EffectContext(views, points, 2.0, 0.25)
+    context = EffectContext(views, points, 2.0, 0.25, moves=0.01 * points, upwards=UP)
     spent = []
     for _ in range(20):
         begun = time.perf_counter()

@@ -153,7 +153,7 @@ def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> 
 
 CONTRAST = Effect(
     "contrast",
-    "",
+    "of 1",
     magnitude,
     0.4,  # a tenth of the contrast, at standard accuracy
     "light reaches the shadow, or the lamp spreads it unevenly",

@@ -144,6 +144,8 @@ def _describe_expected(error: Mapping[str, Any]) -> str:
             return f"a number not less than {context['ge']:g}"
         case "less_than":
             return f"a number less than {context['lt']:g}"
+        case "less_than_equal":
+            return f"a number not greater than {context['le']:g}"
         case "literal_error":
             return str(context["expected"]).replace("'", '"')
         case "string_pattern_mismatch":

@@ -444,3 +444,13 @@ def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
     # a piece on a wall cannot be turned against it
     del off["turn_iou"]
     assert "piece turned" not in Page(render_html(assemble(**data))).text
+
+
+def test_sag_and_layers_are_told_where_they_were_measured() -> None:
+    data = sample()
+    assert "as they hang" not in Page(render_html(assemble(**data))).text
+    data["views"][0]["sag"] = {"widest_px": 1.4, "iou": 0.987, "iou_designed": 0.988}
+    data["views"][0]["layers"] = {"iou": 0.9761, "iou_smooth": 0.9859}
+    text = Page(render_html(assemble(**data))).text
+    assert "as they hang on their mount: IoU 0.987, 0.988 as designed" in text
+    assert "a stack of its layers: IoU 0.976, 0.986 as designed" in text

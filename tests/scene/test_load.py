@@ -86,6 +86,7 @@ REFUSED = {
     "[[views]]\nlight_leds = [21, 20]": ("light_leds is [21, 20]", "at most 400"),
     "[[views]]\nwall_distance_mm = -1": ("wall_distance_mm is -1", "greater than 0"),
     "[[views]]\nwall_tilt_deg = 90": ("less than 80",),
+    "[placing]\nturn_deg = 11.0": ("not greater than 10",),
     "[[views]]\nname = '../x'": ("letters, digits",),
     "[[views]]\npicture = 3": ("text in quotes",),
     "[[views]]\ninvert = 'yes'": ("true or false",),

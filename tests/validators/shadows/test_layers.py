@@ -19,7 +19,7 @@ from knotfab_validators.shadows.layers import (
 )
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
-PIXELS = 60
+PIXELS = 40
 
 
 def geometry(pixels: int = PIXELS, elevation: float = 0.0) -> ViewGeometry:
@@ -40,7 +40,7 @@ def slab(turn_deg: float) -> tuple[Mesh, NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize(
-    ("turn", "elevation"), [(0.0, 0.0), (25.0, 0.0), (25.0, 50.0), (70.0, -75.0)]
+    ("turn", "elevation"), [(0.0, 0.0), (25.0, 0.0), (25.0, 50.0), (25.0, 90.0), (70.0, -75.0)]
 )
 def test_slices_hide_what_points_along_the_rays_hit(turn: float, elevation: float) -> None:
     """A point is in the stack where the point in the middle of its layer is in the slab."""
@@ -50,12 +50,12 @@ def test_slices_hide_what_points_along_the_rays_hit(turn: float, elevation: floa
     found = layered_mask(part, seen, layer)
     v, u = np.mgrid[:PIXELS, :PIXELS]
     spots = seen.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(float))
-    share = np.linspace(0.08, 0.28, 1500)[None, :, None]  # of the way from the wall to the light
+    share = np.linspace(0.08, 0.28, 1000)[None, :, None]  # of the way from the wall to the light
     points = spots[:, None] + share * (seen.light - spots[:, None])
     points[..., 2] = (np.floor(points[..., 2] / layer) + 0.5) * layer
     inside = (abs(points @ matrix) < [20.0, 15.0, 10.0]).all(axis=2).any(axis=1)
     off = found != inside.reshape(PIXELS, PIXELS)
-    assert found.sum() > 200 and off.sum() <= 0.01 * found.sum()  # rays between two points
+    assert found.sum() > 100 and off.sum() <= 0.02 * found.sum()  # rays between two points
 
 
 def test_thin_layers_are_the_part_and_thick_ones_are_not() -> None:

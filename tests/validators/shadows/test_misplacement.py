@@ -102,6 +102,12 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
         found = measure_misplacement(
             renderer, part.vertices, np.zeros(3), seen, target, Placing(0.0, 0.0), turns=False
         )
+        framed = np.zeros_like(target)
+        framed[:, : PIXELS // 2] = True  # where one of both plates shows
+        half = measure_misplacement(
+            renderer, part.vertices, np.zeros(3), seen, target & framed, OFF, within=framed
+        )
+        assert half["iou"] == 1.0
     assert found["samples"] == 1 and found["worst"] is None and "turn_iou" not in found
     assert set(found["lamp_iou_per_mm"].values()) == {0.0}
 

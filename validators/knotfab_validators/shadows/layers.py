@@ -16,6 +16,7 @@ from knotfab_validators.shadows.winding import Linework, winding_raster
 
 __all__ = ["layer_shift_px", "layered_mask", "measure_layers", "shows_layers"]
 
+BLOCK = 64  # layers that are looked at together
 LAYER_TOLERANCES = 2.0  # steps of an outline that are smaller are not looked at
 
 
@@ -37,65 +38,86 @@ def shows_layers(effects: Effects, shift_px: float) -> bool:
     return shift_px > LAYER_TOLERANCES * effects.tolerance_px
 
 
-def _contours(mesh: Mesh, layer_mm: float) -> tuple[Array, Array, Ints]:
-    """Starts and ends (k, 3) of all slices' edges, matter on their left from above, and their layers (k,).
+def _contours(
+    mesh: Mesh, first: Ints, layers: tuple[int, int], layer_mm: float
+) -> tuple[Array, Array, Ints]:
+    """Starts and ends (k, 3) of slices' edges, matter on their left from above, and their layers (k,).
 
     A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward normal the
     slice runs from the side that leads down through it to the one that leads up. Both faces at a side cut it
     at the same point, to the last bit.
+
+    Args:
+        first: of each vertex the layer in whose middle, or below which, it lies. layers: from and up to.
     """
-    z = mesh.vertices[:, 2] / layer_mm - 0.5  # slices lie at whole numbers
-    first = np.ceil(z).astype(np.int64)  # at and above which slices a corner is not above
-    low, high = first[mesh.faces].min(axis=1), first[mesh.faces].max(axis=1)
-    face, layer = number_runs(high - low)
+    spans = first[mesh.faces]
+    low, high = np.maximum(spans.min(axis=1), layers[0]), np.minimum(spans.max(axis=1), layers[1])
+    face, layer = number_runs(np.maximum(high - low, 0))
     layer = layer + low[face]
     corners = mesh.faces[face]
-    ends: dict[bool, Array] = {}
+    over = first[corners] > layer[:, None]
+    ends = []
     for upward in (False, True):
         found = np.zeros((len(face), 3))
         for side in range(3):
-            a, b = corners[:, side], corners[:, (side + 1) % 3]
-            over_a, over_b = first[a] > layer, first[b] > layer
-            some = (over_b & ~over_a) if upward else (over_a & ~over_b)
-            one, other = np.minimum(a, b)[some], np.maximum(a, b)[some]
-            share = ((layer[some] - z[one]) / (z[other] - z[one]))[:, None]
-            cut = (1 - share) * mesh.vertices[one] + share * mesh.vertices[other]
-            cut[:, 2] = (layer[some] + 0.5) * layer_mm
+            ahead = (side + 1) % 3
+            some = np.flatnonzero((over[:, ahead] == upward) & (over[:, side] != upward))
+            a, b = corners[some, side], corners[some, ahead]
+            one, other = mesh.vertices[np.minimum(a, b)], mesh.vertices[np.maximum(a, b)]
+            height = (layer[some] + 0.5) * layer_mm
+            share = ((height - one[:, 2]) / (other[:, 2] - one[:, 2]))[:, None]
+            cut = (1 - share) * one + share * other
+            cut[:, 2] = height
             found[some] = cut
-        ends[upward] = found
-    return ends[False], ends[True], layer
+        ends.append(found)
+    return ends[0], ends[1], layer
 
 
 def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
     """(height, width) the shadow of a closed mesh's slices, each drawn up by half a layer and down by half.
 
-    A ray meets a slice where it meets its upper face or one of its walls; the sum of all of these, each
-    turned to positive area in the picture, is not zero exactly there. The boundary of an upper face is its
-    contour. Slices that reach the receiver, or lie behind it, throw no shadow.
+    A ray that meets a slice enters by that of its faces which is turned to the light, or by a wall that is.
+    The sum of all of these, each turned to positive area in the picture, is not zero exactly there; the
+    boundary of a face is its contour. Slices that reach the receiver, or lie behind it, throw no shadow.
 
     Args:
         mesh: in print pose, z up. geometry: the view in the same coordinates.
     """
-    start, end, layer = _contours(mesh, layer_mm)
-    if len(layer) == 0:
-        return np.zeros((geometry.height, geometry.width), dtype=bool)
-    half = np.array([0.0, 0.0, 0.5 * layer_mm])
-    corners = (start + half, end + half, end - half, start - half)
-    seen = [geometry.project(c) for c in corners]
-    behind = np.max([w for _, w in seen], axis=0) >= geometry.w_of_receiver
-    number = layer - layer.min()
-    kept = ~(np.bincount(number, behind) > 0)[number]
-    a, b, c, d = (pixels[kept] for pixels, _ in seen)
-    twice = np.bincount(number[kept], _cross(a, b))  # the contour's area in the picture
-    turned = np.where(twice < 0, -1, 1)[number[kept]]
-    wall = np.where(_cross(b - a, c - a) + _cross(c - a, d - a) < 0, -1, 1)
-    lines = Linework(
-        np.concatenate([a, a, b, c, d]),
-        np.concatenate([b, b, c, d, a]),
-        np.concatenate([turned, wall, wall, wall, wall]),
-    )
-    mask: Mask = winding_raster(lines, geometry.width, geometry.height) != 0
+    # at and above which slices a vertex is not above: slices lie half a layer above whole layers
+    first = np.ceil(mesh.vertices[:, 2] / layer_mm - 0.5).astype(np.int64)
+    raster = np.zeros((geometry.height, geometry.width), dtype=np.int64)
+    for begin in range(int(first.min()), int(first.max()), BLOCK):
+        found = _contours(mesh, first, (begin, begin + BLOCK), layer_mm)
+        lines = _slice_lines(*found, geometry, layer_mm)
+        raster += winding_raster(lines, geometry.width, geometry.height)
+    mask: Mask = raster != 0
     return mask
+
+
+def _slice_lines(
+    start: Array, end: Array, layer: Ints, geometry: ViewGeometry, layer_mm: float
+) -> Linework:
+    """The boundaries of what of whole slices is met by rays, in the picture."""
+    # to the face that is turned to the light
+    half = np.where(geometry.light[2] > start[:, 2:], 0.5, -0.5) * [0.0, 0.0, layer_mm]
+    number = layer - layer.min(initial=0)
+    (a, nearer), (b, _) = geometry.project(start + half), geometry.project(end + half)
+    _, farther = geometry.project(start - half)
+    behind = np.maximum(nearer, farther) >= geometry.w_of_receiver
+    kept = ~(np.bincount(number, behind) > 0)[number] if len(number) else behind
+    along = end - start
+    to_light = geometry.light - start
+    turned = kept & (along[:, 1] * to_light[:, 0] - along[:, 0] * to_light[:, 1] > 0)
+    c, d = (geometry.project((x - half)[turned])[0] for x in (end, start))
+    p, q = a[turned], b[turned]
+    a, b, number = a[kept], b[kept], number[kept]
+    face = np.where(np.bincount(number, _cross(a, b)) < 0, -1, 1)[number]
+    wall = np.where(_cross(q - p, c - p) + _cross(c - p, d - p) < 0, -1, 1)
+    return Linework(
+        np.concatenate([a, p, q, c, d]),
+        np.concatenate([b, q, c, d, p]),
+        np.concatenate([face, wall, wall, wall, wall]),
+    )
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -99,6 +99,7 @@ def measure_misplacement(
     placing: Placing,
     *,
     turns: bool = True,
+    within: Mask | None = None,
 ) -> dict[str, Any]:
     """IoU with lamp (or eye) and piece moved for real, each one way: as it is, and by its likeness.
 
@@ -111,6 +112,7 @@ def measure_misplacement(
         middle: (3,) mm, what the piece turns about.
         target: (H, W), the picture's silhouette on the grid of `geometry`.
         turns: whether the piece can turn against the wall: not one that is mounted on it.
+        within: (H, W) of it, where shadow counts: a stand's shows below the frame. None: everywhere.
 
     Returns:
         "lamp_mm", "turn_deg": how far; "lamp_iou", "turn_iou": {way: {"raw", "fitted"}}, turns named by
@@ -118,13 +120,18 @@ def measure_misplacement(
         "raw", "fitted"} of where the most is lost by its likeness; "lamp_iou_per_mm", "turn_iou_per_deg":
         {way: what is lost as it is}; "samples": shadows rendered.
     """
-    best = overlap(renderer.render(geometry), target).iou
+
+    def iou(seen: ViewGeometry) -> float:
+        shadow = renderer.render(seen)
+        return overlap(shadow if within is None else shadow & within, target).iou
+
+    best = iou(geometry)
     ious: dict[str, dict[str, dict[str, float]]] = {"lamp": {}, "turn": {}}
     samples = 1
     for of, way, moved in _moved_views(middle, geometry, placing, turns):
-        raw = overlap(renderer.render(moved), target).iou
+        raw = iou(moved)
         like = fit_likeness(points, geometry, moved).move(moved)
-        fitted = max(raw, overlap(renderer.render(like), target).iou)
+        fitted = max(raw, iou(like))
         ious[of][way] = {"raw": raw, "fitted": fitted}
         samples += 2
     each: list[dict[str, Any]] = [

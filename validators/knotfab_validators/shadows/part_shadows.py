@@ -134,6 +134,7 @@ def verify_shadows(
             if renderer is not None and moves_apart(scene.effects, parting):
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
+                    framed = padded_mask(np.ones_like(target), coarse)
                     views[-1]["misplacement"] = {
                         "parting_px": parting,
                         **measure_misplacement(
@@ -144,6 +145,7 @@ def verify_shadows(
                             padded_mask(target, coarse),
                             scene.placing,
                             turns=turns,
+                            within=framed if scene.mount.kind == "stand" else None,
                         ),
                     }
             if soft is not None:
