@@ -121,9 +121,8 @@ def test_a_picture_too_fine_for_any_printable_tube(tmp_path: Path) -> None:
     lines[100:156:16, 8:248] = True  # strokes of 0.7 mm, and the thinnest tube is 1.6 mm
     out = tmp_path / "out"
     out.mkdir()
-    said = refuse(
-        1, "build", picture(tmp_path / "f.png", lines), "--out", out, "--accuracy", "draft"
-    )
+    call = ["build", picture(tmp_path / "f.png", lines), "--out", out, "--accuracy", "draft"]
+    said = refuse(1, *call, "--lines", "off")
     assert "too fine for any printable tube" in said
     assert list(out.iterdir()) == []
 
