@@ -171,7 +171,7 @@ def report_piece(
         with progress.stage("drawings"):
             drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
     with progress.stage("report"):
-        masks = [target.mask for target in piece.targets]
+        masks = [target.asked for target in piece.targets]
         lies = piece.scene.pose
         up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
         judge_made(made, part.mounted.moves, up)

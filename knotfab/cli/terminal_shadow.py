@@ -55,6 +55,7 @@ def _stamp(knots: Knots, camera: Camera) -> Mask:
         at = camera.project(knot.points)
         scale = height / np.maximum(height - (knot.points @ plane[:3] + plane[3]), 1e-6)
         radius = knots.radius_mm * scale / float(np.linalg.norm(camera.du))
+        radius = np.minimum(radius, float(np.hypot(*dark.shape)))
         dots, wide = _resample(at, radius)
         reach = int(np.ceil(wide.max(initial=0.0)))
         shifts = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T

@@ -59,15 +59,18 @@ def range_of(views: int) -> RadiusRange:
 
 
 def line_width(view: View, radius: float) -> float:
-    """mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm."""
-    return round(2.0 * radius * view.magnification, 3)
+    """mm on the receiver of strokes that are drawn along their middle by one tube of this radius, mm.
+
+    Rounded up, so that the radius of that width is no smaller: it may be the least that is printed.
+    """
+    return math.ceil(2e3 * radius * view.magnification - 1e-6) / 1e3
 
 
 def line_radius(view: View) -> float:
     """The radius, mm, of the one tube that runs along strokes of a view's `thicken_mm`."""
     if isinstance(view.thicken_mm, str):
         raise ValueError("the width of strokes that are drawn along their middle is known")
-    return round(view.thicken_mm / (2.0 * view.magnification), 4)
+    return math.ceil(1e4 * view.thicken_mm / (2.0 * view.magnification) - 1e-6) / 1e4
 
 
 def usual_radii(

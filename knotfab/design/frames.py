@@ -166,6 +166,14 @@ def widen_targets(
             lines = "on" if one and width == "none" and _is_thin(view, target, radius) else "off"
         if lines == "on" and width in ("none", "auto"):
             width = line_width(view, radius)
+        elif lines == "on" and not isinstance(asked, str) and not isinstance(width, str):
+            alike = line_width(view, asked)
+            if abs(width - alike) > 0.01:
+                raise InputError(
+                    f"--thicken {width:g} with --tube-radius {asked:g}",
+                    f"one tube along each line draws it {alike:g} mm wide",
+                    "Give one of the two",
+                )
         elif width == "auto":
             width = round(_ROOM * line_width(view, scene.printer.min_tube_radius_mm), 3)
         views.append(view.model_copy(update={"thicken_mm": width, "lines": lines}))

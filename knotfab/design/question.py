@@ -74,7 +74,7 @@ class Question:
         if len(self.problem.views) > 1:
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
-        depth = depth_extent(self.scene, polygon, region, radius)
+        depth = depth_extent(self.scene, polygon, region, radius, self.problem.views[0].axes[2])
         return replace(self, problem=replace(self.problem, depth_mm=depth))
 
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:

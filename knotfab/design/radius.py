@@ -12,6 +12,7 @@ from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Report, Start, Watch
+from knotfab.scene.require import require_radius
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.filling import Template, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
@@ -126,6 +127,7 @@ def choose_radius(
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
         radii, thin = [line_radius(views[0])], []
+        require_radius(radii[0], question.scene.printer, "the width of its strokes (--thicken)")
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
         if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness
@@ -183,7 +185,7 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
             "the picture",
             f"one tube of {min(scores):.2f} mm radius along each of its strokes reaches an IoU of "
             f"{top:.2f} with them: they are wider than that, or run together",
-            "Leave out --lines on, or give the width of its strokes (--thicken MM).",
+            "Fill it instead (--lines off), or give the width of its strokes (--thicken MM).",
         )
     height, width = view.mask.shape
     raise too_fine(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPolygon
 
+from knotfab.arrays import Array
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
 from knotfab.errors import SceneError
@@ -39,6 +40,7 @@ def resolve_region(
     if region.size_mm != "auto":
         return ResolvedRegion(**known)
     if bounds:
+        known |= {"azimuth_deg": 0.0, "elevation_deg": 0.0}  # the hull's extents are the scene's
         low = np.min([b.low for b in bounds], 0)
         high = np.max([b.high for b in bounds], 0)
         x, y, z = 2 * (np.maximum(np.abs(low), np.abs(high)) + radius)
@@ -59,9 +61,16 @@ def resolve_region(
 
 
 def depth_extent(
-    scene: Scene, polygon: MultiPolygon, region: ResolvedRegion, radius: float
+    scene: Scene,
+    polygon: MultiPolygon,
+    region: ResolvedRegion,
+    radius: float,
+    ahead: Sequence[float] = (0.0, 0.0, 1.0),
 ) -> float | None:
     """Extent of the centre lines along the one view's axis in mm, None for a flat piece.
+
+    Args:
+        ahead: that axis, towards the light.
 
     Raises:
         SceneError: the region has no room for it.
@@ -75,12 +84,7 @@ def depth_extent(
         if isinstance(scene.piece.depth, str)
         else scene.piece.depth
     )
-    if region.kind == "mesh" and region.file is not None:
-        least, most = region_mesh(region.file, region.center_mm).bounds
-        across = 2 * float(min(most[2], -least[2]))
-    else:
-        across = region.size_mm[2] - 2 * abs(float(view_axes(region)[2] @ region.center_mm))
-    room = across - 4.0 * radius
+    room = _across(region, np.asarray(ahead)) - 4.0 * radius
     if room <= 0:
         raise SceneError(
             "the region",
@@ -95,3 +99,25 @@ def depth_extent(
         )
     # an auto depth is rounded down, so that a rebuild from the number finds the same room
     return float(np.floor(min(wanted, room) * 1e4) / 1e4) if auto else wanted
+
+
+def _across(region: ResolvedRegion, ahead: Array) -> float:
+    """How far a region reaches about the scene's middle along a direction (3,), to both sides alike, mm."""
+    if region.kind == "mesh" and region.file is not None:
+        least, most = region_mesh(region.file, region.center_mm).bounds
+        return 2.0 * _chord(np.minimum(most, -least), ahead)
+    axes = view_axes(region)
+    aside = 2.0 * abs(float(ahead @ region.center_mm))
+    if region.kind == "sphere":
+        return min(region.size_mm) - aside
+    half = np.array(region.size_mm) / 2.0
+    along = axes @ ahead
+    if region.kind == "cylinder":  # about its own upright axis
+        half, along = half[:2], np.array([np.hypot(along[0], along[2]), along[1]])
+    return 2.0 * _chord(half, along) - aside
+
+
+def _chord(half: Array, ahead: Array) -> float:
+    """Half of the line through a box's middle; `half` (n,): of its sides, `ahead` (n,) a unit vector."""
+    steep = np.abs(ahead) > 1e-9
+    return float((half[steep] / np.abs(ahead[steep])).min())

@@ -7,9 +7,9 @@ from pathlib import Path
 from knotfab.errors import InputError, SceneError
 from knotfab.knots import read_start
 from knotfab.scene.knot_names import parse_knot_name
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Printer, Scene
 
-__all__ = ["require_mount", "require_several", "require_start", "require_tube"]
+__all__ = ["require_mount", "require_radius", "require_several", "require_start", "require_tube"]
 
 
 def require_mount(scene: Scene) -> None:
@@ -83,10 +83,16 @@ def require_tube(scene: Scene) -> None:
     Raises:
         SceneError: it is too thin.
     """
-    radius, printer = scene.piece.tube_radius_mm, scene.printer
-    if not isinstance(radius, str) and radius < printer.min_tube_radius_mm:
+    radius = scene.piece.tube_radius_mm
+    if not isinstance(radius, str):
+        require_radius(radius, scene.printer, "scene key piece.tube_radius_mm")
+
+
+def require_radius(radius: float, printer: Printer, what: str) -> None:
+    """The same of a radius, mm, that `what` asks for."""
+    if radius < printer.min_tube_radius_mm:
         raise SceneError(
-            "scene key piece.tube_radius_mm",
-            f"{radius:g} mm is thinner than {printer.name} prints",
+            what,
+            f"a tube of {radius:g} mm radius is thinner than {printer.name} prints",
             f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
         )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from knotfab.design import radius as module
-from knotfab.design.candidates import range_of
+from knotfab.design.candidates import line_radius, line_width, range_of
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.errors import SceneError
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Scene, View
 from knotfab.scene.settings import PRESETS
 from knotfab.target.read import read_target
 
@@ -79,3 +81,13 @@ def test_of_radii_that_draw_a_picture_less_well_the_better_comes_first(
     assert order[: len(well)] == sorted(well, reverse=True)
     rest = [known[r] for r in order[len(well) :]]
     assert rest == sorted(rest, reverse=True) and len(order) == len(known)
+
+
+@given(st.floats(0.3, 4.0), st.floats(150.0, 1500.0), st.floats(20.0, 300.0))
+def test_the_tube_along_a_line_is_no_thinner_than_asked(
+    radius: float, light: float, wall: float
+) -> None:
+    view = View(light_distance_mm=light, wall_distance_mm=wall)
+    asked = round(radius, 2)
+    again = line_radius(view.model_copy(update={"thicken_mm": line_width(view, asked)}))
+    assert asked <= again < asked + 2e-3

@@ -33,10 +33,28 @@ def test_a_piece_has_the_same_room_in_every_view(kind: str, view: ResolvedView) 
         region = resolve_region(asked, [seen], [], 2.0)
         placed = points @ view_axes(seen)
         found.append(outside(torch.as_tensor(placed), region, 2.0).numpy())
-        assert depth_extent(Scene(), SQUARE, region, 2.0) == depth_extent(
-            Scene(), SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0
+        ahead = tuple(view_axes(seen)[2])
+        assert depth_extent(Scene(), SQUARE, region, 2.0, ahead) == pytest.approx(
+            depth_extent(Scene(), SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0)
         )
     assert found[1] == pytest.approx(found[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere"])
+@pytest.mark.parametrize("view", [look(0, 40), look(0, -90), look(75, 0), look(-120, 35)])
+def test_a_region_of_given_size_has_the_depth_that_lies_along_the_view(
+    kind: str, view: ResolvedView
+) -> None:
+    size = (70.0, 70.0, 70.0) if kind == "sphere" else (200.0, 60.0, 200.0)
+    region = resolve_region(Region.model_validate({"kind": kind, "size_mm": size}), [view], [], 2.0)
+    ahead = view_axes(view)[2]
+    depth = depth_extent(Scene(), SQUARE, region, 2.0, tuple(ahead))
+    assert depth is not None
+    # two radii before and behind that depth the region ends, unless the piece asks for less
+    ends = torch.as_tensor(np.outer([-0.5, 0.5], ahead) * (depth + 4 * 2.0))
+    beyond = float(outside(ends, region, 0.0).max())
+    asks = 0.7 * 144
+    assert beyond <= 1e-6 and (depth > 0.9 * asks or beyond == pytest.approx(0.0, abs=1e-3))
 
 
 def test_a_region_of_given_size_stands_as_it_is_given() -> None:

@@ -14,7 +14,7 @@ from knotfab.design.frames import widen_targets
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.target.read import Target
-from knotfab.target.thicken import thicken
+from knotfab.target.thicken import is_thin, thicken
 from knotfab_validators.files.strokes import widen_strokes
 
 Mask = NDArray[np.bool_]
@@ -99,3 +99,12 @@ def test_what_the_scene_asks_for_is_drawn_and_the_picture_kept(sequence: bool) -
     assert widen_targets(scene.model_copy(update={"views": (View(lines="off"),)}), targets[:1])[
         1
     ] == (targets[0],)
+
+
+@pytest.mark.parametrize("width", [2, 5, 9, 14])
+@pytest.mark.parametrize("body", [False, True])
+def test_a_drawing_of_lines_is_one_whose_lines_are_thinner(width: int, body: bool) -> None:
+    shape = drawn((10, 20), (90, 130), (110, 20), width=width, body=body)
+    for asked in (3.0, 6.0, 12.0):
+        # the square's area is more than a fifth, and its middle lines are less than half
+        assert is_thin(shape, asked) == (width < asked - 0.5 and not body)
