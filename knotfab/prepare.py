@@ -67,7 +67,6 @@ def prepare_build(
         command=command,
         colours=options.colours,
         sequence=options.sequence,
-        loop=not options.no_loop,
         targets=call.targets,
         preview=tuple(describe(found)),
     )

@@ -108,6 +108,8 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
         update["material"] = material_of(options.material)
     if options.mount is not None:
         update["mount"] = scene.mount.model_copy(update={"kind": options.mount})
+    if options.no_loop:
+        update["sequence"] = scene.sequence.model_copy(update={"loop": False})
     if options.effect:
         update["effects"] = scene.effects.model_copy(update=_switches(options.effect))
     if keys := _view_keys(options):

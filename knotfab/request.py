@@ -35,7 +35,6 @@ class Request:
     command: str = ""
     colours: bool = False  # whether part-colours.3mf is written
     sequence: bool = False  # the pictures are frames of one moving knot
-    loop: bool = True  # whose last frame leads back to the first
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # what was said of them before the build
 

@@ -7,10 +7,13 @@ from pathlib import Path
 import pytest
 
 from knotfab.errors import InputError
+from knotfab.files.folder import OutputFolder
 from knotfab.options import options_from
 from knotfab.prepare import survey_pictures
 from knotfab.read_options import read_scene
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.sequence.writing import write_scene
 
 KEYS = {
     "ink": ("red", "ink", "#ff0000"),
@@ -38,6 +41,16 @@ def test_an_option_is_a_key_of_every_view_and_survives_the_file(tmp_path: Path, 
     assert [getattr(view, key) for view in scene.views] == [expected] * 2
     again = parse_scene(dump_scene(scene))
     assert [getattr(view, key) for view in again.views] == [expected] * 2
+
+
+def test_a_sequence_that_need_not_close_is_repeated_by_its_scene(tmp_path: Path) -> None:
+    asked, _ = read_scene(options_from({"sequence": True, "no_loop": True}))
+    with OutputFolder(tmp_path) as folder:
+        write_scene(folder, asked, resolve(asked))
+        folder.commit()
+    again, _ = read_scene(options_from({"sequence": True, "scene": tmp_path / "scene.toml"}))
+    assert asked.sequence.loop is again.sequence.loop is False
+    assert read_scene(options_from({"sequence": True}))[0].sequence.loop
 
 
 @pytest.mark.parametrize("key", ["width", "height"])

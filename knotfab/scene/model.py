@@ -27,6 +27,7 @@ __all__ = [
     "ResolvedView",
     "Room",
     "Scene",
+    "Sequence",
     "Switch",
     "Switches",
     "View",
@@ -210,6 +211,12 @@ class Accuracy(_Table):
     accept: tuple[Literal["unrecognisable"], ...] = ()  # kept, though it would be rejected
 
 
+class Sequence(_Table):
+    """How the frames of a sequence follow each other."""
+
+    loop: Annotated[bool, Strict()] = True  # the last one leads back to the first
+
+
 class Mount(_Table):
     """What holds the piece; `pegs` is written by a build, how many hold each knot."""
 
@@ -258,6 +265,7 @@ class Scene(_Table):
     room: Room = Room()
     effects: Switches = Switches()
     mount: Mount = Mount()
+    sequence: Sequence = Sequence()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
 

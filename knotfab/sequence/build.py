@@ -77,15 +77,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         jobs = min(len(targets), max(1, count_jobs() // 2))
         with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
             left = request.search_budget_s(progress.total)
-            chain = Chain(
-                request.scene,
-                targets,
-                request.device,
-                progress,
-                left,
-                loop=request.loop,
-                kept=kept,
-            )
+            chain = Chain(request.scene, targets, request.device, progress, left, kept)
             found: dict[int, tuple[Frame, WrittenPiece]] = {}
 
             def write(frame: Frame) -> WrittenPiece:
@@ -108,15 +100,16 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
         with progress.stage("motion"):
             motions = _motions(folder, pieces)
-        closing = [check_closing(motions[-1])] if request.loop else []
+        loop = request.scene.sequence.loop
+        closing = [check_closing(motions[-1])] if loop else []
         checks = [check_motion(motions[:-1]), *closing, *printed]
         with progress.stage("report"):
             shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
             if all(path.is_file() for path in shadows):
-                write_shadows_gif(folder.file(GIF), shadows, request.loop and motions[-1].held)
+                write_shadows_gif(folder.file(GIF), shadows, loop and motions[-1].held)
             spun = None if ring is None else ring.spun
             report = sequence_report(reports, pieces, frames, motions, checks, spun, progress)
-            report["settings"]["sequence"] |= {"loop": request.loop, "resumed": chain.resumed}
+            report["settings"]["sequence"] |= {"loop": loop, "resumed": chain.resumed}
             sliced = {name: one for piece in pieces for name, one in piece.sliced.items()}
             add_slicing(report, sum_slicings(sliced) if sliced else None, request.printing)
         outcome = finish_build(folder, request, report, "a sequence", pieces, progress)

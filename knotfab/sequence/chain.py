@@ -131,7 +131,6 @@ class Chain:
         scene: of one view, as for `design_knots`. A free view is found with the frame searched first: lamp
             and wall stand where they are while the frames change.
         budget_s: seconds that all searches may take; the iterations are set to fit, on that frame.
-        loop: whether the last frame is to lead back to the first.
         kept: frames that an interrupted build of the same sequence had done.
 
     Raises:
@@ -145,14 +144,13 @@ class Chain:
         device: str = "cpu",
         progress: Progress | None = None,
         budget_s: float | None = None,
-        loop: bool = True,
         kept: KeptFrames | None = None,
     ) -> None:
         require_sequence(scene)
         self._scene, self._targets, self._device = scene, targets, device
         self._progress = progress or Progress("quiet")
         self._budget_s = budget_s
-        self._closing, self._kept = loop, kept
+        self._closing, self._kept = scene.sequence.loop, kept
         self.resumed = 0  # frames that were kept
         self._first = pick_first(targets)
         self._alike = Likeness([t.mask for t in targets])

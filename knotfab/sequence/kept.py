@@ -83,7 +83,7 @@ def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
     """All that decides about the knots of the frames."""
     yield _digest_program()
     yield resolve(request.scene).model_dump_json().encode()
-    yield repr((request.device, request.time_budget_s, request.loop)).encode()
+    yield repr((request.device, request.time_budget_s)).encode()
     if request.scene.region.file is not None:
         with contextlib.suppress(OSError):  # the search says what is wrong with it
             yield Path(request.scene.region.file).read_bytes()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from quick_sequences import QUICK, discs, in_order
 
-from knotfab.scene.model import Material, Piece, Scene
+from knotfab.scene.model import Material, Piece, Scene, Sequence
 from knotfab.sequence.chain import Chain, list_ties, pick_first
 from knotfab.sequence.starts import Tie
 
@@ -32,6 +32,12 @@ def test_a_frame_is_tied_to_what_is_known_on_either_side() -> None:
     assert set(list_ties(2, set(range(5)), outlines)) == {Tie(1, 10.0), Tie(3, 100.0)}
     assert set(list_ties(0, set(range(5)), outlines)) == {Tie(1, 1.0), Tie(4, 10000.0, loop=True)}
     assert set(list_ties(1, {0}, [3.0, 5.0])) == {Tie(0, 3.0), Tie(0, 5.0, loop=True)}
+
+
+def test_the_scene_says_whether_the_frames_are_bound_to_close(tmp_path: Path) -> None:
+    targets = discs(tmp_path, (40, 36))
+    for loop in (True, False):
+        assert Chain(Scene(sequence=Sequence(loop=loop)), targets)._closing is loop
 
 
 @pytest.mark.slow

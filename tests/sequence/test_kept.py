@@ -13,7 +13,7 @@ import pytest
 from quick_sequences import QUICK, discs, in_order
 
 from knotfab.request import Request
-from knotfab.scene.model import Piece, Scene
+from knotfab.scene.model import Piece, Scene, Sequence
 from knotfab.sequence import kept
 from knotfab.sequence.chain import Chain
 from knotfab.sequence.kept import KeptFrames, keep_for
@@ -56,7 +56,7 @@ def _request(tmp_path: Path) -> Request:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda r: replace(r, loop=False),
+        lambda r: replace(r, scene=r.scene.model_copy(update={"sequence": Sequence(loop=False)})),
         lambda r: replace(r, device="cuda"),
         lambda r: replace(r, time_budget_s=9.0),
         lambda r: replace(r, scene=r.scene.model_copy(update={"piece": Piece()})),
