@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -52,7 +53,7 @@ from knotfab.verify.verifier import Files, Verifier
 if TYPE_CHECKING:
     from knotfab.wire.plan import WirePlan
 
-__all__ = ["WrittenPiece", "finish_build", "report_piece", "write_piece"]
+__all__ = ["WrittenPiece", "discard_piece", "finish_build", "report_piece", "write_piece"]
 
 Record = dict[str, Any]
 
@@ -136,6 +137,18 @@ def write_piece(
     )
     answer = verifier.submit(files).result
     return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening)
+
+
+def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
+    """Remove all files of a frame that is to be written anew; its verdict is known.
+
+    A slicing that has begun may still read them, and is waited for.
+    """
+    wait([slicing for slicing in piece.slicings.values() if not slicing.cancel()])
+    own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # "plate-03-1.3mf" of suffix "-03"
+    for path in list(folder.work.iterdir()):
+        if own.fullmatch(path.name):
+            path.unlink()
 
 
 def report_piece(

@@ -8,7 +8,7 @@ from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.mount.prefetch import prefetch_modeller
-from knotfab.piece import WrittenPiece, finish_build, report_piece, write_piece
+from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
 from knotfab.pool import count_jobs
 from knotfab.progress import Progress
 from knotfab.report.of_build import add_slicing
@@ -90,7 +90,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):
                     _ = piece.verdict
-                found[number] = _mend(chain, frame, piece, write)
+                found[number] = _mend(chain, frame, piece, write, folder)
             ordered = [found[number] for number in sorted(found)]
             frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
             write_scene(folder, request.scene, pieces[0].scene)
@@ -125,7 +125,11 @@ def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
 
 
 def _mend(
-    chain: Chain, frame: Frame, piece: WrittenPiece, write: Callable[[Frame], WrittenPiece]
+    chain: Chain,
+    frame: Frame,
+    piece: WrittenPiece,
+    write: Callable[[Frame], WrittenPiece],
+    folder: OutputFolder,
 ) -> tuple[Frame, WrittenPiece]:
     """A frame that fails, from another start where that is better; none helps against limits or a floor."""
     failed, made = _fails(frame, piece), frame.made
@@ -133,11 +137,12 @@ def _mend(
     if not failed or best or made.unmet or made.binding:
         return frame, piece
     again = chain.retry(frame.number)
-    _ = piece.sliced  # the slicer reads files that are now replaced
+    discard_piece(piece, folder)
     other = write(again)
     if len(_fails(again, other)) < len(failed):
         chain.accept(again)
         return again, other
+    discard_piece(other, folder)
     return frame, write(frame)
 
 

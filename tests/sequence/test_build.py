@@ -3,7 +3,9 @@
 import json
 import tomllib
 from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
+from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -213,7 +215,7 @@ def _searched(iou: float = 0.8, bound: bool = False) -> Any:
 
 def _verified(*failed: str) -> Any:
     checks = [{"name": name, "required": True, "status": "fail"} for name in failed]
-    return SimpleNamespace(verdict={"checks": checks}, sliced={})
+    return SimpleNamespace(verdict={"checks": checks}, slicings={}, suffix="-01")
 
 
 @pytest.mark.parametrize(
@@ -221,18 +223,30 @@ def _verified(*failed: str) -> Any:
     [(("shadow", "outline"), (), True), (("shadow",), ("shadow",), False)],
 )
 def test_a_frame_that_fails_is_tried_again_and_the_better_one_kept(
-    failed: tuple[str, ...], then: tuple[str, ...], better: bool
+    tmp_path: Path, failed: tuple[str, ...], then: tuple[str, ...], better: bool
 ) -> None:
     frame, again, piece, other = _searched(), _searched(), _verified(*failed), _verified(*then)
     accepted: list[object] = []
     chain: Any = SimpleNamespace(retry=lambda number: again, accept=accepted.append)
     written: list[object] = []
+    folder: Any = SimpleNamespace(work=tmp_path)
+    others = {"plate-02-01.3mf", "part-02.stl", "scene.toml", "shadow-frame-02.png"}
+    for name in others | {"failures-01.png", "plate-01-12.3mf", "soft-frame-01.png"}:
+        (tmp_path / name).touch()
+    # one slicing waits for its turn, the other has begun: it may still read the part
+    waits, runs = Future[Any](), Future[Any]()
+    runs.set_running_or_notify_cancel()
+    piece.slicings = {"plate-01-1.3mf": waits, "plate-01-2.3mf": runs}
+    Timer(0.05, runs.set_result, [None]).start()
 
     def write(one: Any) -> Any:
+        assert waits.cancelled() and runs.done()
+        assert {path.name for path in tmp_path.iterdir()} == others  # nothing of the one before
         written.append(one)
+        (tmp_path / ("failures-01.png" if one is again else "part-01.stl")).touch()
         return other if one is again else piece
 
-    kept = _mend(chain, frame, piece, write)
+    kept = _mend(chain, frame, piece, write, folder)
     assert kept == ((again, other) if better else (frame, piece))
     assert accepted == ([again] if better else [])
     # what lies in the folder in the end is the one that is kept
@@ -247,7 +261,7 @@ def test_a_frame_that_fails_is_tried_again_and_the_better_one_kept(
 def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, ...]) -> None:
     piece = _verified(*failed)
     none: Any = None
-    assert _mend(none, frame, piece, none) == (frame, piece)
+    assert _mend(none, frame, piece, none, none) == (frame, piece)
 
 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
