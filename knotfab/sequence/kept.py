@@ -50,7 +50,8 @@ class KeptFrames:
 
     def store(self, number: int, value: Any) -> None:
         """Keep a frame, whole or not at all."""
-        with contextlib.suppress(OSError):
+        # the last three: what cannot be pickled
+        with contextlib.suppress(OSError, pickle.PicklingError, TypeError, AttributeError):
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             staged = self._file(number).with_suffix(f".{os.getpid()}")
             staged.write_bytes(pickle.dumps(value))
@@ -88,6 +89,7 @@ def _parts(request: Request, targets: Sequence[Target]) -> Iterator[bytes]:
         with contextlib.suppress(OSError):  # the search says what is wrong with it
             yield Path(request.scene.region.file).read_bytes()
     for target in targets:
+        yield f"{target.name}{target.suffix}".encode()  # in the frame's scene
         for mask in (target.mask, target.asked):
             yield repr(mask.shape).encode() + mask.tobytes()
 

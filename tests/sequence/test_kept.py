@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -64,8 +65,9 @@ def _request(tmp_path: Path) -> Request:
         lambda r: replace(
             r, targets=(r.targets[0], replace(r.targets[1], mask=~r.targets[1].mask))
         ),
+        lambda r: replace(r, targets=tuple(replace(t, suffix=".bmp") for t in r.targets)),
     ],
-    ids=["loop", "device", "budget", "scene", "order", "picture"],
+    ids=["loop", "device", "budget", "scene", "order", "picture", "file"],
 )
 def test_what_decides_about_the_frames_decides_what_is_found(
     tmp_path: Path, change: Callable[[Request], Request]
@@ -98,6 +100,13 @@ def test_damaged_files_and_folders_that_cannot_be_written_keep_nothing(tmp_path:
     nowhere = KeptFrames(tmp_path / "file" / "kept")
     nowhere.store(0, "a frame")
     assert nowhere.load(0) is None
+
+
+def test_what_cannot_be_kept_is_no_error(tmp_path: Path) -> None:
+    place = KeptFrames(tmp_path / "kept")
+    for number, value in enumerate((lambda: 0, threading.Lock())):
+        place.store(number, value)
+    assert len(place) == 0
 
 
 def test_what_nobody_asked_for_again_is_removed(tmp_path: Path) -> None:
