@@ -19,7 +19,7 @@ from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.sequence.kept import KeptFrames
-from knotfab.sequence.motion import Motion, measure, outline_motion
+from knotfab.sequence.motion import outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import finish
 from knotfab.sequence.starts import (
@@ -46,7 +46,6 @@ _OF_FIRST = 0.8  # time of a later frame's search and finish over the search of 
 class Frame:
     """One frame, its `number` from 0: its design in scene coordinates, and how it came there.
 
-    `motion`: from the neighbour found before it; None for the one that is searched first, from a template.
     `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
     the pictures that could be certified; the flow did the rest. `origin`: the frame (from 0) whose knot it
     began as. `closes`: whether it was bound to what leads back around the loop.
@@ -55,7 +54,6 @@ class Frame:
     number: int
     made: Design
     searched: Knots
-    motion: Motion | None = None
     transported: float = 1.0
     origin: int | None = None
     closes: bool = True
@@ -177,7 +175,7 @@ class Chain:
         others = [j for j in self._known if j != number]
         nearest = self._alike.start_of(number, neighbours[0], others)
         attempts = list_retries([nearest, *neighbours], self._origins[number], self._closing)
-        return self._search(number, neighbours[0], attempts)
+        return self._search(number, attempts)
 
     def accept(self, frame: Frame) -> None:
         """Let a frame take its place: what follows stays near it."""
@@ -255,11 +253,9 @@ class Chain:
         neighbour = number - 1 if number > self._first else number + 1
         nearest = self._alike.start_of(number, neighbour, self._known)
         same = self._alike.same(nearest, number)
-        return self._search(
-            number, neighbour, list_attempts(nearest, neighbour, self._closing, same)
-        )
+        return self._search(number, list_attempts(nearest, neighbour, self._closing, same))
 
-    def _search(self, number: int, neighbour: int, attempts: Sequence[Attempt]) -> Frame:
+    def _search(self, number: int, attempts: Sequence[Attempt]) -> Frame:
         """A frame by the best of some attempts."""
         first, count, common = self._first, len(self._targets), self._common
         areas = [problem.polygons[0].area for problem in self._problems]
@@ -282,8 +278,6 @@ class Chain:
                 attempts, lambda part, _: self._progress.update((done + part) / count)
             )
         assert trial.ended is not None
-        outline = self._outlines[min(number, neighbour)]
-        motion = measure(self._fine[neighbour], trial.ended.points, outline, common.radius_mm)
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
         made = price_design(made, question, None, None, self._progress, self._device)
@@ -291,7 +285,6 @@ class Chain:
             number,
             made,
             trial.found.result.knots,
-            motion,
             trial.found.transported,
             trial.attempt.origin,
             trial.attempt.closes,
