@@ -127,7 +127,9 @@ def choose_radius(
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
         radii, thin = [line_radius(views[0])], []
-        require_radius(radii[0], question.scene.printer, "the width of its strokes (--thicken)")
+        require_radius(
+            radii[0], question.scene.printer, "the radius of one tube along its strokes (--thicken)"
+        )
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
         if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness

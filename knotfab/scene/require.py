@@ -93,6 +93,6 @@ def require_radius(radius: float, printer: Printer, what: str) -> None:
     if radius < printer.min_tube_radius_mm:
         raise SceneError(
             what,
-            f"a tube of {radius:g} mm radius is thinner than {printer.name} prints",
+            f"{radius:g} mm is thinner than {printer.name} prints",
             f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
         )
