@@ -34,7 +34,14 @@ from knotfab.report.of_build import (
     check_limits,
     report_of,
 )
-from knotfab.report.of_effects import add_advice, add_sag, add_warnings, judge_made, tell_contrast
+from knotfab.report.of_effects import (
+    add_advice,
+    add_contrast,
+    add_sag,
+    add_warnings,
+    judge_made,
+    tell_contrast,
+)
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
@@ -184,11 +191,11 @@ def report_piece(
         with progress.stage("drawings"):
             drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
     with progress.stage("report"):
-        masks = [target.asked for target in piece.targets]
         lies = piece.scene.pose
         up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
         judge_made(made, part.mounted.moves, up)
-        add_sag(verdict["views"], made, part.mounted.moves, masks)
+        add_contrast(verdict["views"], made)
+        add_sag(verdict["views"], made, part.mounted.moves, [t.asked for t in piece.targets])
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)

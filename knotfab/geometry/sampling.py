@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
 
-__all__ = ["arc_lengths", "sample_evenly"]
+__all__ = ["arc_lengths", "pair_nearby", "sample_evenly"]
 
 
 def arc_lengths(points: Array) -> Array:
@@ -33,3 +36,24 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
     at = np.arange(count) * (arc[-1] / count)
     closed = np.concatenate([points, points[:1]])
     return np.stack([np.interp(at, arc, column) for column in closed.T], axis=1)
+
+
+def pair_nearby(curves: Sequence[Array], reach: float) -> tuple[Indices, Array]:
+    """(m, 2) pairs of points closer than `reach`, and (m,) how far apart they are along their curve.
+
+    Args:
+        curves: closed polylines [(n, k)], whose points are numbered one after the other.
+
+    Returns:
+        The pairs, and the shorter way between the two; infinite where they are of different curves.
+    """
+    sizes = [len(c) for c in curves]
+    curve = np.repeat(np.arange(len(curves)), sizes)
+    arcs = [arc_lengths(c) for c in curves]
+    arc, total = np.concatenate([a[:-1] for a in arcs]), np.repeat([a[-1] for a in arcs], sizes)
+    pairs = cKDTree(np.concatenate(curves)).query_pairs(reach, output_type="ndarray")
+    i, j = pairs[:, 0], pairs[:, 1]
+    along = np.abs(arc[i] - arc[j])
+    along = np.minimum(along, total[i] - along)
+    along[curve[i] != curve[j]] = np.inf
+    return pairs, along

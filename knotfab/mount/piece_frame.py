@@ -19,7 +19,6 @@ __all__ = [
     "piece_beams",
     "piece_frame",
     "sag_moves",
-    "sag_of",
     "taper",
     "worst_of",
 ]
@@ -124,20 +123,6 @@ def sag_moves(
         each = (np.interp(range(count), fine.vertex[own], m, period=count) for m in moves[own].T)
         found.append(np.column_stack(list(each)))
     return np.concatenate(found)
-
-
-def sag_of(
-    knots: Knots,
-    sites: Sites,
-    members: Candidates,
-    stiffness: Stiffness,
-    end_radius_mm: Array | None = None,
-    step_radii: float = JOINT_RADII,
-) -> tuple[float, Array]:
-    """The largest of `sag_moves`, mm, and where (3,)."""
-    return worst_of(
-        sag_moves(knots, sites, members, stiffness, end_radius_mm, step_radii), knots.points
-    )
 
 
 def worst_of(moves: Array, points: Array) -> tuple[float, Array]:

@@ -15,7 +15,7 @@ from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.progress import Progress
-from knotfab.report.of_effects import add_contrast, list_effects, list_limits
+from knotfab.report.of_effects import list_effects, list_limits
 from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
 from knotfab.request import Request
@@ -122,7 +122,6 @@ def report_of(
     if bodies:
         sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
     ratios = [v["depth_ratio"] for v in verdict["views"] if v.get("depth_ratio") is not None]
-    add_contrast(verdict["views"], made)
     return assemble(
         views=verdict["views"],
         checks=verdict["checks"],

@@ -11,13 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
-from knotfab.geometry.sampling import arc_lengths, sample_evenly
+from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.problem import DepthChoice
 from knotfab.start.legibility import legibility
 
@@ -112,22 +111,14 @@ def _draw_profile(rng: np.random.Generator, arcs: list[Array], shortest: float) 
     )
 
 
-def _overlapping(
-    samples: tuple[Array, ...], arcs: list[Array], radius: float
-) -> tuple[Indices, Indices]:
+def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
     """Pairs of samples that hide each other seen from the light, so that they must differ in depth.
 
     Where two strands run in a stroke about one tube wide, neither can step aside without a trace.
     """
-    sizes = [len(s) for s in samples]
-    curve = np.repeat(np.arange(len(samples)), sizes)
-    arc, total = np.concatenate([a[:-1] for a in arcs]), np.repeat([a[-1] for a in arcs], sizes)
-    pairs = cKDTree(np.concatenate(samples)).query_pairs(1.85 * radius, output_type="ndarray")
-    i, j = pairs[:, 0], pairs[:, 1]
-    along = np.abs(arc[i] - arc[j])
-    along = np.minimum(along, total[i] - along)
-    far = (curve[i] != curve[j]) | (along > 6.0 * radius)
-    return i[far], j[far]
+    pairs, along = pair_nearby(samples, 1.85 * radius)
+    one, other = pairs[along > 6.0 * radius].T
+    return one, other
 
 
 def _turns() -> Array:
@@ -158,7 +149,7 @@ class _Judge:
         step = _SAMPLE_RADII * self.radius
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
-        self.pairs = _overlapping(self.samples, self.arcs, self.radius)
+        self.pairs = _overlapping(self.samples, self.radius)
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # what the samples' lanes add to their heights, mm
         if self.lanes is not None:

@@ -12,10 +12,9 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Indices
-from knotfab.geometry.sampling import arc_lengths, sample_evenly
+from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 
 __all__ = ["assign_lanes", "part_passes"]
 
@@ -25,17 +24,8 @@ _ALONG = 2.5  # separations along the curve within which a strand is its own nei
 _TURNED = 0.5  # of the way along it, as the crow flies: less is a turn on the spot, at the end of a stroke
 _HIDDEN = (1.5, 1.0)  # price of a sample in the lane of another that it hides, or half in it
 _CHANGE, _ASIDE = 0.15, 0.02  # of a change by one lane; of a sample in the next lane to the middle
-_STRETCHES = (
-    4,
-    8,
-    16,
-    6,
-    12,
-    5,
-    10,
-    4,
-    3,
-)  # samples whose lanes are changed together, pass by pass
+# samples whose lanes are changed together, pass by pass
+_STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)
 _ROOM = 1.03  # separations that strands are given
 _ROUNDS = 60  # of moving them apart
 
@@ -92,9 +82,8 @@ class _Neighbours:
             others = self.others[self.of[sample] : self.of[sample + 1]]
             taken = lanes[[o for o in others.tolist() if o not in inside]]
             gap = np.abs(levels[:, None] - taken[np.isfinite(taken)])
-            prices[row] += _HIDDEN[0] * (gap < 0.5).sum(1) + _HIDDEN[1] * (abs(gap - 1) < 0.5).sum(
-                1
-            )
+            same, beside = gap < 0.5, np.abs(gap - 1) < 0.5
+            prices[row] += _HIDDEN[0] * same.sum(1) + _HIDDEN[1] * beside.sum(1)
         return prices
 
 
@@ -131,16 +120,9 @@ def _hiding(samples: list[Array], separation: float) -> tuple[Indices, Array]:
 
     Neighbours along a curve are left out, but where it turns on the spot. Infinite: of different curves.
     """
-    sizes = [len(s) for s in samples]
-    curve = np.repeat(np.arange(len(samples)), sizes)
-    arcs = [arc_lengths(s) for s in samples]
-    arc, total = np.concatenate([a[:-1] for a in arcs]), np.repeat([a[-1] for a in arcs], sizes)
     points = np.concatenate(samples)
-    pairs = cKDTree(points).query_pairs(separation, output_type="ndarray")
+    pairs, along = pair_nearby(samples, separation)
     i, j = pairs[:, 0], pairs[:, 1]
-    along = np.abs(arc[i] - arc[j])
-    along = np.minimum(along, total[i] - along)
-    along[curve[i] != curve[j]] = np.inf
     turned = np.hypot(*(points[i] - points[j]).T) < _TURNED * along
     found = (along > _ALONG * separation) | turned
     return np.asarray(pairs[found]), along[found]

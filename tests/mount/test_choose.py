@@ -9,7 +9,7 @@ import pytest
 from rings import RADIUS, camera, knots, ring
 
 from knotfab.mount.choose import choose_pegs
-from knotfab.mount.piece_frame import Stiffness, sag_of
+from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall_brace import pegs_on, sites_with
 
@@ -24,7 +24,8 @@ def sag_on(
 ) -> tuple[float, np.ndarray]:
     """What `ONE` sags on the pegs of some rays."""
     sites = sites_with(ONE, rays, chosen)
-    return sag_of(ONE, sites, pegs_on(sites, rays, chosen, top), stiffness, foot[chosen])
+    members = pegs_on(sites, rays, chosen, top)
+    return worst_of(sag_moves(ONE, sites, members, stiffness, foot[chosen]), ONE.points)
 
 
 def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:

@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy import ndimage
+from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
 from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
-from knotfab_validators.shadows.render import why_no_rendering
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
 from knotfab_validators.verdict import Verdict
 
-needs_rendering = pytest.mark.skipif(why_no_rendering() is not None, reason="no rendering here")
 pytestmark = pytest.mark.slow  # each draws and measures a whole part
 
 PIXELS = (900, 780)

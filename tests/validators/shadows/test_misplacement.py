@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from region_meshes import box_mesh
-from validator_parts import PlainView
+from small_views import PIXELS, geometry, needs_rendering
 
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import Effects, Placing, parse_scene
@@ -18,18 +18,9 @@ from knotfab_validators.shadows.misplacement import (
     moves_apart,
     parting_px,
 )
-from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
-from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from knotfab_validators.shadows.render import SilhouetteRenderer
 
-needs_rendering = pytest.mark.skipif(
-    why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
-)
-PIXELS = 240  # of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
 OFF = Placing(lamp_mm=20.0, turn_deg=3.0)
-
-
-def geometry() -> ViewGeometry:
-    return view_geometry(PlainView(frame_width_mm=120.0, frame_height_mm=120.0), PIXELS, PIXELS)
 
 
 def plates(apart_mm: float) -> Mesh:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from region_meshes import box_mesh
+from small_views import PIXELS, geometry, needs_rendering
 from validator_parts import PlainView
 
 from knotfab_validators.files.bad_file import BadFile
@@ -21,13 +22,9 @@ from knotfab_validators.shadows.penumbra import (
     blur_px,
     measure_penumbra,
 )
-from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
-from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.view import view_geometry
 
-needs_rendering = pytest.mark.skipif(
-    why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
-)
-PIXELS = 240  # of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
 SLAB = box_mesh((50.0, 50.0, 0.02))
 
 
@@ -39,10 +36,6 @@ class Lamp:
     light_width_mm: float = 0.0
     light_height_mm: float = 0.0
     light_leds: tuple[int, int] = (1, 1)
-
-
-def geometry() -> ViewGeometry:
-    return view_geometry(PlainView(frame_width_mm=120.0, frame_height_mm=120.0), PIXELS, PIXELS)
 
 
 def average(lamp: Lamp, part: Mesh = SLAB) -> Penumbra:

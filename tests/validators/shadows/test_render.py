@@ -9,16 +9,13 @@ import sys
 import numpy as np
 import pytest
 from scipy import ndimage
+from small_views import needs_rendering
 from validator_parts import PlainView, tangle, trefoil, tube
 
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import working_frame
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer, why_no_rendering
 from knotfab_validators.shadows.view import view_geometry
-
-needs_rendering = pytest.mark.skipif(
-    why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
-)
 
 
 def touching_outline(mask: np.ndarray) -> np.ndarray:

@@ -127,9 +127,12 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def measure_layers(
-    mesh: Mesh, geometry: ViewGeometry, layer_mm: float, target: Mask, smooth: Mask
+    mesh: Mesh, geometry: ViewGeometry, layer_mm: float, target: Mask, smooth: Mask, shift_px: float
 ) -> dict[str, Any]:
     """What the steps of a printed part do to its shadow, on the pixels of `target` (H, W).
+
+    Args:
+        shift_px: of `layer_shift_px`.
 
     Returns:
         "layer_mm"; "shift_px", that half a layer shifts a shadow, at most; "iou" of the slices' shadow and
@@ -138,7 +141,7 @@ def measure_layers(
     layers = int(np.ceil(np.ptp(mesh.vertices[:, 2]) / layer_mm))
     return {
         "layer_mm": layer_mm,
-        "shift_px": layer_shift_px(mesh.vertices, geometry, layer_mm),
+        "shift_px": shift_px,
         "iou": overlap(layered_mask(mesh, geometry, layer_mm), target).iou,
         "iou_smooth": overlap(smooth, target).iou,
         "samples": layers,

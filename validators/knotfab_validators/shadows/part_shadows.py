@@ -130,34 +130,37 @@ def verify_shadows(
             if view.name in recognised:
                 views[-1]["verdict"] = recognised[view.name]
             turns = scene.mount.kind != "wall"
-            parting = parting_px(points, _middle(points), fine, scene.placing, turns=turns)
+            middle = _middle(points)
+            parting = parting_px(points, middle, fine, scene.placing, turns=turns)
             if renderer is not None and moves_apart(scene.effects, parting):
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
-                    framed = padded_mask(np.ones_like(target), coarse)
+                    within = None
+                    if scene.mount.kind == "stand":  # which throws its own shadow below the frame
+                        within = padded_mask(np.ones_like(target), coarse)
                     views[-1]["misplacement"] = {
                         "parting_px": parting,
                         **measure_misplacement(
                             renderer,
                             points,
-                            _middle(points),
+                            middle,
                             geometry.resample(coarse),
                             padded_mask(target, coarse),
                             scene.placing,
                             turns=turns,
-                            within=framed if scene.mount.kind == "stand" else None,
+                            within=within,
                         ),
                     }
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
-            own, layer = fine.in_part(pose), scene.printer.layer_height_mm
-            if scene.piece.printed and shows_layers(
-                scene.effects, layer_shift_px(mesh.vertices, own, layer)
-            ):
-                with time_stage(seconds, "layers"):
-                    views[-1]["layers"] = measure_layers(
-                        mesh, own, layer, found.target, found.exact
-                    )
+            if scene.piece.printed:
+                own, layer = fine.in_part(pose), scene.printer.layer_height_mm
+                shift = layer_shift_px(mesh.vertices, own, layer)
+                if shows_layers(scene.effects, shift):
+                    with time_stage(seconds, "layers"):
+                        views[-1]["layers"] = measure_layers(
+                            mesh, own, layer, found.target, found.exact, shift
+                        )
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
                     into = Path(pictures_dir)

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from knotfab_validators.arrays import Array
+from knotfab_validators.geometry.axes import view_axes
 from knotfab_validators.shadows.frame import WorkingFrame
 
 __all__ = ["ON_RECEIVER_MM", "SceneView", "ViewGeometry", "view_geometry"]
@@ -152,15 +153,8 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     picture's proportions decide it, where both are, the longer one has `FRAME_MM`.
     """
     wide, high = _frame_size(view, width, height)
-    azimuth, tilt = np.radians(view.azimuth_deg), np.radians(view.wall_tilt_deg)
-    raised = np.radians(view.elevation_deg)
-    axis = np.array(
-        [np.sin(azimuth) * np.cos(raised), np.sin(raised), np.cos(azimuth) * np.cos(raised)]
-    )
-    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    up = np.array(
-        [-np.sin(azimuth) * np.sin(raised), np.cos(raised), -np.cos(azimuth) * np.sin(raised)]
-    )
+    right, up, axis = view_axes(view.azimuth_deg, view.elevation_deg)
+    tilt = np.radians(view.wall_tilt_deg)
     upwards = np.cos(tilt) * up + np.sin(tilt) * axis
     du = right * wide / width
     dv = -upwards * high / height

@@ -7,6 +7,7 @@ import numpy as np
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_most, skip_check, spot, worst_apart
 from knotfab_validators.files.scene import Pose, Region
+from knotfab_validators.geometry.axes import view_axes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.tube.region_mesh import measure_part_excess, measure_tube_excess
@@ -26,10 +27,8 @@ def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Arr
     """
     if region.size_mm is None or region.kind == "mesh":
         raise ValueError("the region's size is left open, or it is a mesh")
-    a, e = np.radians(region.azimuth_deg), np.radians(region.elevation_deg)
-    about_y = np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]])
-    about_x = np.array([[1, 0, 0], [0, np.cos(e), -np.sin(e)], [0, np.sin(e), np.cos(e)]])
-    p = (points - np.array(region.center_mm)) @ (about_x @ about_y).T
+    axes = view_axes(region.azimuth_deg, region.elevation_deg)
+    p = (points - np.array(region.center_mm)) @ axes.T
     half = np.array(region.size_mm) / 2
     if region.kind == "sphere":
         excess = np.linalg.norm(p, axis=1) - half[0]

@@ -1,0 +1,20 @@
+"""A small view for the tests of shadows, and what skips those that render where nothing can."""
+
+from __future__ import annotations
+
+import pytest
+from validator_parts import PlainView
+
+from knotfab_validators.shadows.render import why_no_rendering
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+
+__all__ = ["PIXELS", "geometry", "needs_rendering"]
+
+needs_rendering = pytest.mark.skipif(
+    why_no_rendering() is not None, reason=f"no rendering here: {why_no_rendering()}"
+)
+PIXELS = 240  # of a frame of 120 mm, on a wall 100 mm behind; the light is 500 mm before the piece
+
+
+def geometry() -> ViewGeometry:
+    return view_geometry(PlainView(frame_width_mm=120.0, frame_height_mm=120.0), PIXELS, PIXELS)
