@@ -115,34 +115,42 @@ class Crash(Exception):
 class Workers(Pool):
     """`jobs` processes that answer a line of JSON with a line of JSON; a request goes to one that is free.
 
-    They are started at once, so that they load what they need while nobody asks yet.
+    They are started at once, so that they load what they need while nobody asks yet. One that ended is
+    replaced when it is asked again.
 
-    Raises (from `result` of what `ask` returns):
-        Crash: the process ended without an answer; whoever asks it next is told the same.
+    Raises (from `answer`, and from `result` of what `ask` returns):
+        Crash: the process ended without an answer.
     """
 
     def __init__(
-        self, command: Sequence[str], jobs: int = 1, env: Mapping[str, str] | None = None
+        self,
+        command: Sequence[str],
+        jobs: int = 1,
+        env: Mapping[str, str] | None = None,
+        share: int | None = None,
     ) -> None:
-        super().__init__(jobs)
+        super().__init__(jobs, share)
+        self._command, self._env = command, env
         self._free: SimpleQueue[tuple[subprocess.Popen[str], IO[bytes]]] = SimpleQueue()
         self._said: list[IO[bytes]] = []
         for _ in range(jobs):
-            said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (`__exit__` closes it)
-            self._said.append(said)
-            process = self.start(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=said,
-                env=env,
-                start_new_session=True,  # Ctrl-C is for the parent, which then ends them
-            )
-            self._free.put((process, said))
+            self._free.put(self._begin())
+
+    def _begin(self) -> tuple[subprocess.Popen[str], IO[bytes]]:
+        """Start a process; what it writes to standard error is in the file beside it."""
+        said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (`__exit__` closes it)
+        self._said.append(said)
+        process = self.start(
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            env=self._env,
+            start_new_session=True,  # Ctrl-C is for the parent, which then ends them
+        )
+        return process, said
 
     def __exit__(self, *_: object) -> None:
-        for process in self._processes:
-            process.kill()
         super().__exit__()
         for process in self._processes:
             with contextlib.suppress(OSError):  # what it did not read any more; EINVAL on Windows
@@ -152,10 +160,13 @@ class Workers(Pool):
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         """Hand over a request; `result` of what is returned waits for the answer."""
-        return self.submit(self._answer, request)
+        return self.submit(self.answer, request)
 
-    def _answer(self, request: dict[str, Any]) -> dict[str, Any]:
+    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Hand over a request, and wait for a free process and its answer."""
         process, said = self._free.get()
+        if process.poll() is not None and not self.ended.is_set():
+            process, said = self._begin()
         try:
             assert process.stdin is not None and process.stdout is not None
             line = ""

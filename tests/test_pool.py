@@ -55,12 +55,13 @@ def test_workers_share_the_requests_and_each_gets_its_own_answer() -> None:
     assert len({one["pid"] for one in found}) == 2
 
 
-def test_a_worker_that_dies_says_how() -> None:
+def test_a_worker_that_dies_says_how_and_is_replaced() -> None:
     with Workers(ANSWER) as workers:
         for _ in range(2):
             with pytest.raises(Crash, match="no more memory") as caught:
                 workers.ask({"die": True}).result()
             assert caught.value.code == 7
+            assert workers.ask({"k": 1}).result()["asked"] == {"k": 1}
 
 
 def test_as_many_as_cores_and_memory_allow(monkeypatch: pytest.MonkeyPatch) -> None:

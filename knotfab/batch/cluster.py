@@ -15,12 +15,13 @@ from knotfab.batch.tasks import Task
 from knotfab.batch.worker import (
     Record,
     build_parcel,
+    open_stems,
     pack_task,
     record_of,
     unpack_result,
 )
 from knotfab.errors import InputError, MachineError, needs_extra
-from knotfab.pool import JOB_GB, Pool
+from knotfab.pool import JOB_GB
 from knotfab.progress import Progress
 
 __all__ = ["open_cluster"]
@@ -95,8 +96,8 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     worker = get_worker()
     worker.log_event(topic, name)
     key = worker.get_current_task()
-    with Pool(1, share=1) as pool:
-        building = pool.submit(build_parcel, parcel, pool)
+    with open_stems(1, share=1) as stems:
+        building = stems.submit(build_parcel, parcel, stems)
         while not wait([building], _LOOK_EVERY_S).done:
             task = worker.state.tasks.get(key)
             if task is None or task.state not in ("executing", "long-running"):

@@ -14,12 +14,12 @@ from statistics import median
 
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
-from knotfab.batch.worker import Record, build_apart
+from knotfab.batch.worker import Record, build_apart, open_stems
 from knotfab.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
-from knotfab.pool import Pool, count_jobs
+from knotfab.pool import Workers, count_jobs
 from knotfab.progress import Progress
 
 __all__ = ["batch"]
@@ -86,8 +86,8 @@ def batch(
 def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
     """A function that builds tasks: on this machine, or on a cluster."""
     if cluster is None:
-        with Pool(jobs) as pool:
-            yield partial(_build_here, pool, progress)
+        with open_stems(jobs) as stems:
+            yield partial(_build_here, stems, progress)
         return
     from knotfab.batch.cluster import open_cluster
 
@@ -96,15 +96,15 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 
 
 def _build_here(
-    pool: Pool, progress: Progress, tasks: Sequence[Task], folder: Path
+    stems: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
     """Each task in a process of its own."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
-            return build_apart(task, folder / task.name, pool)
+            return build_apart(task, folder / task.name, stems)
 
-    futures: dict[Future[Record], Task] = {pool.submit(build, task): task for task in tasks}
+    futures: dict[Future[Record], Task] = {stems.submit(build, task): task for task in tasks}
     for future in as_completed(futures):
         yield futures[future], future.result()
 

@@ -18,12 +18,13 @@ from typing import IO, Any
 
 from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
-from knotfab.pool import ONE_THREAD, Pool
+from knotfab.pool import ONE_THREAD, Crash, Workers
 
 __all__ = [
     "Record",
     "build_apart",
     "build_parcel",
+    "open_stems",
     "pack_task",
     "read_report",
     "record_of",
@@ -36,22 +37,34 @@ _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none 
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
 
-def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
-    """Build one picture into `folder` in a process of its own.
+def open_stems(jobs: int, share: int | None = None) -> Workers:
+    """`jobs` processes for `build_apart`, each of which loads once what builds need.
 
     Args:
-        pool: starts the process, and ends it when it is left.
+        share: the processes that each of their builds may run side by side.
     """
+    # -P: modules come from the installation, never from the folder one happens to be in
+    command = [sys.executable, "-P", "-m", "knotfab.cli.stem"]
+    return Workers(command, jobs, env={**os.environ, **ONE_THREAD}, share=share)
+
+
+def build_apart(task: Task, folder: Path, stems: Workers) -> Record:
+    """Build one picture into `folder` in a process of its own, which ends with the stems (`open_stems`)."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
-    # -P: modules come from the installation, never from the folder one happens to be in
-    command = [sys.executable, "-P", "-m", "knotfab", "build", task.picture, *task.arguments]
-    command += [f"--out={folder}", "--quiet"]
-    environment = {**os.environ, **ONE_THREAD, "KNOTFAB_JOBS": str(pool.share)}
+    environment = {**os.environ, **ONE_THREAD, "KNOTFAB_JOBS": str(stems.share)}
     environment["PYTHONIOENCODING"] = "utf-8"
+    asked = {
+        "command": [sys.executable, "-P", "-m", "knotfab"],
+        "arguments": ["build", task.picture, *task.arguments, f"--out={folder}", "--quiet"],
+        "environment": environment,
+    }
     for _ in range(_MOST_RUNS):
-        with pool.start(command, stderr=subprocess.PIPE, env=environment) as child:
-            code, error = run_apart(child)
+        try:
+            answer = stems.answer(asked)
+            code, error = _explain_end(answer["code"], answer["said"])
+        except Crash as crash:
+            code, error = _explain_end(crash.code, crash.said)
         if code in _ENDINGS:
             break
     seconds = time.perf_counter() - begun
@@ -83,6 +96,11 @@ def run_apart(
         code = child.wait()
         if reader is not None:
             reader.join()
+    return _explain_end(code, said)
+
+
+def _explain_end(code: int, said: str) -> tuple[int, str]:
+    """The exit code of a build, 128 and the signal's number where it was killed, and its last sentence."""
     if code not in _ENDINGS:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         why = f"the build was killed ({how}); was there too little memory?"
@@ -161,7 +179,7 @@ def pack_task(task: Task, shared: Path) -> bytes:
     return parcel.getvalue()
 
 
-def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
+def build_parcel(parcel: bytes, stems: Workers) -> tuple[Record, bytes]:
     """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
 
     On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
@@ -179,7 +197,7 @@ def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
             for path, held in places.items():
                 arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
                 source = str(here / held) if source == path else source
-        record = build_apart(Task(name, source, tuple(arguments), (), key), out, pool)
+        record = build_apart(Task(name, source, tuple(arguments), (), key), out, stems)
         error = record["error"].replace(source, picture).replace(f"{here / 'out'}{os.sep}", "")
         record |= {"picture": picture, "error": error}
         result = io.BytesIO()

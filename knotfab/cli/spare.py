@@ -8,11 +8,15 @@ import sys
 import time
 
 
-def wait_for_call() -> None:
-    """Load what a build needs, read its arguments, a list as a line of JSON, and run the command line."""
+def load() -> None:
+    """Load what every build needs."""
     import knotfab.pipeline
     import knotfab.preview.survey  # noqa: F401
 
+
+def wait_for_call() -> None:
+    """Load what a build needs, read its arguments, a list as a line of JSON, and run the command line."""
+    load()
     line = sys.stdin.readline()
     if not line.strip():  # the studio ended
         return

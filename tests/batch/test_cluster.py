@@ -61,7 +61,8 @@ def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
             patience = time.monotonic() + 60
             while not began.exists() and time.monotonic() < patience:
                 time.sleep(0.05)
-            os.kill(int((runs / "b.parent").read_text()), signal.SIGKILL)
+            stem = psutil.Process(int((runs / "b.parent").read_text()))
+            os.kill(stem.ppid(), signal.SIGKILL)
 
         killer = threading.Thread(target=kill_the_builder)
         killer.start()

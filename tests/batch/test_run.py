@@ -20,7 +20,6 @@ from knotfab.batch.run import batch
 from knotfab.batch.tasks import list_tasks
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
-from knotfab.pool import Pool
 
 
 @pytest.fixture
@@ -190,9 +189,9 @@ def test_a_parcel_builds_what_the_task_would(
         (out / "probe").unlink()
     (pictures / "b.png").write_text("another on this machine")
     monkeypatch.chdir(out)  # wherever a worker runs
-    with Pool(1) as pool:
+    with worker.open_stems(1) as stems:
         for task, parcel, code in zip(tasks, parcels, (0, 1), strict=True):
-            record, result = worker.build_parcel(parcel, pool)
+            record, result = worker.build_parcel(parcel, stems)
             assert (record["exit_code"], record["key"]) == (code, task.key)
             assert record["picture"] == task.picture
             assert (result == b"") == (out / task.name).exists() == shared
