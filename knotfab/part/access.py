@@ -78,14 +78,10 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     """
     if not rules.supports or rules.powder:
         return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
-    corners = _split(np.concatenate([v[f] for v, f in bodies]))
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(across, axis=1)
-    corners, across, size = corners[size > 0], across[size > 0], size[size > 0]
-    normal, middle = across / size[:, None], corners.mean(axis=1)
+    middle, normal, size = _sample(np.concatenate([v[f] for v, f in bodies]))
     steep = -normal[:, 2] > np.sin(np.radians(rules.max_overhang_deg)) + 1e-6
     under = np.flatnonzero(steep & (middle[:, 2] > 2 * rules.layer_mm))
-    area = size[under] / 200
+    area = size[under] / 100
     if not len(under):
         return Access(0.0, dict.fromkeys(TOOLS_MM, 1.0), None, None)
     # as many looks at each mm² of underside
@@ -93,7 +89,8 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
     place, out = middle[chosen], normal[chosen]
     surface = cKDTree(_thin(middle))
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    vertices = np.concatenate([v for v, _ in bodies])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
     ways = spread_turns(WAYS)[3:, 2]
     best = np.zeros(len(place))  # diameter of the thickest tool that comes in
     # what a thick tool reaches, a thinner one reaches in the same way
@@ -135,26 +132,37 @@ def _reaches(
     return found
 
 
-def _split(corners: Array) -> Array:
-    """(k, 3, 3) triangles (m, 3, 3), halved across their longest edge until they are small.
+def _sample(corners: Array) -> tuple[Array, Array, Array]:
+    """Points (k, 3) of triangles (m, 3, 3), unit normals (k, 3), and the areas (k,) that they stand for, mm².
 
-    (Rivara, "Algorithms for refining triangular grids", 1984: a sliver is cut along its length alone.)
+    Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
+    is sampled along its length alone.
     """
-    done = [corners[:0]]
-    while len(corners):
-        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        large = edges.max(axis=1) > SPACING_MM
-        done.append(corners[~large])
-        first = edges[large].argmax(axis=1)
-        # the longest edge from `here` to `ahead`, and the corner across
-        here, ahead, across = (
-            corners[large][np.arange(len(first)), (first + k) % 3] for k in range(3)
-        )
-        middle = (here + ahead) / 2
-        corners = np.concatenate(
-            [np.stack([here, middle, across], 1), np.stack([middle, ahead, across], 1)]
-        )
-    return np.concatenate(done)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double = np.linalg.norm(across, axis=1)
+    corners, across, double = corners[double > 0], across[double > 0], double[double > 0]
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = edges.argmax(axis=1)
+    every = np.arange(len(corners))
+    a, b, c = (corners[every, (longest + k) % 3] for k in range(3))
+    length = edges[every, longest]
+    rows = np.ceil(double / length / SPACING_MM).astype(np.int64)
+    face, number = _runs(rows)
+    bottom, top = number / rows[face], (number + 1) / rows[face]
+    up = np.where(rows[face] == 1, 1 / 3, (bottom + top) / 2)
+    count = np.ceil(length[face] * (1 - up) / SPACING_MM).astype(np.int64)
+    strip = double[face] / 2 * ((1 - bottom) ** 2 - (1 - top) ** 2)
+    row, number = _runs(count)
+    face, up = face[row], up[row, None]
+    along = ((number + 0.5) / count[row])[:, None] * (1 - up)
+    points = a[face] + along * (b[face] - a[face]) + up * (c[face] - a[face])
+    return points, (across / double[:, None])[face], (strip / count)[row]
+
+
+def _runs(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For runs of so many (n,) members: the run of each member, and its number in it."""
+    run = np.repeat(np.arange(len(count)), count)
+    return run, np.arange(len(run)) - np.repeat(count.cumsum() - count, count)
 
 
 def _thin(points: Array) -> Array:
