@@ -8,6 +8,7 @@ from pathlib import Path
 
 from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPPORT_LINE_NOZZLES
 from knotfab.scene.model import Scene
+from knotfab.slicer.find import find_slicer, read_version
 
 __all__ = ["PROFILE", "line_width", "profile", "why_not_sliced", "write_profile"]
 
@@ -17,6 +18,7 @@ FILAMENT_MM = 1.75
 LEAST_NOZZLE_MM = 0.1  # narrower is the spot of a laser or a pixel of a screen, not a nozzle
 LINE_NOZZLES = 1.125  # width of a printed line in nozzle diameters, as is usual
 INFILL_PERCENT = 15
+ORGANIC_SINCE = (2, 6)  # PrusaSlicer
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,10 @@ def line_width(scene: Scene) -> float:
     return round(LINE_NOZZLES * scene.printer.nozzle_mm, 4)
 
 
-def profile(scene: Scene) -> dict[str, str]:
+def profile(scene: Scene, program: str | None = None) -> dict[str, str]:
     """PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
+    Supports are branches (organic) where the `program` that is to read it is known to grow them.
     Bed, height, nozzle, layers and supports are the printer's; density and temperatures the
     material's; the rest is a cautious machine, so that the time is rather too long than too short.
     Names are those of PrusaSlicer 2.5, which later versions read too.
@@ -88,8 +91,7 @@ def profile(scene: Scene) -> dict[str, str]:
         "brim_type": "no_brim",
         "support_material": int(printer.supports),
         "support_material_threshold": threshold,
-        # As narrow as a strand's underside, where a grid widens it to its cells: half the filament.
-        "support_material_style": "snug",
+        "support_material_style": _support_style(program),
         "support_material_with_sheath": 0,
         "support_material_extrusion_width": f"{SUPPORT_LINE_NOZZLES * printer.nozzle_mm:g}",
         "support_material_spacing": SPACING_MM,
@@ -130,8 +132,18 @@ def profile(scene: Scene) -> dict[str, str]:
     return {key: str(value) for key, value in settings.items()}
 
 
+def _support_style(program: str | None) -> str:
+    """Branches that touch a strand's underside alone, or else walls no wider than it.
+
+    A grid would widen them to its cells: half the filament. A version without branches refuses the file.
+    """
+    version = None if program is None else read_version(program)
+    return "organic" if version is not None and version >= ORGANIC_SINCE else "snug"
+
+
 def write_profile(folder: Path, scene: Scene) -> None:
-    """Write `profile` as slicer.ini, where a slicer for filament has something to say of the piece."""
+    """Write slicer.ini, where a slicer for filament has something to say of the piece: for the one here."""
     if why_not_sliced(scene) is None:
-        text = "".join(f"{key} = {value}\n" for key, value in profile(scene).items())
+        found = profile(scene, find_slicer()).items()
+        text = "".join(f"{key} = {value}\n" for key, value in found)
         (folder / PROFILE).write_text(text, encoding="utf-8")

@@ -156,7 +156,7 @@ class _Job:
             warnings=tuple([*read_warnings(ended.out), *read_warnings(ended.err)]),
             checks=(reading, *compare_gcode(gcode, shells, self.scene, shift)),
             command=shlex.join(["prusa-slicer", *command]),
-            profile=profile(self.scene),
+            profile=profile(self.scene, self.program),
             seconds=time.monotonic() - self.began,
         )
 

@@ -32,6 +32,28 @@ def test_supports_start_at_the_printers_overhang(angle: float, threshold: str) -
     assert (found["support_material"], found["support_material_threshold"]) == ("1", threshold)
 
 
+@pytest.mark.parametrize(
+    ("said", "style"),
+    [
+        ("PrusaSlicer-2.5.0+UNKNOWN based on Slic3r", "snug"),
+        ("[trace] Initializing\nPrusaSlicer-2.6.1 based on Slic3r", "organic"),
+        ("PrusaSlicer-2.10.0", "organic"),
+        ("no such option", "snug"),
+    ],
+)
+def test_supports_are_branches_where_the_slicer_grows_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, style: str
+) -> None:
+    """And of no style that it would refuse; without a slicer, of one that all read."""
+    program = tmp_path / "prusa-slicer"
+    program.write_text(f"#!/bin/sh\ncat <<'EOF'\n{said}\nEOF\n")
+    program.chmod(0o755)
+    monkeypatch.setattr("knotfab.slicer.profile.find_slicer", lambda: str(program))
+    write_profile(tmp_path, scene_of())
+    assert f"support_material_style = {style}\n" in (tmp_path / PROFILE).read_text()
+    assert profile(scene_of())["support_material_style"] == "snug"
+
+
 def test_a_printer_without_supports() -> None:
     assert profile(scene_of("[printer]\nsupports = false"))["support_material"] == "0"
 
