@@ -8,7 +8,7 @@ from solids import box, inward, move, together
 from validator_parts import trefoil, tube
 
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.printing.columns import columns
+from knotfab_validators.printing.columns import _heights, columns
 
 
 def test_columns_fill_the_volume() -> None:
@@ -39,3 +39,34 @@ def test_an_axis_through_edges_and_corners_is_counted_once() -> None:
 
 def test_many_columns_make_wider_cells() -> None:
     assert columns(box((0, 0, 0), (5000, 1, 1))).cell == pytest.approx(5.0)
+
+
+def test_slivers_across_the_part_are_met_as_by_brute_force() -> None:
+    """A plate whose faces are a fan of slivers, aslant: every axis tested against every face."""
+    n = 90
+    turn = 2 * np.pi * np.arange(n) / n
+    rim = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn), np.zeros(n)])
+    number, ahead = np.arange(n), np.roll(np.arange(n), -1)
+    low = np.column_stack([np.full(n, 2 * n), ahead, number])
+    high = np.column_stack([np.full(n, 2 * n + 1), number + n, ahead + n])
+    sides = [
+        np.column_stack([number, ahead, ahead + n]),
+        np.column_stack([number, ahead + n, number + n]),
+    ]
+    far = np.array([[9.5, 1.5, 0.0], [9.5, 1.5, 3.0]])
+    vertices = np.concatenate([rim, rim + [0.0, 0.0, 3.0], far])
+    vertices[:, 2] += 0.05 * vertices[:, 0]
+    mesh = Mesh(vertices, np.concatenate([low, high, *sides]))
+    grid = columns(mesh)
+    place = grid.across * np.arange(41)[:, None] + np.arange(grid.across)
+    face, column = (k.ravel() for k in np.indices((len(mesh.faces), place.size)))
+    x, y = (
+        grid.origin[k] + grid.cell * at
+        for k, at in enumerate((column % grid.across, column // grid.across))
+    )
+    z, facing = _heights(mesh, face, x, y)
+    ends = {k: z[(column == k) & (facing != 0)] for k in np.unique(column[facing != 0])}
+    assert list(ends) == grid.column.tolist() and len(ends) > 1000
+    assert all(len(met) == 2 for met in ends.values())
+    np.testing.assert_allclose(grid.low, [met.min() for met in ends.values()])
+    np.testing.assert_allclose(grid.high, [met.max() for met in ends.values()])

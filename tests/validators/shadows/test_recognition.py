@@ -40,11 +40,13 @@ def draw(*discs: tuple[float, float, float], strokes: tuple[tuple[float, ...], .
     return np.asarray(image)
 
 
-def judge(shadow: Mask, target: Mask) -> Recognition:
+def judge(shadow: Mask, target: Mask, outlined: Mask | None = None) -> Recognition:
     frame = working_frame(SIZE, SIZE)
     seen, wanted = padded_mask(shadow, frame), padded_mask(target, frame)
     geometry = view_geometry(PlainView(frame_width_mm=180.0), SIZE, SIZE)
-    return recognise(seen, wanted, overlap(seen, wanted).iou, 2 * RADIUS_PX, frame, geometry)
+    iou = overlap(seen, wanted).iou
+    own = None if outlined is None else padded_mask(outlined, frame)
+    return recognise(seen, wanted, iou, 2 * RADIUS_PX, frame, geometry, outlined=own)
 
 
 SMALL, LARGE = (430, 400, 5), (420, 420, 40)
@@ -88,6 +90,16 @@ def test_one_gap_bridged_is_good_and_many_are_not() -> None:
     every = draw(*apart, strokes=((80, 420, 395, 420, 14),))
     found = judge(every, target)
     assert found.counts["bridged_gaps"] == 7 and WORDS.index(found.word) >= 2
+
+
+def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
+    target = draw(LARGE)
+    leg = draw(LARGE, strokes=((180, 299, 170, 480, 8),))
+    assert judge(leg, target).word == UNKNOWN  # as a tube that strays so far
+    found = judge(leg, target, target)
+    assert found.word == "good" and found.outline_p95_radii < 0.1  # the leg takes of its IoU
+    across = judge(draw(LARGE, strokes=((250, 250, 420, 420, 8),)), target, target)
+    assert across.counts["bridged_gaps"] == 1 and across.word == "good"
 
 
 def test_small_letters_that_are_lost_are_text_in_its_place() -> None:

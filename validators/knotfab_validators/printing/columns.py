@@ -16,6 +16,7 @@ __all__ = ["CELL_MM", "Columns", "columns"]
 CELL_MM = 0.5
 MOST_ACROSS = 1000  # columns along the longer side
 MOST_TESTS = 20_000_000  # pairs of face and column
+HAIR = 1e-3  # cells by which a row's axes are looked for beyond the face, and edges count as level
 OFFSET = (0.50137, 0.50079)  # of a column's axis in its cell: CAD parts have edges at round numbers
 
 
@@ -45,7 +46,7 @@ class Columns:
 def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     """The columns of a closed mesh on a grid of `cell` mm from the corner of its bounding box.
 
-    Each face is tested against the axes inside its bounding box; an axis through an edge belongs
+    Each face is tested against the axes of the rows that cross it; an axis through an edge belongs
     to one of the edge's faces (the rule of rasterisation: an edge owns what it meets when it goes
     up, or left when level), so that nothing is counted twice. Going up, a face that looks down
     adds one to how often the axis is inside, one that looks up takes one away; material is where
@@ -58,19 +59,15 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     low, high = flat.min(axis=0), flat.max(axis=0)
     cell = max(cell, float((high - low).max()) / MOST_ACROSS)
     corner = flat[mesh.faces]  # (m, 3, 2)
-    least, most = corner.min(axis=1), corner.max(axis=1)
     while True:
         start = low + np.array(OFFSET) * cell
-        first = np.ceil((least - start) / cell).astype(np.int64)
-        count = np.maximum(np.floor((most - start) / cell).astype(np.int64) - first + 1, 0)
-        tests = count[:, 0] * count[:, 1]
-        if int(tests.sum()) <= MOST_TESTS:
+        face, iy, first, count = _rows(corner, start, cell)
+        if int(count.sum()) <= MOST_TESTS:
             break
         cell *= 1.5
     across = int(np.floor((high - start)[0] / cell)) + 1
-    face, number = number_runs(tests)
-    ix = first[face, 0] + number % count[face, 0]
-    iy = first[face, 1] + number // count[face, 0]
+    row, number = number_runs(count)
+    face, ix, iy = face[row], first[row] + number, iy[row]
     x, y = start[0] + cell * ix, start[1] + cell * iy
     z, facing = _heights(mesh, face, x, y)
     hit = np.flatnonzero(facing)
@@ -83,6 +80,35 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
         (float(start[0]), float(start[1])),
         *_stretches(column, z, facing, face),
     )
+
+
+def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, Ints]:
+    """Where rows of axes may meet faces (m, 3, 2): face, number of the row, first axis in it, and how many.
+
+    A row's axes are those between the places where it enters and leaves the face, and a hair more.
+    """
+    place = (corner - start) / cell
+    low, high = place.min(axis=1), place.max(axis=1)
+    first = np.ceil(low[:, 1]).astype(np.int64)
+    face, number = number_runs(np.maximum(np.floor(high[:, 1]).astype(np.int64) - first + 1, 0))
+    iy = first[face] + number
+    left, right = np.full(len(face), np.inf), np.full(len(face), -np.inf)
+    for k in range(3):
+        a, b = place[face, k], place[face, (k + 1) % 3]
+        rise = b[:, 1] - a[:, 1]
+        meets = (np.minimum(a[:, 1], b[:, 1]) <= iy) & (np.maximum(a[:, 1], b[:, 1]) >= iy)
+        level = np.abs(rise) < HAIR
+        share = np.clip((iy - a[:, 1]) / np.where(level, 1.0, rise), 0.0, 1.0)
+        x = a[:, 0] + share * (b[:, 0] - a[:, 0])
+        for end in (np.where(level, a[:, 0], x), np.where(level, b[:, 0], x)):
+            left = np.where(meets, np.minimum(left, end), left)
+            right = np.where(meets, np.maximum(right, end), right)
+    begin, end = np.ceil(left - HAIR), np.floor(right + HAIR)
+    begin = np.maximum(begin, np.ceil(low[face, 0]))
+    end = np.minimum(end, np.floor(high[face, 0]))
+    good = np.flatnonzero(end >= begin)
+    begin, end = begin[good].astype(np.int64), end[good].astype(np.int64)
+    return face[good], iy[good], begin, end - begin + 1
 
 
 def _heights(mesh: Mesh, face: Ints, x: Array, y: Array) -> tuple[Array, Ints]:

@@ -107,6 +107,7 @@ def verify_shadows(
                         found.tube_px,
                         found.frame,
                         geometry,
+                        outlined=found.of_tube,
                     )
                 recognised[view.name] = judged.to_dict()
             soft = None

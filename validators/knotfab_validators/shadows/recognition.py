@@ -119,6 +119,7 @@ def recognise(
     radius_px: float,
     frame: WorkingFrame,
     geometry: ViewGeometry,
+    outlined: Mask | None = None,
 ) -> Recognition:
     """What a person would miss of a picture in its shadow.
 
@@ -127,6 +128,8 @@ def recognise(
         iou: of the two.
         radius_px: half the width of the tube's shadow, in the masks' pixels.
         frame: of the masks. geometry: the view, on the picture's own pixels.
+        outlined: (H, W), the shadow whose outline is compared: without the legs on which it stands, which
+            bridge and break what they cross, but are no fault of its outline. None: `shadow`.
     """
     step = max(1, int(radius_px / ENOUGH_PX))
     reach = REACH * radius_px / step
@@ -137,7 +140,8 @@ def recognise(
     rows = find_rows(features, max(frame.width, frame.height))
     # what is lost is counted already, and slits that nobody sees are no outlines
     there = close_slits(without_lost(wanted, found), SLIT * reach)
-    off_px = step * find_wrong_stretch(close_slits(seen, SLIT * reach), there).quantile_95_px
+    own = seen if outlined is None else outlined[::step, ::step]
+    off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
     scale = _Scale(frame, geometry, 2 * radius_px)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
     text = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]

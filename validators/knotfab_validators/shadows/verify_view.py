@@ -35,8 +35,8 @@ class VerifiedView:
     `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
     floor is asked, without all that it darkens beside the tube, and with the strokes as wide as they are
     drawn (`drawn`); without a stand and wider strokes all three are one.
-    `seen` is the shadow that `framed` compares, and `tube_px` half the width of the tube's, in the middle
-    of its depth; None without knots.
+    `seen` is the shadow that `framed` compares, `of_tube` that without the stand. `tube_px` is half the width
+    of the tube's, in the middle of its depth; None without knots.
     """
 
     frame: WorkingFrame
@@ -57,6 +57,7 @@ class VerifiedView:
     intrusion: float | None
     legibility: dict[str, float] | None
     seen: Mask
+    of_tube: Mask
     tube_px: float | None
 
     @property
@@ -126,6 +127,7 @@ def verify_view(
         intrusion=None,
         legibility=None,
         seen=exact if rendered is None else rendered,
+        of_tube=exact if rendered is None else rendered,
         tube_px=None,
     )
     if polygons is not None and radius is not None:
@@ -137,13 +139,14 @@ def verify_view(
         error = outline_error(field, shapely.get_coordinates(polygon), exact, own)
         shadow = result.shadow
         if stand:
-            kept = shadow & (_in_frame(frame) | field.mask)
+            kept, of_tube = shadow & (_in_frame(frame) | field.mask), shadow & field.mask
             result = replace(
                 result,
                 framed=overlap(kept, wanted),
-                judged=overlap(shadow & field.mask, wide),
+                judged=overlap(of_tube, wide),
                 wrong=find_wrong_stretch(kept, wanted),
                 seen=kept,
+                of_tube=of_tube,
             )
         # w is the distance from the light over the receiver's
         middle = float(np.median(fine.project(np.concatenate(polygons))[1]))
