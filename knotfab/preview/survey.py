@@ -249,7 +249,13 @@ def _unlike(seen: ViewSurvey, found: Survey, scene: Scene) -> SceneError:
     likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
     assert likeness is not None
     asked = scene.piece.tube_radius_mm
-    radius = found.thinnest_mm if isinstance(asked, str) else asked
+    radius, tube = found.thinnest_mm, "any printable tube"
+    if not isinstance(asked, str):
+        radius, tube = asked, "such a tube"
+    lost = f"which reaches an IoU of about {likeness.iou:.2f}"
+    if likeness.changes:
+        which = f"{likeness.changes} of its {likeness.features} pieces and holes"
+        lost = f"where {which} are lost or run together"
     if likeness.features > _FEW:  # of these an opening takes seconds, and there are many to try
         drawn = recognisable_radius(seen.target.asked, radius * px)
     else:
@@ -263,9 +269,8 @@ def _unlike(seen: ViewSurvey, found: Survey, scene: Scene) -> SceneError:
         seen.view,
         (seen.target.width, seen.target.height),
         printer,
-        f"nobody would know {seen.target.name} in the shadow of a tube of {radius:g} mm radius: "
-        f"{likeness.changes} of its {likeness.features} pieces and holes would be lost or run together"
-        + (f", at an IoU of about {likeness.iou:.2f}" if likeness.iou < 1.0 else ""),
+        f"it is too fine for {tube}: nobody would know {seen.target.name} in the shadow of one of "
+        f"{radius:g} mm radius, {lost}",
         otherwise,
         "parts",
     )
