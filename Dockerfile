@@ -16,8 +16,9 @@ COPY validators validators
 COPY fixtures fixtures
 RUN pip install --no-cache-dir -c constraints.txt '.[dask,studio]'
 
-# what is compiled at the first build is kept where any user may write
+# what is compiled is kept where any user may write
 ENV NUMBA_CACHE_DIR=/tmp/numba
+RUN knotfab doctor --compile && chmod -R a+rwX /tmp/numba
 WORKDIR /work
 ENTRYPOINT ["knotfab"]
 CMD ["--help"]

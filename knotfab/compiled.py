@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numba
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "count_loops"]
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
+_LOOPS: list[Any] = []  # numba's dispatchers
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
@@ -21,6 +23,16 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
     cache; where none of these can be written, it is compiled anew in each process.
     """
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # no place for the cache
-        return numba.njit(nogil=True, error_model="numpy")(function)
+        loop = numba.njit(nogil=True, error_model="numpy")(function)
+    _LOOPS.append(loop)
+    return loop
+
+
+def count_loops() -> tuple[int, int, str]:
+    """How many loops have run in this process, how many it had to compile, and where they are kept, or ""."""
+    ran = [loop for loop in _LOOPS if loop.signatures]
+    missed = sum(sum(loop.stats.cache_misses.values()) > 0 for loop in ran)
+    kept = {str(loop.stats.cache_path) for loop in ran if loop.stats.cache_path}
+    return len(ran), missed, os.path.commonpath(kept) if kept else ""

@@ -8,6 +8,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -16,7 +17,7 @@ from typing import Literal
 
 from knotfab.pool import count_cores, measure_memory_gb
 
-__all__ = ["Finding", "examine"]
+__all__ = ["Finding", "compile_loops", "examine"]
 
 Status = Literal["ok", "missing", "warning"]
 
@@ -95,6 +96,27 @@ def examine() -> list[Finding]:
         _memory(),
         _disk(),
     ]
+
+
+def compile_loops() -> Finding:
+    """Run every compiled loop once, in a search of a few steps: what it compiles is kept for all builds."""
+    from knotfab.compiled import count_loops
+    from knotfab.design.design import design_knots
+    from knotfab.scene.model import Accuracy, Scene
+    from knotfab.target.read import read_target
+
+    begun = time.perf_counter()
+    few = ("coarse", "fine", "settle", "network")
+    least = {f"{phase}_iterations": 2 for phase in few}
+    tiny = {**least, "coarse_px": 64, "fine_px": 64, "depth_candidates": 4, "radius_candidates": 2}
+    design_knots(Scene(accuracy=Accuracy(name="draft"), search=tiny), [read_target("text:♥")])
+    loops, compiled, folder = count_loops()
+    kept = f"kept under {folder}" if folder else "there is no place to keep them"
+    seconds = time.perf_counter() - begun
+    name, said = "compiled loops", f"{loops}, {compiled} of them compiled now, in {seconds:.0f} s"
+    if folder:
+        return Finding(name, "ok", f"{said}; {kept}")
+    return Finding(name, "warning", f"{said}; {kept}", "Set NUMBA_CACHE_DIR to a folder of yours")
 
 
 def _python() -> Finding:

@@ -43,6 +43,7 @@ from knotfab.report.of_effects import (
     tell_contrast,
 )
 from knotfab.report.of_slicer import check_slicing
+from knotfab.report.of_time import add_next_step
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing
 from knotfab.report.report_html import write_report_html
@@ -224,6 +225,7 @@ def finish_build(
         pieces: one, or the frames of a sequence; the report's viewer shows them.
     """
     report["timings"] |= {**progress.timings, "total": progress.total}  # with the report's own
+    add_next_step(report)
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]
     write_report_html(

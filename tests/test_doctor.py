@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from knotfab import doctor
+from knotfab.compiled import _LOOPS, count_loops
 from knotfab.doctor import Finding, examine
 
 
@@ -32,6 +33,15 @@ def test_this_machine() -> None:
     for finding in findings:
         assert finding.detail
         assert finding.status == "ok" or finding.remedy, finding
+
+
+@pytest.mark.slow
+def test_loops_are_compiled_and_kept() -> None:
+    found = doctor.compile_loops()
+    assert found.status == "ok", found
+    assert count_loops()[2] in found.detail
+    run = {loop.__name__ for loop in _LOOPS if loop.signatures}  # others run inside of these
+    assert {"find_winners", "evaluate", "step_margin", "gap_hinge", "bend_hinge", "_cover"} <= run
 
 
 def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -384,12 +384,18 @@ def tradeoff(
 
 
 @app.command
-def doctor() -> int:
-    """Say what this machine has and lacks, with the remedy for each."""
-    from knotfab.cli.summary import print_findings
-    from knotfab.doctor import examine
+def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) -> int:
+    """Say what this machine has and lacks, with the remedy for each.
 
-    findings = examine()
+    Parameters
+    ----------
+    compile_
+        Compile the search's loops now, so that the first build need not wait for it, and say no more.
+    """
+    from knotfab.cli.summary import print_findings
+    from knotfab.doctor import compile_loops, examine
+
+    findings = [compile_loops()] if compile_ else examine()
     print_findings(findings)
     return 3 if any(f.status == "missing" for f in findings) else 0
 

@@ -86,10 +86,12 @@ def print_summary(outcome: Outcome) -> None:
     from rich.console import Console
     from rich.markup import escape
 
+    from knotfab.report.of_time import tell_time
+
     report, console = outcome.report, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     console.print(
-        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report['timings']['total']:.1f} s"
+        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {tell_time(report['timings'])}"
     )
     for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
         console.print(f"  {escape(reason)}")
@@ -116,6 +118,8 @@ def print_summary(outcome: Outcome) -> None:
     )
     for note in report.get("notes", []):
         console.print(f"  {escape(note)}")
+    if "next_step" in report:
+        console.print(f"  {escape(report['next_step']['sentence'])}")
     if outcome.exit_code != 0:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
     if outcome.exit_code == 3:

@@ -15,8 +15,8 @@ from knotfab.target.opening import thickest_radius
 
 __all__ = [
     "DEPTH_RATIO",
-    "DRAWN",
     "RadiusRange",
+    "drawing_radius",
     "line_radius",
     "line_width",
     "range_of",
@@ -27,7 +27,7 @@ __all__ = [
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
 _UNEVEN = 0.4  # px by which a line's width varies as it is drawn
-DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
+_DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
 
 
 @dataclass(frozen=True)
@@ -93,26 +93,32 @@ def usual_radii(
     return radii, thin
 
 
+def drawing_radius(polygon: MultiPolygon, least: float) -> float | None:
+    """The thickest radius below `least`, in the polygon's unit, that draws most of it; None: it is dust."""
+    return thickest_radius(polygon, _DRAWN, least / 64, least)
+
+
 def too_fine(
-    polygon: MultiPolygon,
+    drawn: float | None,
     view: ResolvedView,
     pixels: tuple[int, int],
     printer: Printer,
     why: str,
     otherwise: str = "--lines on, or --thicken auto",
+    parts: str = "lines",
 ) -> SceneError:
     """The error for a picture whose lines no printable tube draws, with remedies that each suffice.
 
     Args:
-        polygon: the silhouette in any unit in which the frame is `view`'s at the scale of `pixels`: px.
+        drawn: the radius, px, of a tube that would draw it, its shadow's size; None: none that is known.
         pixels: width and height of the picture. why: what was found. otherwise: what else would do.
+        parts: what is too thin.
     """
     width, longer = pixels[0], max(pixels)
     px = view.px_per_mm(width)
     least = printer.min_tube_radius_mm * px
-    drawn = thickest_radius(polygon, DRAWN, least / 64, least)
     remedies = [
-        f"lines must be at least {math.ceil(2 * least + _UNEVEN)} px of {longer} at this size"
+        f"{parts} must be at least {math.ceil(2 * least + _UNEVEN)} px of {longer} at this size"
     ]
     if drawn is not None:
         frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
@@ -125,7 +131,7 @@ def too_fine(
                 f"or a {finer:g} mm nozzle (scene keys printer.nozzle_mm = {finer:g}, "
                 f"printer.min_tube_radius_mm = {math.floor(1e3 * radius) / 1e3:g})"
             )
-        lines = f"; most of its lines are about {2 * drawn:.1f} px thick"
+        lines = f"; most of its {parts} are about {2 * drawn:.1f} px thick"
     else:
         lines = "; it is hardly more than dust"
     if otherwise:

@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.design.candidates import line_radius, range_of, too_fine, usual_radii
+from knotfab.design.candidates import (
+    drawing_radius,
+    line_radius,
+    range_of,
+    too_fine,
+    usual_radii,
+)
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
@@ -190,8 +196,9 @@ def _require_picture(question: Question, scores: dict[float, float]) -> None:
             "Fill it instead (--lines off), or give the width of its strokes (--thicken MM).",
         )
     height, width = view.mask.shape
+    least = question.scene.printer.min_tube_radius_mm * view.view.px_per_mm(width)
     raise too_fine(
-        trace_polygon(view.mask),
+        drawing_radius(trace_polygon(view.mask), least),
         view.view,
         (width, height),
         question.scene.printer,

@@ -35,6 +35,12 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     if seen.view.lines == "on":
         text = f"  One tube of {found.radius_mm:.2f} mm radius runs along each of its strokes"
         return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
+    if seen.likeness is not None and not seen.recognisable:
+        gone = f"{seen.likeness.changes} of its {count(seen.likeness.features, 'piece')} and holes"
+        return (
+            f"  Nobody would know it in the shadow of any tube that can be printed: {gone} would be "
+            "lost or run together."
+        )
     radius = min(seen.losses, key=lambda r: abs(r - found.radius_mm))
     lost = seen.losses[radius]
     text = f"  A tube of {radius:.2f} mm radius loses "
@@ -108,6 +114,7 @@ def list_figures(found: Survey) -> dict[str, Any]:
                 "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
                 "piece_mm": [round(side, 2) for side in seen.piece_mm],
                 "feasible_radius_mm": seen.feasible_mm,
+                "recognisable": seen.recognisable,
                 "radii": losses,
             }
         )

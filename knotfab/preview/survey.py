@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 from shapely import MultiPolygon
 
-from knotfab.design.candidates import DRAWN, line_radius, too_fine, usual_radii
+from knotfab.arrays import Mask
+from knotfab.design.candidates import drawing_radius, line_radius, too_fine, usual_radii
 from knotfab.design.frames import frame_view, framed_alike
+from knotfab.errors import SceneError
 from knotfab.preview.guess import Guess, guess_print
+from knotfab.preview.likeness import (
+    Likeness,
+    compare_lines,
+    estimate_likeness,
+    opened_share,
+    recognisable_radius,
+)
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.masks import holes_of, pieces_of
@@ -26,6 +35,7 @@ _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the pict
 _CANDIDATES = 4  # radii that are shown
 _ALL = 0.95  # of the silhouette
 _BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
+_FEW = 200  # pieces and holes of a picture whose polygons are opened
 _SPARE = 0.3  # px that an outline may move by
 _MOST_FRAMES = 24  # of a sequence that are looked at
 
@@ -36,7 +46,9 @@ class ViewSurvey:
 
     `feasible_mm`: the thickest tube that draws it well, None where none does that can be printed.
     `losses`: for each candidate radius what it loses, in px of the picture. `together`: the share of its
-    strokes, as wide as the tube along them, that run together; 0 where areas are filled.
+    strokes, as wide as the tube along them, that run together; 0 where areas are filled. `likeness`: what
+    the thinnest of these tubes could draw at best, None where that need not be asked; where nobody would know
+    it, no losses are looked for.
     """
 
     view: ResolvedView
@@ -47,6 +59,12 @@ class ViewSurvey:
     feasible_mm: float | None
     losses: dict[float, list[Loss]]
     together: float = 0.0
+    likeness: Likeness | None = None
+
+    @property
+    def recognisable(self) -> bool:
+        """Whether any of these tubes may draw it so that it is known."""
+        return self.likeness is None or self.likeness.recognisable
 
     @property
     def px_per_mm(self) -> float:
@@ -127,7 +145,15 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
     for view, target in zip(views, targets, strict=True):
         px = view.px_per_mm(target.width)
         polygon = _trace(target)
-        feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
+        lines, feasible = view.lines == "on", None
+        likeness = (
+            compare_lines(target.asked, target.judged, min(tried) * px)
+            if lines
+            else estimate_likeness(target.mask, min(tried) * px)
+        )
+        hopeless = likeness is not None and not likeness.recognisable
+        if not hopeless:
+            feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
         found.append(
             ViewSurvey(
                 view,
@@ -136,10 +162,11 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
                 len(pieces_of(target.mask)[1]),
                 len(holes_of(target.mask)[1]),
                 None if feasible is None else feasible / px,
-                _losses(polygon, tried, px),
-                0.0
-                if view.lines != "on"
-                else run_together(target.asked, target.judged, 2.0 * line_radius(view) * px),
+                {} if hopeless else _losses(polygon, tried, px),
+                run_together(target.asked, target.judged, 2.0 * line_radius(view) * px)
+                if lines
+                else 0.0,
+                likeness,
             )
         )
     return tuple(found)
@@ -157,25 +184,34 @@ def _losses(polygon: MultiPolygon, radii: Sequence[float], px: float) -> dict[fl
 
 def _trace(target: Target) -> MultiPolygon:
     """The silhouette in px, without vertices that a preview can spare."""
-    shape = trace_polygon(target.mask).simplify(_SPARE)
+    return _trace_mask(target.mask)
+
+
+def _trace_mask(mask: Mask) -> MultiPolygon:
+    shape = trace_polygon(mask).simplify(_SPARE)
     return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
 
 
 def _hardest(targets: Sequence[Target]) -> Target:
     """The frame whose opening by a usual tube is worst."""
     few = targets[:: -(-len(targets) // _MOST_FRAMES)]
-    return min(few, key=lambda t: opening_iou(_trace(t), _USUAL_SHARE * max(t.mask.shape)))
+    return min(few, key=lambda t: opened_share(t.mask, _USUAL_SHARE * max(t.mask.shape)))
 
 
 def require_drawable(found: Survey, scene: Scene) -> None:
     """Refuse at once what a search would refuse after minutes.
 
-    A stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the thinnest tube
-    leaves out is taken to be drawn so.
+    That is a picture that nobody would know in the shadow of any tube, unless that is accepted. And one of
+    thin lines: a stroke thinner than the tube is drawn too thick, at an IoU of their ratio. What the
+    thinnest tube leaves out is taken to be drawn so.
 
     Raises:
         SceneError: a picture's lines are far too thin for any tube that can be printed; with what would do.
     """
+    if "unrecognisable" not in scene.accuracy.accept:
+        for one in found.views:
+            if not one.recognisable:
+                raise _unlike(one, found, resolve(scene))
     if len(found.views) > 1 or found.frames or scene.piece.tube_radius_mm != "auto":
         return
     printer, (seen,), thinnest = resolve(scene).printer, found.views, found.thinnest_mm
@@ -183,9 +219,8 @@ def require_drawable(found: Survey, scene: Scene) -> None:
     if seen.view.lines == "on":
         radius = line_radius(seen.view)
         if seen.together > _BLOBS:
-            thin = trace_polygon(target.asked).simplify(_SPARE)
             raise too_fine(
-                thin if isinstance(thin, MultiPolygon) else MultiPolygon([thin]),
+                recognisable_radius(target.asked, thinnest * seen.px_per_mm),
                 seen.view,
                 pixels,
                 printer,
@@ -197,13 +232,45 @@ def require_drawable(found: Survey, scene: Scene) -> None:
     radius = thinnest * seen.px_per_mm
     if opening_iou(seen.polygon, radius) >= _HOPELESS:
         return
-    drawn = thickest_radius(seen.polygon, DRAWN, radius / 64, radius)
+    drawn = drawing_radius(seen.polygon, radius)
     spilled = 0.0 if drawn is None else drawn / radius
     if spilled < _HOPELESS:
         raise too_fine(
-            seen.polygon,
+            drawn,
             seen.view,
             pixels,
             printer,
             f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
         )
+
+
+def _unlike(seen: ViewSurvey, found: Survey, scene: Scene) -> SceneError:
+    """The error for a picture that nobody would know in the shadow of a tube."""
+    likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
+    assert likeness is not None
+    asked = scene.piece.tube_radius_mm
+    radius, tube = found.thinnest_mm, "any printable tube"
+    if not isinstance(asked, str):
+        radius, tube = asked, "such a tube"
+    lost = f"which reaches an IoU of about {likeness.iou:.2f}"
+    if likeness.changes:
+        which = f"{likeness.changes} of its {likeness.features} pieces and holes"
+        lost = f"where {which} are lost or run together"
+    if likeness.features > _FEW:  # of these an opening takes seconds, and there are many to try
+        drawn = recognisable_radius(seen.target.asked, radius * px)
+    else:
+        drawn = drawing_radius(_trace_mask(seen.target.asked), radius * px)
+    otherwise = "--accept unrecognisable to build it nevertheless"
+    if drawn is not None and drawn >= printer.min_tube_radius_mm * px:
+        least = max(drawn / px, printer.min_tube_radius_mm)
+        otherwise = f"a thinner tube (--tube-radius {least:.2f}), or {otherwise}"
+    return too_fine(
+        drawn,
+        seen.view,
+        (seen.target.width, seen.target.height),
+        printer,
+        f"it is too fine for {tube}: nobody would know {seen.target.name} in the shadow of one of "
+        f"{radius:g} mm radius, {lost}",
+        otherwise,
+        "parts",
+    )

@@ -1,0 +1,110 @@
+"""What no tube can draw is told from pixels alone, and what tubes can draw never is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from scipy import ndimage
+
+from examples.hard_cases.pictures import hard_pictures
+from knotfab.arrays import Mask
+from knotfab.errors import SceneError
+from knotfab.preview import survey as module
+from knotfab.preview.likeness import estimate_likeness, opened_share, recognisable_radius
+from knotfab.preview.sentence import describe, list_figures
+from knotfab.preview.survey import require_drawable, survey
+from knotfab.scene.model import Accuracy, Piece, Scene, View
+from knotfab.target.read import read_target
+
+HARD = {case.name: case for case in hard_pictures()}
+RADIUS_PX = 256 * 0.8 * 1.2 / 180  # of the thinnest tube's shadow, of a picture of 256 px
+
+
+def noise(side: int, cell: int = 1) -> Mask:
+    """Squares of so many px, each by the toss of a coin."""
+    few = np.random.default_rng(6).random((side // cell, side // cell)) < 0.5
+    return np.pad(np.kron(few, np.ones((cell, cell), dtype=bool)), 16)
+
+
+def checks(count: int, side: int = 256) -> Mask:
+    """A board of count x count squares."""
+    v, u = np.mgrid[:side, :side] * count // side
+    return np.pad((u + v) % 2 == 0, 16)
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [noise(256), noise(512), HARD["checkerboard"].draw(), HARD["carpet"].draw()],
+    ids=["noise-256", "noise-512", "checks", "carpet"],
+)
+def test_what_no_tube_can_draw_is_not_recognisable(mask: Mask) -> None:
+    found = estimate_likeness(mask, RADIUS_PX * max(mask.shape) / 256)
+    assert found is not None and not found.recognisable
+
+
+def test_a_finer_tube_that_is_named_draws_it() -> None:
+    mask = noise(96, 2)
+    radius = recognisable_radius(mask, 5.0)
+    assert radius is not None and radius < 2.0
+    again = estimate_likeness(mask, radius)
+    assert again is None or (again.recognisable and opened_share(mask, radius) > 0.9)
+
+
+@given(seed=st.integers(0, 999), count=st.integers(1, 30), radius=st.floats(5.0, 9.0))
+@settings(deadline=None, max_examples=12)
+def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float) -> None:
+    middles = np.zeros((160, 200), dtype=bool)
+    places = np.random.default_rng(seed).integers(12, (148, 188), (count, 2))
+    middles[tuple(places.T)] = True
+    mask = ndimage.distance_transform_edt(~middles) <= radius
+    found = estimate_likeness(mask, 0.8 * radius)
+    assert found is None or found.recognisable
+    assert opened_share(mask, 0.8 * radius) > 0.6  # of few pixels
+
+
+def test_noise_is_refused_without_a_polygon_being_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Image.fromarray(np.where(noise(224), 0, 255).astype(np.uint8)).save(tmp_path / "noise.png")
+    opened: list[str] = []
+    for name in ("thickest_radius", "find_losses", "opening_iou", "drawing_radius"):
+        monkeypatch.setattr(module, name, lambda *_, name=name: opened.append(name))
+    scene = Scene()
+    target = read_target(tmp_path / "noise.png")
+    found = survey(scene, [target])
+    with pytest.raises(SceneError, match=r"nobody would know .* pieces and holes") as caught:
+        require_drawable(found, scene)
+    assert opened == [] and caught.value.exit_code == 1
+    for remedy in ("mm wide (--width", "nozzle", "--accept unrecognisable"):
+        assert remedy in caught.value.remedy
+    assert any("Nobody would know it" in line for line in describe(found))
+    assert list_figures(found)["views"][0]["recognisable"] is False
+
+
+def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
+    Image.fromarray(np.where(noise(64, 2), 0, 255).astype(np.uint8)).save(tmp_path / "few.png")
+    view, target = View(frame_width_mm=40.0), read_target(tmp_path / "few.png")
+    asked = Scene(views=(view,), accuracy=Accuracy(accept=("unrecognisable",)))
+    found = survey(asked, [target])
+    assert not found.views[0].recognisable
+    with pytest.raises(SceneError, match="nobody would know"):
+        require_drawable(found, Scene(views=(view,)))
+    try:
+        require_drawable(found, asked)
+    except SceneError as refused:  # of thin lines, which none accepts
+        assert "nobody would know" not in str(refused)
+
+
+def test_a_radius_that_is_given_is_asked_for_a_thinner_one(tmp_path: Path) -> None:
+    Image.fromarray(np.where(checks(32), 0, 255).astype(np.uint8)).save(tmp_path / "checks.png")
+    target = read_target(tmp_path / "checks.png")
+    thick = Scene(piece=Piece(tube_radius_mm=9.0))
+    with pytest.raises(SceneError, match="9 mm radius") as caught:
+        require_drawable(survey(thick, [target]), thick)
+    assert "--tube-radius" in caught.value.remedy
+    require_drawable(survey(Scene(), [target]), Scene())

@@ -1,0 +1,45 @@
+"""Where the time went, and an estimate of the next better setting by this piece's own seconds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from knotfab.report.of_time import _study, add_next_step, tell_time
+
+
+def report(accuracy: str, **settings: Any) -> dict[str, Any]:
+    return {
+        "views": [{"iou": 0.98}, {"iou": 0.99, "iou_drawn": 0.96}],
+        "timings": {"search": 10.0, "verify": 5.0, "picture": 0.1, "total": 15.1},
+        "settings": {"accuracy": accuracy, "time_budget_s": None, **settings},
+    }
+
+
+def test_each_step_scales_this_piece_as_the_measured_ones() -> None:
+    steps = _study()["steps"]
+    for own, better in pairwise(steps):
+        told = report(own["accuracy"])
+        add_next_step(told)
+        step = told["next_step"]
+        assert step["accuracy"] == better["accuracy"] and better["accuracy"] in step["sentence"]
+        # the view that is worst, as it was to be drawn
+        assert step["iou_gain"] == pytest.approx(0.04 * (1 - better["error"] / own["error"]))
+        ratio = better["seconds"]["search"] / own["seconds"]["search"]
+        assert step["seconds_more"] >= 10.0 * (ratio - 1) - 1e-9
+        assert "estimate" in step["sentence"]
+
+
+def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
+    best = _study()["steps"][-1]["accuracy"]
+    for told in (report(best), report("draft", time_budget_s=10.0), report("unheard of")):
+        add_next_step(told)
+        assert "next_step" not in told
+
+
+def test_the_stages_that_took_most_are_named_the_longest_first() -> None:
+    said = tell_time({"picture": 0.1, "search": 4.0, "verify": 5.0, "total": 9.4})
+    assert said == "9.4 s: verify 5.0, search 4.0"
+    assert tell_time({"total": 2.0}) == "2.0 s"
