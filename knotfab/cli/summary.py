@@ -245,17 +245,17 @@ def print_tradeoff(found: Tradeoff) -> None:
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
     seconds = "CPU s" if found.clock == "cpu" else "s"
-    heads = ("", "knob", "point", "IoU", "least", "outline, px", "curvature × r", "at 45°", seconds)
-    for column in (*heads, "pictures"):
-        table.add_column(column)
+    table.add_column("")
+    table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
+    for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):
+        table.add_column(column, no_wrap=True, justify="right")
     best = {m.point.settings for m in explored.front}
     for m in sorted(explored.measured, key=lambda m: m.seconds):
         one = m.over(explored.compared)
         table.add_row(
             "*" if m.point.settings in best else "",
-            m.point.knob,
             escape(m.point.label),
-            f"{one.iou:.4f}" if one.feasible else f"{one.iou:.4f} infeasible",
+            f"{one.iou:.4f}" if one.feasible else "infeasible",
             f"{one.least_iou:.4f}",
             f"{one.outline_px:.2f}",
             f"{one.curvature:.3f}",
@@ -270,8 +270,10 @@ def print_tradeoff(found: Tradeoff) -> None:
         console.print(f"  {escape(str(step))}")
     radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))
     console.print(
-        f"\n* nothing measured is both faster and better. Tube radius {radii} mm; "
-        f"{escape(str(found.folder))}/tradeoff.html shows it, tradeoff.png draws it"
+        "\n* nothing measured is both faster and better. px: 95 % of the outlines are no farther apart; "
+        "bend: mean curvature × tube radius; at 45°: how well it is read from there; "
+        "on: how many pictures.\n"
+        f"Tube radius {radii} mm; {escape(str(found.folder))}/tradeoff.html shows all of it"
     )
     if found.left_out:
         console.print(escape(found.said_left_out()))
