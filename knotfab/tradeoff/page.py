@@ -52,9 +52,10 @@ class _Axis:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """(place, label) at 1, 2 and 5 times powers of ten within."""
+        """(place, label) at 1, 2 and 5 times powers of ten within, or nearer by where the axis is short."""
         decades = range(floor(self.low), ceil(self.high) + 1)
-        values = [digit * 10.0**power for power in decades for digit in (1, 2, 5)]
+        digits = (1, 2, 5) if self.high - self.low > 0.8 else (1, 1.5, 2, 3, 4, 5, 7)
+        values = [digit * 10.0**power for power in decades for digit in digits]
         shown = [v for v in values if self.low <= log10(v) <= self.high]
         return [(self(v), f"{v:g}") for v in shown]
 
