@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from fake_runs import FakeRunner, FakeStudy
 
+from knotfab.cli.summary import print_tradeoff
 from knotfab.errors import InputError
 from knotfab.progress import Progress
 from knotfab.scene.model import Scene
@@ -92,6 +93,29 @@ def test_a_time_limit_is_kept_and_what_was_left_out_is_said(tmp_path: Path) -> N
     later = FakeRunner()
     done = _measure(tmp_path, later, _pictures())
     assert not done.left_out and not set(runner.asked) & set(later.asked)
+
+
+def test_the_table_says_what_steps_buy_and_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = _measure(tmp_path, FakeRunner(), _pictures(), limit_s=505.0)
+    print_tradeoff(found)
+    said = capsys.readouterr().out
+    assert found.steps and all(str(step) in said for step in found.steps)
+    assert found.said_left_out() in said
+    best = [m.point.label for m in found.explored.front]
+    assert sum(line.startswith("* ") for line in said.splitlines()) == len(best) + 1
+    assert max(map(len, said.split("\n\n")[0].splitlines())) <= 80
+
+
+@pytest.mark.parametrize("pictures", [1, 4])
+def test_a_point_is_placed_by_how_it_stands_to_the_middle(tmp_path: Path, pictures: int) -> None:
+    explored = _measure(tmp_path, FakeRunner(), _pictures(pictures)).explored
+    for one in explored.whole:
+        assert explored.place(one) == pytest.approx((one.seconds, one.error))
+    middle = explored.middle
+    few = middle.over(1)
+    assert explored.place(few) == pytest.approx((middle.seconds, middle.error))
 
 
 def test_no_time_at_all_is_refused(tmp_path: Path) -> None:
