@@ -125,9 +125,9 @@ verdict-table: system $(DONE)
 mutations: system $(DONE)
 	$(BIN)/python -m examples.studies.mutations
 
-# what accuracy costs in time: presets and points around them, side by side (about 8 min)
+# what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 45 min)
 frontier: $(DONE)
-	$(BIN)/python -m examples.studies.frontier
+	$(BIN)/python -m examples.studies.frontier --write docs
 
 # pictures an hour of a batch, of single builds and of a cluster that loses a worker (about 50 min on a quiet machine);
 # as in make batch-throughput PICTURES=6 OPTIONS='--accuracy draft --skip slicer'

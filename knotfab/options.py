@@ -101,6 +101,7 @@ TRADEOFF_EXAMPLES = """Examples:
 ```
 knotfab tradeoff cat.png
 knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
+knotfab tradeoff logos/*.png --time-limit 1h         the same call again goes on from there
 ```
 """
 
@@ -195,10 +196,10 @@ class BuildOptions(PictureOptions):
     is the wall, or in drilled holes), stand (a base below all pictures), none, or auto (default: wall for
     several loose pieces that are printed, else none). Wall and stand imply --print."""
 
-    accuracy: Annotated[Literal["draft", "standard", "fine"] | None, Parameter(group=_SEARCH)] = (
-        None
-    )
-    """draft, standard (default) or fine."""
+    accuracy: Annotated[
+        Literal["sketch", "draft", "standard", "fine"] | None, Parameter(group=_SEARCH)
+    ] = None
+    """sketch, draft, standard (default) or fine."""
     time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
     """Time for the whole build, such as 30, 90s, 1.5min or 1m30s; sets the iterations."""
     search: Annotated[Literal["flow", "inn", "inn+flow"] | None, Parameter(group=_SEARCH)] = None

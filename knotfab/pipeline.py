@@ -84,7 +84,7 @@ _USUAL_S = {
     "verify": 9.0,
 }
 _USUAL_PRINTED_S = {"verify": 5.0, "slicer": 8.0, "drawings": 3.0}
-_LONGER = {"draft": 1.0, "standard": 3.0, "fine": 12.0}
+_LONGER = {"sketch": 0.5, "draft": 1.0, "standard": 3.0, "fine": 12.0}
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:

@@ -1,45 +1,114 @@
-"""What accuracy costs in time: the points of `knotfab tradeoff` on a few of the project's pictures.
+"""What accuracy costs in time on the project's own pictures: the study that the presets are points of.
 
-`python -m examples.studies.frontier [NAME ...]` prints, for each point, the mean IoU at 1024 px that the
-search reached and the median seconds it took, side by side in one run.
+`python -m examples.studies.frontier [--kept DIR] [--write DIR] [--time-limit T] [NAME ...]` (`make
+frontier`) measures as `knotfab tradeoff` does: presets, single knobs and combinations, the better half on
+ever more pictures. What is measured is kept in DIR, and an interrupted study goes on. It prints the front
+and the presets as a table and writes frontier.json, its figures alone, and frontier.png.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
+import datetime
+import json
+from pathlib import Path
 
 from examples.measurement import read_question
 from examples.pictures import pictures
-from knotfab.tradeoff.measure import Study, measure
-from knotfab.tradeoff.points import points
+from knotfab.files.whole import write_whole
+from knotfab.progress import Progress
+from knotfab.read_options import read_seconds
+from knotfab.scene.model import Scene
+from knotfab.tradeoff.bench import run_all
+from knotfab.tradeoff.draw import draw
+from knotfab.tradeoff.front import Measured
+from knotfab.tradeoff.measure import Study
+from knotfab.tradeoff.points import PRESET
+from knotfab.tradeoff.run import Tradeoff, measure_tradeoff, to_dict
 
-NAMES = ("knight", "smiley", "anchor", "ampersand", "cat", "wheel")
-RADIUS = 0.0115  # of the frame's width
+COMMAND = "python -m examples.studies.frontier"
+NAMES = (
+    "knight", "smiley", "anchor", "ampersand", "cat", "wheel",
+    "bird", "eight", "notes", "plane", "teapot", "r",
+)  # fmt: skip
+COMBINATIONS = 16
+_DIGITS = 5
+_LEFT_OUT = ("settings", "faces", "radius_s", "search_s", "sweep_s")
 
 
 def main() -> None:
-    """Print the table."""
+    """Measure, write and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
+    parser.add_argument("--kept", type=Path, default=Path("out/frontier"))
+    parser.add_argument("--write", type=Path)
+    parser.add_argument("--time-limit")
+    parser.add_argument("--combinations", type=int, default=COMBINATIONS)
     asked = parser.parse_args()
-    studies = []
-    for name, image in pictures().items():
-        if name in asked.names:
-            question = read_question(image)
-            radius = RADIUS * question.views[0].frame_width_mm
-            problem = question.with_depth(radius).problem
-            studies.append(Study(problem, radius))
-    print(f"{'point':<40} IoU mean  least   seconds (median)  repairs")
-    rows = [measure(study, points()) for study in studies]
-    for column in zip(*rows, strict=True):
-        point = column[0].point
-        print(
-            f"{f'{point.knob}: {point.label}':<40} "
-            f"{statistics.mean(m.iou for m in column):.4f}    {min(m.iou for m in column):.4f}  "
-            f"{statistics.median(m.seconds for m in column):8.1f}  "
-            f"{sum(m.repairs for m in column):16}"
+    drawn = pictures()
+    studies = [Study(name, read_question(drawn[name])) for name in asked.names]
+    limit_s = None if asked.time_limit is None else read_seconds(asked.time_limit, "--time-limit")
+    with Progress("verbose") as progress:
+        found = measure_tradeoff(
+            studies,
+            Scene(),
+            asked.kept,
+            run_all(studies),
+            progress=progress,
+            limit_s=limit_s,
+            combinations=asked.combinations,
         )
+    print(describe(found))
+    if asked.write is not None:
+        write_whole(asked.write / "frontier.json", dump_study(found).encode())
+        write_whole(asked.write / "frontier.png", draw(found.explored, found.title))
+
+
+def dump_study(found: Tradeoff) -> str:
+    """Its figures alone, a point a line."""
+    content = to_dict(found, 1, "cpu")
+    rows = [
+        {
+            key: round(value, _DIGITS) if isinstance(value, float) else value
+            for key, value in row.items()
+            if key not in _LEFT_OUT
+        }
+        for row in content.pop("points")
+    ]
+    steps = [
+        {k: round(v, _DIGITS) if isinstance(v, float) else v for k, v in step.items()}
+        for step in content.pop("steps")
+    ]
+    kept = ("schema", "pictures", "version", "seconds", "compared_over", "left_out")
+    date = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    head = {"date": date, "command": COMMAND, **{key: content[key] for key in kept}}
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    for name, entries in (("points", rows), ("steps", steps)):
+        listed = ",\n".join(f"  {json.dumps(entry)}" for entry in entries)
+        lines.append(f"{json.dumps(name)}: [\n{listed}\n ]")
+    return "{\n " + ",\n ".join(lines) + "\n}\n"
+
+
+def describe(found: Tradeoff) -> str:
+    """The front and the presets as a table in Markdown, and what each step buys."""
+    explored = found.explored
+    front = {m.point.settings for m in explored.front}
+    shown = [m for m in explored.whole if m.point.settings in front or m.point.knob == PRESET]
+    lines = [
+        "| point | IoU mean | least | outline, px | curvature × r | at 45° | CPU seconds |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [_row(m, m.point.settings in front) for m in sorted(shown, key=lambda m: m.seconds)]
+    return "\n".join([*lines, "", *(f"- {step}" for step in found.steps)])
+
+
+def _row(m: Measured, on_front: bool) -> str:
+    name = f"`{m.point.label}`" if m.point.knob == PRESET else f"{m.point.knob}: {m.point.label}"
+    legible = "–" if m.legible is None else f"{m.legible:.2f}"
+    return (
+        f"| {'' if on_front else '('}{name}{'' if on_front else ')'} | {m.iou:.4f} | {m.least_iou:.4f} | "
+        f"{m.outline_px:.2f} | {m.curvature:.3f} | {legible} | {m.seconds:.2f} |"
+    )
 
 
 if __name__ == "__main__":

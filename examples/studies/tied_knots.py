@@ -18,6 +18,7 @@ from knotfab.pipeline import build
 from knotfab.request import Request
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Piece, Scene
+from knotfab.scene.settings import PRESETS
 
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")
 MOST_DROP = 0.005  # of the IoU
@@ -43,7 +44,7 @@ class Row:
 def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
     """Build one piece and read its report."""
     watch = Stopwatch()
-    preset = cast(Literal["draft", "standard", "fine"], accuracy)
+    preset = cast(Literal["sketch", "draft", "standard", "fine"], accuracy)
     outcome = build(Request(Scene(piece=piece, accuracy=Accuracy(name=preset)), (picture,), out))
     report = outcome.report
     check = next(c for c in report["checks"] if c["name"] == "knot_type")
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Print a row a knot."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--picture", default="text:♞")
-    parser.add_argument("--accuracy", default="standard", choices=("draft", "standard", "fine"))
+    parser.add_argument("--accuracy", default="standard", choices=tuple(PRESETS))
     parser.add_argument("--tube-radius", type=float, metavar="MM")
     parser.add_argument("--out", type=Path)
     parser.add_argument("names", nargs="*")

@@ -324,36 +324,41 @@ def compare(
 
 @app.command(help_epilogue=TRADEOFF_EXAMPLES)
 def tradeoff(
-    picture: str,
-    *,
+    *pictures: str,
     out: Path = Path("knotfab-tradeoff"),
     scene: Path | None = None,
-    accuracy: Literal["draft", "standard", "fine"] | None = None,
+    accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
     repeats: int = 1,
     jobs: int = 1,
+    combinations: int = 16,
+    time_limit: str | None = None,
     device: Literal["cpu", "cuda"] = "cpu",
     quiet: Flag = False,
 ) -> int:
-    """Measure what accuracy costs in time, for one picture on this machine.
+    """Measure what accuracy costs in time, for pictures on this machine: knob by knob, then combinations.
 
     Parameters
     ----------
-    picture
-        An image file, an SVG, or text:…
+    pictures
+        Image files, SVGs, or text:…, each a piece of its own; the figures are means over them.
     out
-        The folder for tradeoff.json and tradeoff.png.
+        The folder for tradeoff.json, .png and .html, and for the runs that a later call goes on from.
     scene
         A scene.toml.
     accuracy
         The preset around which one knob at a time is turned; standard by default.
     tube_radius
-        mm, or auto (default), the same for all points.
+        mm, or auto (default), which each point then finds for itself.
     repeats
         Runs a point; the seconds are medians of them.
     jobs
-        Points measured side by side. They slow each other down, all alike: for seconds as a build has them
+        Runs side by side. They slow each other down, all alike: for seconds as a build has them
         leave it at 1.
+    combinations
+        Tried beyond single knobs; the better half of all goes on to more pictures, and so on.
+    time_limit
+        As 30, 10m or 1h: it then ends with what it has.
     device
         Where the search runs.
     quiet
@@ -361,21 +366,38 @@ def tradeoff(
     """
     from knotfab.prepare import check_names
     from knotfab.progress import Progress
-    from knotfab.read_options import read_scene
+    from knotfab.read_options import read_scene, read_seconds
     from knotfab.target.read import read_target
 
-    if repeats < 1:
-        raise InputError(f"--repeats {repeats}", "it is not a positive number", "Give 1 or more")
-    if jobs < 1:
-        raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
+    for name, value, least in (
+        ("--repeats", repeats, 1),
+        ("--jobs", jobs, 1),
+        ("--combinations", combinations, 0),
+    ):
+        if value < least:
+            raise InputError(f"{name} {value}", "it is too few", f"Give {least} or more")
+    if not pictures:
+        raise InputError("tradeoff", "no picture is named", "Name one, or several")
+    limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
     options = BuildOptions(scene=scene, accuracy=accuracy, tube_radius=tube_radius)
     chosen, _ = read_scene(options)
     check_names(chosen)
-    read_target(picture, chosen.views[0])  # what is no picture is told at once
+    for picture in pictures:
+        read_target(picture, chosen.views[0])  # what is no picture is told at once
     from knotfab.tradeoff.run import tradeoff as run
 
     with Progress("quiet" if quiet else "auto") as progress:
-        found = run(chosen, picture, out, None, repeats, device, progress, jobs=jobs)
+        found = run(
+            chosen,
+            pictures,
+            out,
+            repeats=repeats,
+            device=device,
+            progress=progress,
+            jobs=jobs,
+            limit_s=limit_s,
+            combinations=combinations,
+        )
     if not quiet:
         from knotfab.cli.summary import print_tradeoff
 

@@ -16,7 +16,7 @@ from knotfab.render.silhouette import render
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "iou_of", "picture_at"]
+__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "iou_of", "picture_at", "seen_in"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
 
@@ -90,14 +90,21 @@ def grid_at(
     return wanted, camera_of(view, w, h).padded(pad_u, pad_v)
 
 
+def seen_in(
+    points: NDArray[np.float64], rings: Polylines, frame: Frame, target: torch.Tensor, radius: float
+) -> torch.Tensor:
+    """[H, W] bool the tube's hard silhouette about points (N, 3), of the target's type and device."""
+    p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
+    q = p[torch.as_tensor(rings.next, device=target.device)]
+    with torch.no_grad():
+        return render(p, q, frame, radius, 10.0, CUTOFF) > 0.5
+
+
 def iou_of(
     points: NDArray[np.float64], rings: Polylines, frame: Frame, target: torch.Tensor, radius: float
 ) -> float:
     """IoU of the tube's hard silhouette with the target's, both at half coverage."""
-    p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
-    q = p[torch.as_tensor(rings.next, device=target.device)]
-    with torch.no_grad():
-        seen = render(p, q, frame, radius, 10.0, CUTOFF) > 0.5
+    seen = seen_in(points, rings, frame, target, radius)
     wanted = target > 0.5
     union = (seen | wanted).sum()
     return float((seen & wanted).sum() / union) if union > 0 else 1.0

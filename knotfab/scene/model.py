@@ -205,7 +205,7 @@ class Placing(_Table):
 class Accuracy(_Table):
     """What the verified part must reach."""
 
-    name: Literal["draft", "standard", "fine"] = "standard"
+    name: Literal["sketch", "draft", "standard", "fine"] = "standard"
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
     max_outline_error_px: Positive = 0.5
     accept: tuple[Literal["unrecognisable"], ...] = ()  # kept, though it would be rejected

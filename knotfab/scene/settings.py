@@ -71,6 +71,19 @@ class SearchSettings(BaseModel):
 
 
 PRESETS: dict[str, SearchSettings] = {
+    "sketch": SearchSettings(
+        coarse_px=96,
+        fine_px=192,
+        coarse_iterations=20,
+        fine_iterations=10,
+        settle_iterations=20,
+        edge_radii=0.75,
+        depth_candidates=60,
+        radius_candidates=4,
+        tolerance_px=0.5,
+        mesh_sides=16,
+        iou_slack=0.12,
+    ),
     "draft": SearchSettings(
         coarse_px=160,
         fine_px=256,

@@ -3,56 +3,83 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 
-from knotfab.tradeoff.measure import Measured, frontier
+from knotfab.tradeoff.explore import Explored
+from knotfab.tradeoff.points import COMBINED, PRESET
 
 __all__ = ["draw"]
 
-_COLORS = ("#1f4e79", "#c55a11", "#548235", "#7f6000", "#7030a0", "#a61c3c")
-_LEAST = 1e-4  # an IoU of 1 has no place on a log scale
+_COLORS = (
+    "#1f4e79", "#c55a11", "#548235", "#7f6000", "#7030a0", "#a61c3c",
+    "#2e8b8b", "#8c564b", "#d18f00", "#5b6abf", "#b05fa0", "#3f7f3f",
+)  # fmt: skip
+_SAID = {"cpu": "CPU seconds", "wall": "seconds"}
 
 
-def draw(measured: Sequence[Measured], title: str) -> bytes:
-    """PNG of the points, knob by knob, with the frontier as a line and the presets by name."""
+def draw(explored: Explored, title: str) -> bytes:
+    """PNG of the points, knob by knob, with the frontier as a line and the presets by name.
+
+    Hollow: measured on fewer pictures than the frontier, or bending more, or read more plainly from aside,
+    than the frontier's may.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.0, 5.2), dpi=130, layout="constrained")
+    figure = Figure(figsize=(8.6, 5.4), dpi=130, layout="constrained")
     axes = figure.add_subplot()
-    knobs = list(dict.fromkeys(m.point.knob for m in measured if m.point.knob != "preset"))
-    for color, knob in zip(_COLORS * len(knobs), knobs, strict=False):
-        rows = [m for m in measured if m.point.knob == knob]
+    middle = explored.middle
+    knobs = list(dict.fromkeys(m.point.knob for m in explored.measured))
+    colors = dict(zip([k for k in knobs if k not in (PRESET, COMBINED)], _COLORS * 9, strict=False))
+    for m in explored.measured:
+        knob, (seconds, error) = m.point.knob, explored.place(m)
+        if knob == PRESET:
+            axes.scatter(seconds, error, s=64, color="black", marker="D", zorder=4)
+            axes.annotate(
+                m.point.label,
+                (seconds, error),
+                xytext=(7, 5),
+                textcoords="offset points",
+                fontsize=9.5,
+                zorder=5,
+            )
+            continue
+        full = len(m.runs) >= explored.compared and m.over(explored.compared).keeps(
+            middle.over(explored.compared)
+        )
+        color = colors.get(knob, "#9a9a9a")
         axes.scatter(
-            [m.seconds for m in rows],
-            [max(1 - m.iou, _LEAST) for m in rows],
-            s=22,
-            color=color,
-            label=knob,
+            seconds,
+            error,
+            s=24,
+            facecolors=color if full else "none",
+            edgecolors=color,
+            linewidths=1.0,
+            marker="o" if knob != COMBINED else "s",
             zorder=2,
         )
-    best = frontier(measured)
+    for knob, color in [*colors.items(), *([(COMBINED, "#9a9a9a")] if COMBINED in knobs else [])]:
+        marker = "s" if knob == COMBINED else "o"
+        axes.scatter([], [], s=24, color=color, marker=marker, label=knob)
+    best = explored.front
     axes.step(
         [m.seconds for m in best],
-        [max(1 - m.iou, _LEAST) for m in best],
+        [m.error for m in best],
         where="post",
-        color="#888888",
-        linewidth=1.2,
+        color="#555555",
+        linewidth=1.3,
         zorder=1,
         label="frontier",
     )
-    for m in measured:
-        if m.point.knob != "preset":
-            continue
-        at = (m.seconds, max(1 - m.iou, _LEAST))
-        axes.scatter(*at, s=70, color="black", marker="D", zorder=3)
-        axes.annotate(m.point.label, at, xytext=(7, 5), textcoords="offset points", fontsize=9)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("seconds, search and sweep")
-    axes.set_ylabel("1 - IoU")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}")
+        axis.set_tick_params(which="both", labelsize=8)
+    axes.set_xlabel(f"{_SAID[middle.clock]} a picture: radius, search and sweep")
+    axes.set_ylabel("1 − IoU")
     axes.set_title(title, fontsize=10)
     axes.grid(True, which="both", linewidth=0.3, color="#cccccc")
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     written = io.BytesIO()
     figure.savefig(written, format="png")
     return written.getvalue()

@@ -1,83 +1,147 @@
-"""Searches at many settings, side by side: IoU on one yardstick against seconds."""
+"""One point on one picture: what it takes, and how near the round tube's shadow comes to the picture."""
 
 from __future__ import annotations
 
-import os
-import pickle
-import statistics
-import sys
-import tempfile
+import base64
+import hashlib
+import io
+import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from PIL import Image
+from scipy.ndimage import binary_closing, binary_erosion
+from scipy.spatial import cKDTree
 
-from knotfab.errors import MachineError, SceneError
+from knotfab import __version__
+from knotfab.arrays import Array, Mask
+from knotfab.design.design import choose_tube, refine_settings
+from knotfab.design.question import Question
+from knotfab.errors import SceneError
+from knotfab.geometry.measures import measure_curvature
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
-from knotfab.pool import ONE_THREAD, Crash, Workers
 from knotfab.problem import Problem
+from knotfab.progress import Progress
+from knotfab.render.picture import seen_in
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
-from knotfab.start.filling import Template
-from knotfab.start.start import make_start
-from knotfab.tradeoff.points import Point
+from knotfab.start.legibility import legibility, stretch_mask
 
 __all__ = [
     "YARDSTICK_PX",
-    "Measured",
+    "Run",
     "Study",
     "facet_error_px",
-    "frontier",
-    "measure",
+    "find_shadows",
+    "outline_error_px",
     "run_point",
-    "to_dict",
     "true_iou",
+    "warm_up",
 ]
 
-Run = dict[str, Any]  # search_s, sweep_s, feasible, repairs, faces, iou
 YARDSTICK_PX = 1024  # longer side of the picture on which every point is judged
+_ASIDE_DEG = 45.0
+_SHOWN_PX = 160  # longer side of the small pictures
+_SLIT = 0.5  # tube radii: gaps between strands that are no wider have no outline
+_WRONG = 0.25  # of a cell of these that too much or missing
+# nothing there, drawn as wanted, too much, missing
+_COLOURS = (250, 248, 244, 36, 38, 43, 196, 61, 38, 47, 111, 196)
 
 
 @dataclass(frozen=True)
 class Study:
-    """What every point draws, with one tube radius, mm; `template` where its filling is known."""
+    """One picture and what is asked for it."""
 
-    problem: Problem
-    radius: float
-    template: Template | None = None
+    name: str
+    question: Question
     device: str = "cpu"
+
+    @cached_property
+    def _asked(self) -> str:
+        """What a run depends on beside its settings, as a digest."""
+        scene = self.question.scene
+        same = {"search": {}, "accuracy": scene.accuracy.model_copy(update={"name": "standard"})}
+        digest = hashlib.sha256(scene.model_copy(update=same).model_dump_json().encode())
+        for target in self.question.problem.views:
+            digest.update(repr(target.mask.shape).encode() + np.packbits(target.mask).tobytes())
+        return digest.hexdigest()
+
+    def key(self, settings: SearchSettings, turn: int = 0) -> str:
+        """Of a run: picture, scene (its tube radius, or that it is to be found), settings and version."""
+        given = settings.model_dump(exclude={"iou_slack"})
+        text = json.dumps([self._asked, given, __version__, self.device, turn])
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One point: what it reached and what it cost (medians of its runs)."""
+class Run:
+    """What one search took and reached. Seconds on the wall, but `cpu_s`, of the process that ran it.
 
-    point: Point
-    iou: float  # of the round tube at 1024 px, whatever the search itself looked at
-    facet_px: float  # how far the mesh's facets are from that tube, at most, in the same pixels
-    search_s: float
+    What is judged is None in repeated runs, which give the same knots.
+    """
+
+    radius_mm: float
+    radius_s: float
+    search_s: float  # with its start
     sweep_s: float
+    cpu_s: float
     feasible: bool
     repairs: int
     faces: int
+    facet_px: float  # how far the mesh's facets are from the round tube, at most, at 1024 px
+    iou: float | None = None  # of the round tube at 1024 px, whatever the search itself looked at
+    outline_px: float | None = None  # distance that 95 % of either outline keep to the other, there
+    curvature: float | None = None  # mean, times the tube radius
+    legible: float | None = None  # at 45 degrees; None of several views too
+    shadow: str = ""  # small, as PNG in base64
 
-    @property
-    def seconds(self) -> float:
-        """Search and sweep together."""
-        return self.search_s + self.sweep_s
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return asdict(self)
+
+
+def find_shadows(problem: Problem, knots: Knots, device: str = "cpu") -> list[tuple[Mask, Mask]]:
+    """(shadow, picture) of the round tube in each view, at 1024 px."""
+    rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
+    found = []
+    for view in problem.views:
+        image = view.image_at(knots.radius_mm, YARDSTICK_PX, device)
+        seen = seen_in(knots.points, rings, image.frame, image.target, knots.radius_mm)
+        found.append((seen.cpu().numpy(), (image.target > 0.5).cpu().numpy()))
+    return found
 
 
 def true_iou(problem: Problem, knots: Knots, device: str = "cpu") -> float:
     """IoU of the round tube's silhouette, at 1024 px, with the picture that it draws worst."""
-    rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
-    images = [v.image_at(knots.radius_mm, YARDSTICK_PX, device) for v in problem.views]
-    return min(image.iou(knots.points, rings, knots.radius_mm) for image in images)
+    return min(_iou(*masks) for masks in find_shadows(problem, knots, device))
+
+
+def _iou(seen: Mask, wanted: Mask) -> float:
+    union = int((seen | wanted).sum())
+    return float((seen & wanted).sum() / union) if union else 1.0
+
+
+def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
+    """The distance, px, from the other's outline that 95 % of either outline keep, the larger of the two.
+
+    Slits of the shadow no wider than `slit_px`, which nobody sees, have no outline. An outline is the last
+    pixels within, so distances are good to a pixel. Without an outline: the picture's diagonal.
+    """
+    if not (seen.any() and wanted.any()):
+        return 0.0 if seen.any() == wanted.any() else float(np.hypot(*seen.shape))
+    half = int(0.5 * slit_px)
+    seen, wanted = np.pad(seen, half + 1), np.pad(wanted, half + 1)
+    if half:
+        v, u = np.mgrid[-half : half + 1, -half : half + 1]
+        seen = binary_closing(seen, np.hypot(u, v) <= 0.5 * slit_px)
+    one, other = (np.argwhere(mask & ~binary_erosion(mask)) for mask in (seen, wanted))
+    ways = ((one, other), (other, one))
+    return max(float(np.quantile(cKDTree(to).query(at)[0], 0.95)) for at, to in ways)
 
 
 def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
@@ -90,122 +154,88 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
     return max(stands_out * v.magnification / (v.longer_mm / YARDSTICK_PX) for v in views)
 
 
-def run_point(study: Study, settings: SearchSettings, judge: bool) -> Run:
-    """Search and sweep a study at these settings; `iou` is None unless `judge`, as that takes a while."""
-    begun = time.perf_counter()
-    start = make_start(study.problem, study.radius, settings, template=study.template)
-    result = search(study.problem, start, study.radius, settings, device=study.device)
+def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
+    """Radius, search and sweep of a picture at these settings, as a build has them.
+
+    Raises:
+        SceneError: no tube draws the picture.
+    """
+    progress = Progress("quiet")
+    begun, cpu = time.perf_counter(), time.process_time()
+    question, radius, start, _ = choose_tube(study.question, settings, progress)
+    problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
+    settings = refine_settings(question, settings, radius)
+    result = search(problem, start, radius, settings, device=study.device)
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0
     for knot in result.knots.knots:
         try:
-            faces += len(sweep(knot.points, study.radius, settings.mesh_sides)[1])
+            faces += len(sweep(knot.points, radius, settings.mesh_sides)[1])
         except SceneError:
             feasible = False  # bends that no tube of this radius can take
-    swept = time.perf_counter()
-    return {
-        "search_s": searched - begun,
-        "sweep_s": swept - searched,
-        "feasible": feasible,
-        "repairs": result.log.repairs,
-        "faces": faces,
-        "iou": true_iou(study.problem, result.knots, study.device) if judge else None,
-    }
+    swept, cpu = time.perf_counter(), time.process_time() - cpu
+    run = Run(
+        radius,
+        radius_s,
+        searched - begun - radius_s,
+        swept - searched,
+        cpu,
+        feasible,
+        result.log.repairs,
+        faces,
+        facet_error_px(problem, radius, settings.mesh_sides),
+    )
+    return _judge(run, problem, result.knots, study.device) if judge else run
 
 
-def measure(
-    study: Study,
-    points: Sequence[Point],
-    repeats: int = 1,
-    jobs: int = 1,
-    report: Callable[[float, float | None], None] | None = None,
-) -> list[Measured]:
-    """Every point, `repeats` times in turn, so that what else the machine does falls on all alike.
-
-    The search gives the same knots each time; only the seconds differ, and their median is taken.
-
-    Args:
-        jobs: points side by side, in processes of one thread each. They slow each other down: their seconds
-            compare with each other, not with those of points that had the machine to themselves.
-        report: told the share that is done, and the best IoU so far.
-
-    Raises:
-        MachineError: a point's process ended.
-    """
-    runs: dict[int, list[Run]] = {k: [] for k in range(len(points))}
-    asked = [(k, turn == 0) for turn in range(repeats) for k in runs]
-    requests = [(points[k].settings, judge) for k, judge in asked]
-    for done, (number, run) in enumerate(_run_all(study, requests, jobs), 1):
-        runs[asked[number][0]].append(run)
-        if report is not None:
-            ious = [one["iou"] for found in runs.values() for one in found]
-            report(done / len(asked), max((i for i in ious if i is not None), default=None))
-    return [
-        Measured(
-            point,
-            next(run["iou"] for run in runs[k] if run["iou"] is not None),
-            facet_error_px(study.problem, study.radius, point.settings.mesh_sides),
-            statistics.median(run["search_s"] for run in runs[k]),
-            statistics.median(run["sweep_s"] for run in runs[k]),
-            all(run["feasible"] for run in runs[k]),
-            runs[k][0]["repairs"],
-            runs[k][0]["faces"],
+def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
+    """The run with what its knots are worth, in the view that they draw worst."""
+    shadows = find_shadows(problem, knots, device)
+    number = min(range(len(shadows)), key=lambda k: _iou(*shadows[k]))
+    worst, drawn = shadows[number], problem.views[number].view
+    slit_px = _SLIT * knots.radius_mm * drawn.magnification / (drawn.longer_mm / YARDSTICK_PX)
+    lengths = [knot.length_mm for knot in knots.knots]
+    bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
+    legible = None
+    if len(problem.views) == 1:
+        view = problem.views[0]
+        light_mm, mask = view.view.light_distance_mm, stretch_mask(view.mask)
+        legible = legibility(
+            knots.points @ view.axes.T, knots.radius_mm, light_mm, mask, _ASIDE_DEG
         )
-        for k, point in enumerate(points)
-    ]
+    return replace(
+        run,
+        iou=_iou(*worst),
+        outline_px=outline_error_px(*worst, slit_px),
+        curvature=float(np.average(bends, weights=lengths)),
+        legible=legible,
+        shadow=_shrink(*worst),
+    )
 
 
-def _run_all(
-    study: Study, requests: Sequence[tuple[SearchSettings, bool]], jobs: int
-) -> Iterator[tuple[int, Run]]:
-    """Each request's number and its run, as they end: here one after the other, or `jobs` at a time."""
-    if jobs == 1:
-        for number, (settings, judge) in enumerate(requests):
-            yield number, run_point(study, settings, judge)
-        return
-    with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
-        file = Path(place) / "study"
-        file.write_bytes(pickle.dumps(study))
-        command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
-        with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:
-            futures = {
-                workers.ask({"settings": settings.model_dump(), "judge": judge}): number
-                for number, (settings, judge) in enumerate(requests)
-            }
-            try:
-                for future in as_completed(futures):
-                    yield futures[future], future.result()
-            except Crash as crash:
-                said = f"the process of a point ended ({crash.said or crash.code})"
-                raise MachineError(f"--jobs {jobs}", said, "Try --jobs 1.") from crash
+def _shrink(seen: Mask, wanted: Mask) -> str:
+    """Both as a PNG of four colours in base64: what is right, too much and missing."""
+    height, width = seen.shape
+    scale = _SHOWN_PX / max(height, width)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+
+    def cover(mask: Mask) -> Array:
+        image = Image.fromarray(mask.astype(np.float32))
+        return np.asarray(image.resize(size, Image.Resampling.BOX))
+
+    one, other = cover(seen), cover(wanted)
+    index = np.where(one > 0.5, 1, 0)
+    index[one - other > _WRONG], index[other - one > _WRONG] = 2, 3
+    image = Image.fromarray(index.astype(np.uint8), mode="P")
+    image.putpalette(_COLOURS)
+    written = io.BytesIO()
+    image.save(written, "PNG", optimize=True, bits=2)
+    return base64.b64encode(written.getvalue()).decode("ascii")
 
 
-def frontier(measured: Sequence[Measured]) -> list[Measured]:
-    """The feasible points that no other beats in both IoU and seconds, fastest first."""
-    best: list[Measured] = []
-    for one in sorted((m for m in measured if m.feasible), key=lambda m: (m.seconds, -m.iou)):
-        if not best or one.iou > best[-1].iou:
-            best.append(one)
-    return best
-
-
-def to_dict(measured: Sequence[Measured]) -> list[dict[str, Any]]:
-    """Rows for tradeoff.json."""
-    on = {id(m) for m in frontier(measured)}
-    return [
-        {
-            "knob": m.point.knob,
-            "point": m.point.label,
-            "iou": m.iou,
-            "facet_error_px": m.facet_px,
-            "search_s": m.search_s,
-            "sweep_s": m.sweep_s,
-            "feasible": m.feasible,
-            "repairs": m.repairs,
-            "faces": m.faces,
-            "frontier": id(m) in on,
-            "settings": m.point.settings.model_dump(),
-        }
-        for m in measured
-    ]
+def warm_up(study: Study, settings: SearchSettings) -> None:
+    """A few iterations, so that no point pays for what a process loads and compiles once."""
+    few: dict[str, Any] = {"coarse_iterations": 2, "fine_iterations": 2, "settle_iterations": 2}
+    few |= {"method": "flow", "depth_candidates": 2, "radius_candidates": 2}
+    run_point(study, settings.model_copy(update=few))

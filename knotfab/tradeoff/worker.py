@@ -1,4 +1,4 @@
-"""A process that measures points: `python -m knotfab.tradeoff.worker STUDY`, a line of JSON a point."""
+"""A process that measures points: `python -m knotfab.tradeoff.worker STUDIES`, a line of JSON a run."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import pickle
 import sys
 from pathlib import Path
 
+from knotfab.errors import KnotfabError
 from knotfab.scene.settings import SearchSettings
-from knotfab.tradeoff.measure import Study, run_point
+from knotfab.tradeoff.measure import Study, run_point, warm_up
 
 
 def main() -> None:
@@ -17,11 +18,20 @@ def main() -> None:
     # libraries in C++ write to standard output as they like: the answers have one of their own
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    study: Study = pickle.loads(Path(sys.argv[1]).read_bytes())  # that this program's parent wrote
+    studies: list[Study] = pickle.loads(Path(sys.argv[1]).read_bytes())  # that the parent wrote
+    warm = False
     for line in sys.stdin:
         asked = json.loads(line)
-        run = run_point(study, SearchSettings(**asked["settings"]), asked["judge"])
-        print(json.dumps(run), file=answers, flush=True)
+        study, settings = studies[asked["picture"]], SearchSettings(**asked["settings"])
+        try:
+            if not warm:
+                warm_up(study, settings)
+                warm = True
+            answer = run_point(study, settings, asked["judge"]).to_dict()
+        except KnotfabError as error:
+            told = error.what, error.why, error.remedy
+            answer = {"refused": [type(error).__name__, *told]}
+        print(json.dumps(answer), file=answers, flush=True)
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ REFUSED = {
     "[[views]]\nname = '../x'": ("letters, digits",),
     "[[views]]\npicture = 3": ("text in quotes",),
     "[[views]]\ninvert = 'yes'": ("true or false",),
-    "[accuracy]\nname = 'best'": ('"draft", "standard" or "fine"',),
+    "[accuracy]\nname = 'best'": ('"sketch", "draft", "standard" or "fine"',),
     "[accuracy]\naccept = ['all']": ("accept", '"unrecognisable"'),
     "[search]\nx = nan": ("[search] x",),
     "[search]\nx = [1]": ("[search] x",),
@@ -198,7 +198,7 @@ scenes = st.builds(
     views=st.lists(view, min_size=1, max_size=3).map(tuple),
     accuracy=st.builds(
         Accuracy,
-        name=st.sampled_from(["draft", "standard", "fine"]),
+        name=st.sampled_from(["sketch", "draft", "standard", "fine"]),
         accept=st.sampled_from([(), ("unrecognisable",)]),
     ),
     search=st.dictionaries(text, value, max_size=4),

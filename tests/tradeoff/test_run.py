@@ -1,4 +1,4 @@
-"""The trade-off: what is measured, what is on the frontier, and what is written."""
+"""The trade-off of real searches: what is measured and what is written."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from command import knotfab
 from PIL import Image, ImageDraw
 from shapely import MultiPolygon
 
-from knotfab.errors import MachineError
+from knotfab.errors import MachineError, SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.problem import Problem, TargetView
-from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.tradeoff.measure import Measured, Study, facet_error_px, frontier, measure
-from knotfab.tradeoff.points import Point, points
-from knotfab.tradeoff.run import tradeoff
+from knotfab.tradeoff.bench import Request, run_all
+from knotfab.tradeoff.measure import Study, facet_error_px, outline_error_px
+from knotfab.tradeoff.points import Point
+from knotfab.tradeoff.run import JOURNAL, Tradeoff, tradeoff
 
 QUICK = PRESETS["draft"].model_copy(
     update={
@@ -32,29 +32,36 @@ QUICK = PRESETS["draft"].model_copy(
         "depth_candidates": 1,
     }
 )
+SCENE = Scene.model_validate({"schema": 1, "piece": {"tube_radius_mm": 4.0, "depth": "flat"}})
 
 
-@pytest.fixture
-def picture(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     image = Image.new("L", (96, 96), 255)
     ImageDraw.Draw(image).ellipse((20, 24, 76, 72), fill=0)
-    path = tmp_path / "oval.png"
+    path = tmp_path_factory.mktemp("pictures") / "oval.png"
     image.save(path)
     return path
 
 
-def _make_measured(iou: float, seconds: float, feasible: bool = True) -> Measured:
-    return Measured(Point("iterations", "", QUICK), iou, 0.1, seconds, 0.0, feasible, 0, 0)
+def _disc(radius: float, at: tuple[float, float] = (60.0, 60.0)) -> np.ndarray:
+    v, u = np.mgrid[:120, :120]
+    return np.asarray(np.hypot(u - at[0], v - at[1]) < radius)
 
 
-def test_the_frontier_is_what_nothing_beats() -> None:
-    slow_best, fast, beaten = (
-        _make_measured(0.99, 4.0),
-        _make_measured(0.95, 1.0),
-        _make_measured(0.94, 2.0),
-    )
-    same, infeasible = _make_measured(0.99, 5.0), _make_measured(0.999, 0.5, feasible=False)
-    assert frontier([slow_best, fast, beaten, same, infeasible]) == [fast, slow_best]
+def test_the_outline_error_is_how_far_outlines_are_apart() -> None:
+    one = _disc(40.0)
+    assert outline_error_px(one, one) == 0.0
+    for grown in (2.0, 5.0):
+        assert outline_error_px(one, _disc(40.0 + grown)) == pytest.approx(grown, abs=0.75)
+    # moved by d, a circle is d |cos| away from itself: 95 % are within d sin(.95 pi / 2)
+    moved = outline_error_px(one, _disc(40.0, (66.0, 60.0)))
+    assert moved == pytest.approx(6.0 * np.sin(0.95 * np.pi / 2), abs=0.75)
+    # what one lacks is found from the other side
+    hole = one & ~_disc(30.0)
+    assert outline_error_px(one, hole) == outline_error_px(hole, one) > 8.0
+    none = np.zeros_like(one)
+    assert outline_error_px(none, none) == 0.0 and outline_error_px(none, one) > 120.0
 
 
 def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
@@ -72,55 +79,77 @@ def test_facets_stand_out_as_far_as_the_sweep_makes_them() -> None:
         assert across.max() - 5.0 == pytest.approx(said, rel=0.05)
 
 
-def test_every_point_is_a_setting_of_its_own() -> None:
-    asked = points()
-    assert len({p.settings for p in asked}) == len(asked)
-    assert {p.label for p in asked if p.knob == "preset"} == set(PRESETS)
+ASKED = [Point("preset", "quick", QUICK), Point("iterations", "× 2", QUICK.scaled(2.0))]
+
+
+@pytest.fixture(scope="module")
+def found(picture: Path, tmp_path_factory: pytest.TempPathFactory) -> Tradeoff:
+    out = tmp_path_factory.mktemp("tradeoff")
+    return tradeoff(SCENE, [str(picture)], out, chosen=ASKED, combinations=0)
 
 
 @pytest.mark.slow
-def test_what_is_written_says_what_was_measured(picture: Path, tmp_path: Path) -> None:
-    scene = Scene.model_validate({"schema": 1, "piece": {"tube_radius_mm": 4.0, "depth": "flat"}})
-    asked = [Point("preset", "quick", QUICK), Point("iterations", "2 times", QUICK.scaled(2.0))]
-    out = tmp_path / "out"
-    found = tradeoff(scene, str(picture), out, repeats=2, progress=Progress("quiet"), chosen=asked)
+def test_what_is_written_says_what_was_measured(found: Tradeoff, picture: Path) -> None:
+    out, measured = found.folder, found.explored.measured
     content = json.loads((out / "tradeoff.json").read_text())
-    assert [row["iou"] for row in content["points"]] == [m.iou for m in found.measured]
-    assert all(0.8 < m.iou < 1 and m.search_s > 0 and m.faces > 0 for m in found.measured)
+    assert [row["iou"] for row in content["points"]] == [m.iou for m in measured]
+    assert all(0.8 < m.iou < 1 and m.seconds > 0 and m.runs[0].faces > 0 for m in measured)
+    assert all(0 < m.curvature < 1 and 0 < (m.legible or 0) <= 1 for m in measured)
     assert any(row["frontier"] for row in content["points"])
     assert content["points"][1]["settings"]["coarse_iterations"] == 16
     with Image.open(out / "tradeoff.png") as drawn:
         assert drawn.size[0] > 500
-    assert sorted(p.name for p in out.iterdir()) == ["tradeoff.json", "tradeoff.png"]
+    files = ["tradeoff-runs.jsonl", "tradeoff.html", "tradeoff.json", "tradeoff.png"]
+    assert sorted(p.name for p in out.iterdir()) == files
+    # again, nothing is left to be measured: not even the seconds change
+    before = (out / JOURNAL).read_bytes()
+    again = tradeoff(SCENE, [str(picture)], out, chosen=ASKED, combinations=0)
+    assert again.explored.measured == measured and (out / JOURNAL).read_bytes() == before
 
 
 @pytest.mark.slow
-def test_points_side_by_side_are_the_same_points(picture: Path, tmp_path: Path) -> None:
-    scene = Scene.model_validate({"schema": 1, "piece": {"tube_radius_mm": 4.0, "depth": "flat"}})
-    asked = [Point("iterations", f"{f:g} times", QUICK.scaled(f)) for f in (0.25, 0.5)]
-    found = {
-        jobs: tradeoff(scene, str(picture), tmp_path / str(jobs), chosen=asked, jobs=jobs).measured
-        for jobs in (1, 2)
-    }
-    for alone, beside in zip(found[1], found[2], strict=True):
-        assert (alone.point, alone.iou, alone.faces) == (beside.point, beside.iou, beside.faces)
-        assert beside.search_s > 0
-    assert json.loads((tmp_path / "2" / "tradeoff.json").read_text())["jobs"] == 2
-
-
-def test_a_point_whose_process_ends(
-    picture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_points_side_by_side_are_the_same_points(
+    found: Tradeoff, picture: Path, tmp_path: Path
 ) -> None:
+    beside = tradeoff(SCENE, [str(picture)], tmp_path, chosen=ASKED, jobs=2, combinations=0)
+    for alone, other in zip(found.explored.measured, beside.explored.measured, strict=True):
+        assert alone.point == other.point and other.seconds > 0
+        one, two = alone.runs[0], other.runs[0]
+        assert (one.iou, one.faces, one.shadow) == (two.iou, two.faces, two.shadow)
+    assert json.loads((tmp_path / "tradeoff.json").read_text())["jobs"] == 2
+
+
+def _answer(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a point with a worker that is this script."""
     broken = tmp_path / "python"
-    broken.write_text("#!/bin/sh\necho 'no more memory' >&2; exit 9\n")
+    broken.write_text(f"#!/bin/sh\n{script}\n")
     broken.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(broken))
+    list(run_all([cast(Study, None)], 2)(iter([Request(0, QUICK)])))
+
+
+def test_a_point_whose_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MachineError, match=r"--jobs 2: .*no more memory.*--jobs 1"):
-        measure(cast(Study, None), [Point("preset", "quick", QUICK)], jobs=2)
+        _answer("echo 'no more memory' >&2; exit 9", tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("option", ["--repeats", "--jobs"])
+def test_what_a_worker_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = json.dumps({"refused": ["SceneError", "the picture", "it is too fine", "Simplify it"]})
+    with pytest.raises(SceneError, match=r"the picture: it is too fine\. Simplify it"):
+        _answer(f"read line; echo '{told}'; read line", tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize(
+    "option", ["--repeats 0", "--jobs 0", "--combinations -1", "--time-limit soon"]
+)
 def test_no_runs_are_refused(picture: Path, tmp_path: Path, option: str) -> None:
-    done = knotfab("tradeoff", str(picture), option, "0", "--out", str(tmp_path / "out"))
-    assert done.code == 2 and f"{option} 0" in done.err
+    done = knotfab("tradeoff", str(picture), *option.split(), "--out", str(tmp_path / "out"))
+    assert done.code == 2 and option in done.err
     assert not (tmp_path / "out").exists()
+
+
+def test_no_picture_and_a_missing_one_are_refused(picture: Path, tmp_path: Path) -> None:
+    for pictures, said in (((), "no picture"), ((str(picture), "none.png"), "none.png")):
+        done = knotfab("tradeoff", *pictures, "--out", str(tmp_path / "out"))
+        assert done.code == 2 and said in done.err
+        assert not (tmp_path / "out").exists()

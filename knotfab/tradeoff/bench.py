@@ -1,0 +1,232 @@
+"""Runs of points on pictures: each is measured once, kept as it comes in, and none is begun without time."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from knotfab import errors
+from knotfab.errors import InputError, MachineError
+from knotfab.pool import ONE_THREAD, Crash, Workers
+from knotfab.scene.settings import SearchSettings
+from knotfab.tradeoff.front import Measured, merge_turns
+from knotfab.tradeoff.measure import Run, Study, run_point, warm_up
+from knotfab.tradeoff.points import Point
+
+__all__ = ["Bench", "Journal", "Request", "Runner", "run_all"]
+
+
+@dataclass(frozen=True)
+class Request:
+    """A run that is wanted: number of the picture, settings, and which of its repeats it is."""
+
+    picture: int
+    settings: SearchSettings
+    turn: int = 0
+
+
+Runner = Callable[[Iterator[Request]], Iterator[tuple[Request, Run]]]
+
+
+class Journal:
+    """Runs by their keys, a line of JSON each, in a file that a later call reads.
+
+    A line that was cut off is left out.
+
+    Raises:
+        InputError: the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.runs: dict[str, Run] = {}
+        self.used: set[str] = set()
+        try:
+            text = path.read_text("utf-8") if path.exists() else ""
+            for line in text.splitlines():
+                try:
+                    told = json.loads(line)
+                    self.runs[told["key"]] = Run(**told["run"])
+                except (ValueError, TypeError, KeyError):
+                    continue
+            self._file = path.open("a", encoding="utf-8")
+            if text and not text.endswith("\n"):
+                self._file.write("\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}", f"it is no journal ({error})", "Move it away") from error
+
+    def find(self, key: str) -> Run | None:
+        """The run of this key, if it was measured."""
+        self.used.add(key)
+        return self.runs.get(key)
+
+    def add(self, key: str, run: Run, **told: Any) -> None:
+        """Keep a run that has ended; `told` is for a reader."""
+        self.runs[key] = run
+        self._file.write(json.dumps({"key": key, **told, "run": run.to_dict()}) + "\n")
+        self._file.flush()
+
+    @property
+    def strange(self) -> int:
+        """How many of its runs nobody has asked for: of other pictures, settings or versions."""
+        return len(self.runs.keys() - self.used)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class Bench:
+    """Where points are measured on pictures.
+
+    Args:
+        run: measures what it takes from an iterator, in any order.
+        limit_s: no run is begun that would probably end later; None: all are.
+        report: told how many runs are done, and the best mean IoU so far.
+    """
+
+    def __init__(
+        self,
+        studies: Sequence[Study],
+        run: Runner,
+        journal: Journal,
+        repeats: int = 1,
+        limit_s: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        report: Callable[[int, float | None], None] | None = None,
+    ) -> None:
+        self.studies, self.repeats = tuple(studies), repeats
+        self._run, self._journal, self._report = run, journal, report
+        self._clock, self._limit_s, self._begun = clock, limit_s, clock()
+        self._runs: dict[Request, Run] = {}
+        self._lasted: list[float] = []
+        self.measured_now = 0
+        self.left_out: dict[Request, None] = {}
+
+    def measure(self, points: Sequence[Point], pictures: int) -> list[Measured]:
+        """The points on the first so many pictures, as far as time is left; what came of them.
+
+        Picture by picture and turn by turn, so that what else the machine does falls on all alike.
+        """
+        asked = [
+            Request(picture, point.settings, turn)
+            for picture in range(pictures)
+            for turn in range(self.repeats)
+            for point in points
+        ]
+        missing = []
+        for request in dict.fromkeys(asked):
+            if request not in self._runs:
+                kept = self._journal.find(self._key(request))
+                if kept is None:
+                    missing.append(request)
+                else:
+                    self._runs[request] = kept
+        last = self._clock()
+        for request, run in self._run(self._in_time(missing)):
+            self._runs[request] = run
+            told = {"picture": self.studies[request.picture].name}
+            self._journal.add(self._key(request), run, **told, turn=request.turn)
+            self.measured_now += 1
+            now = self._clock()
+            self._lasted.append(now - last)
+            last = now
+            if self._report is not None:
+                best = max((run.iou or 0.0 for run in self._runs.values()), default=None)
+                self._report(len(self._runs), best)
+        return self.measured(points)
+
+    def measured(self, points: Iterable[Point]) -> list[Measured]:
+        """What is known of the points: each on as many of the first pictures as it was measured on."""
+        found = []
+        for point in points:
+            runs: list[Run] = []
+            for picture in range(len(self.studies)):
+                turns = [Request(picture, point.settings, t) for t in range(self.repeats)]
+                known = [self._runs[turn] for turn in turns if turn in self._runs]
+                if not known or known[0].iou is None:
+                    break
+                runs.append(merge_turns(known))
+            if runs:
+                clock = "cpu" if self.studies[0].device == "cpu" else "wall"
+                found.append(Measured(point, tuple(runs), clock))
+        return found
+
+    def _key(self, request: Request) -> str:
+        return self.studies[request.picture].key(request.settings, request.turn)
+
+    def _in_time(self, requests: Sequence[Request]) -> Iterator[Request]:
+        for request in requests:
+            lasts = statistics.median(self._lasted) if self._lasted else 0.0
+            spent = self._clock() - self._begun
+            if self._limit_s is not None and spent + lasts > self._limit_s:
+                self.left_out[request] = None
+            else:
+                yield request
+
+
+def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
+    """A runner that searches: here one after the other, or `jobs` at a time, in processes of one thread.
+
+    Raises (the runner):
+        MachineError: a process ended.
+    """
+    warm: list[bool] = []
+
+    def here(requests: Iterator[Request]) -> Iterator[tuple[Request, Run]]:
+        for request in requests:
+            study = studies[request.picture]
+            if not warm:
+                warm_up(study, request.settings)
+                warm.append(True)
+            yield request, run_point(study, request.settings, request.turn == 0)
+
+    def beside(requests: Iterator[Request]) -> Iterator[tuple[Request, Run]]:
+        first = next(requests, None)
+        if first is None:
+            return
+        with tempfile.TemporaryDirectory(prefix="knotfab-") as place:
+            file = Path(place) / "studies"
+            file.write_bytes(pickle.dumps(list(studies)))
+            command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
+            with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:
+                running: dict[Future[dict[str, Any]], Request] = {}
+
+                def ask(request: Request | None) -> None:
+                    if request is not None:
+                        told = {"picture": request.picture, "judge": request.turn == 0}
+                        asked = {**told, "settings": request.settings.model_dump()}
+                        running[workers.ask(asked)] = request
+
+                ask(first)
+                for _ in range(jobs - 1):
+                    ask(next(requests, None))
+                while running:
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        request = running.pop(future)
+                        yield request, _read(future, jobs)
+                        ask(next(requests, None))
+
+    return here if jobs == 1 else beside
+
+
+def _read(future: Future[dict[str, Any]], jobs: int) -> Run:
+    try:
+        answer = future.result()
+    except Crash as crash:
+        said = f"the process of a point ended ({crash.said or crash.code})"
+        raise MachineError(f"--jobs {jobs}", said, "Try --jobs 1.") from crash
+    if "refused" in answer:
+        kind, *told = answer["refused"]
+        raise getattr(errors, kind)(*told)
+    return Run(**answer)

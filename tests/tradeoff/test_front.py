@@ -1,0 +1,135 @@
+"""Which points nothing beats, which are kept, and what a step buys."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fake_runs import make_measured, make_run
+
+from knotfab.scene.settings import PRESETS
+from knotfab.tradeoff.front import (
+    Measured,
+    beaten_by,
+    frontier,
+    halve,
+    list_effects,
+    list_steps,
+    merge_turns,
+)
+from knotfab.tradeoff.points import COMBINED, KNOBS, Point, combine, list_changes, points
+
+
+def _random(seed: int, count: int = 40) -> list[Measured]:
+    random = np.random.default_rng(seed)
+    # few digits, so that some are equal in one or both
+    times, errors = random.integers(1, 30, count) / 4, random.integers(1, 30, count) / 1000
+    sound = random.random(count) > 0.2
+    rough = random.choice([0.15, 0.2, 0.3], count)
+    return [
+        make_measured(1 - e, t, bool(s), curvature=float(c))
+        for t, e, s, c in zip(times, errors, sound, rough, strict=True)
+    ]
+
+
+def _beats(one: Measured, other: Measured) -> bool:
+    """By definition: no worse in both, better in one."""
+    mine, others = (one.seconds, one.error), (other.seconds, other.error)
+    return mine != others and all(a <= b for a, b in zip(mine, others, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_frontier_is_what_nothing_beats(seed: int) -> None:
+    measured, middle = _random(seed), make_measured(0.99, 2.0)
+    sound = [m for m in measured if m.keeps(middle)]
+    wanted = {(m.seconds, m.error) for m in sound if not any(_beats(o, m) for o in sound)}
+    best = frontier(measured, middle)
+    assert {(m.seconds, m.error) for m in best} == wanted and len(best) == len(wanted)
+    assert all(m.feasible and m.curvature <= 1.1 * 0.2 for m in best)
+    for one, two in pairwise(best):
+        assert one.seconds < two.seconds and one.error > two.error
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_beats_a_point_says_by_how_much(seed: int) -> None:
+    sound = [m for m in _random(seed) if m.feasible]
+    best = frontier(sound)
+    for one in sound:
+        factor = beaten_by(one, sound)
+        assert (factor > 1.0) == any(_beats(o, one) for o in sound)
+        # a point that is by so much faster and better is beaten by nothing
+        mended = make_measured(1 - one.error / factor / 1.001, one.seconds / factor / 1.001)
+        assert beaten_by(mended, sound) == 1.0 or factor == 1.0
+    assert all(beaten_by(one, sound) == 1.0 for one in best)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_halving_keeps_the_best(seed: int) -> None:
+    measured, middle = _random(seed), make_measured(0.985, 3.0)
+    kept = halve(measured, middle, [middle])
+    sound = [m for m in measured if m.keeps(middle)]
+    assert min(sound, key=lambda m: (m.error, m.seconds)).point in kept
+    assert min(sound, key=lambda m: (m.seconds, m.error)).point in kept
+    assert len(kept) == min(len(sound), -(-len(measured) // 2))
+    # on the front come before those off it: what is dropped from it makes room for no other
+    on = {m.point for m in frontier([*sound, middle])}
+    assert on - {middle.point} <= set(kept) or set(kept) <= on
+    assert all(p in [m.point for m in sound] for p in kept)
+
+
+def test_repeated_runs_are_one_with_their_median() -> None:
+    turns = [make_run(s, 0.99) for s in (3.0, 1.0, 2.0)]
+    assert merge_turns(turns) == make_run(2.0, 0.99)
+    assert not merge_turns([turns[0], make_run(1.0, 0.99, feasible=False)]).feasible
+
+
+def test_every_point_is_a_setting_of_its_own() -> None:
+    for own in (None, PRESETS["draft"].scaled(1.1)):
+        asked = points(own)
+        assert len({p.settings for p in asked}) == len(asked)
+        named = {p.label for p in asked if p.knob == "preset"}
+        assert named == set(PRESETS) | ({"the scene's"} if own else set())
+
+
+def test_steps_are_between_neighbours_on_the_same_pictures() -> None:
+    middle = PRESETS["standard"]
+    turned = {p.label: p for p in points() if p.knob == "picture size"}
+    measured = [
+        Measured(Point("preset", "standard", middle), tuple(make_run(4.0, 0.99) for _ in range(3))),
+        Measured(turned["192 px"], (make_run(1.0, 0.97), make_run(1.0, 0.99))),
+        Measured(turned["512 px"], (make_run(8.0, 0.996),)),
+    ]
+    steps = [s for s in list_steps(measured, middle) if s.knob == "picture size"]
+    assert [(s.before, s.after, s.pictures) for s in steps] == [
+        ("192 px", "384 px", 2),
+        ("384 px", "512 px", 1),
+    ]
+    assert steps[0].iou == pytest.approx(0.01) and steps[0].seconds == pytest.approx(4.0)
+    assert str(steps[1]) == "picture size 384 px → 512 px: +.0060 IoU, ×2.00 seconds"
+
+
+def test_combinations_are_new_the_same_for_a_seed_and_of_what_was_good() -> None:
+    middle = PRESETS["standard"]
+    asked = points()
+    measured = [
+        Measured(p, (make_run(1.0 + k % 7, 0.98 + 0.001 * (k % 11)),)) for k, p in enumerate(asked)
+    ]
+    at = next(m for m in measured if m.point.settings == middle)
+    effects = list_effects(measured, at)
+    assert effects
+    made = combine(middle, effects, asked, 10, seed=3)
+    assert made == combine(middle, effects, asked, 10, seed=3)
+    assert 1 < len({p.settings for p in made}) == len(made) <= 10
+    assert not {p.settings for p in made} & {p.settings for p in asked}
+    single = {
+        key: {list_changes(k.turn(middle, v), middle)[key][1] for v in effects[k.name]
+              if key in list_changes(k.turn(middle, v), middle)}
+        for k in KNOBS if k.name in effects for v in effects[k.name]
+        for key in list_changes(k.turn(middle, v), middle)
+    }  # fmt: skip
+    for point in made:
+        assert point.knob == COMBINED and point.label
+        for key, (_, new) in list_changes(point.settings, middle).items():
+            assert new in single[key]
+    assert combine(middle, effects, asked, 0) == combine(middle, {}, asked, 5) == []
