@@ -8,7 +8,13 @@ MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
-TUBE = ("tube", "clearance", "region", "build_volume")  # of the part as a tube, in its place
+TUBE = (
+    "centre_line",
+    "tube",
+    "clearance",
+    "region",
+    "build_volume",
+)  # of the part as a tube, in its place
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),
