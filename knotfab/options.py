@@ -139,6 +139,9 @@ class PictureOptions:
     lines: Annotated[Literal["auto", "on", "off"] | None, Parameter(group=_PICTURE)] = None
     """One tube along the middle of each stroke, as wide as the tube: on, off, or auto (where most strokes
     are thinner than the tube)."""
+    tone: Annotated[Literal["lines", "off"] | None, Parameter(group=_PICTURE)] = None
+    """lines: draw the picture's greys, by strands that lie closer together where it is darker; off (default):
+    its silhouette."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Of text:…, a family's name, such as "DejaVu Serif", or a font file."""
 

@@ -146,6 +146,7 @@ def _view_keys(options: BuildOptions) -> dict[str, Any]:
         "speck_px": options.specks,
         "smooth_px": options.smooth,
         "lines": options.lines,
+        "tone": options.tone,
         "light_distance_mm": options.lamp_distance,
         "wall_distance_mm": options.wall_distance,
         "light_diameter_mm": options.lamp_diameter,

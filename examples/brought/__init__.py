@@ -47,6 +47,10 @@ _DRAWN: dict[str, tuple[str, Callable[[], Image.Image]]] = {
     "photo-jug": ("faithful", photos.jug),
     "photo-portrait": ("coarse", photos.portrait),
 }
+# Words that a rule made since has overtaken; the person's stays as it was given. A drawing of thin lines is
+# no longer filled, which is what the person judged, but drawn along its centre lines (docs/silhouette.md).
+_LINES = "drawn along its lines now, not filled"
+OVERTAKEN = {"signature-pen": ("good", _LINES), "lines-fine": ("good", _LINES)}
 WORDS = {name: word for name, (word, _) in _DRAWN.items()}
 KINDS = tuple(dict.fromkeys(name.split("-")[0] for name in _DRAWN))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from knotfab.design.candidates import line_width
 from knotfab.errors import InputError
 from knotfab.scene.model import ResolvedView, Scene, View
+from knotfab.target.raster import check_shape
 from knotfab.target.read import Target
 from knotfab.target.thicken import is_thin, thicken
 
@@ -145,6 +146,8 @@ def widen_targets(
     Raises:
         InputError: several pictures are to be drawn along their lines.
     """
+    if any(view.tone == "lines" for view in scene.views):
+        return _draw_tones(scene, targets, sequence)
     if not sequence and len(targets) > 1:  # what is widened must not change the frames
         framed = framed_alike(scene, targets)
     else:
@@ -186,6 +189,38 @@ def widen_targets(
     each = views * len(targets) if sequence else views
     widened = tuple(widen(v, t) for v, t in zip(each, targets, strict=True))
     return framed.model_copy(update={"views": tuple(views)}), widened
+
+
+def _draw_tones(
+    scene: Scene, targets: Sequence[Target], sequence: bool
+) -> tuple[Scene, tuple[Target, ...]]:
+    """One picture's greys as lines of the tube's width, which is what is drawn and followed then."""
+    from knotfab.start.tone import draw_tones
+    from knotfab.target.greys import read_darkness
+
+    if sequence or len(targets) > 1:
+        raise InputError(
+            "--tone lines",
+            "it is for one picture: strands as far apart as its greys want are, from the side, as far apart "
+            "as no other picture wants",
+            "Leave it out, or build one picture",
+        )
+    (view,), (target,) = scene.views, targets
+    asked, width = scene.piece.tube_radius_mm, view.thicken_mm
+    if isinstance(width, str):
+        radius = scene.printer.min_tube_radius_mm if isinstance(asked, str) else asked
+        width = line_width(view, radius)
+    px = target.width / frame_view(view, target).frame_width_mm
+    gap = scene.piece.clearance_mm * view.magnification
+    mask, line = draw_tones(read_darkness(target, view.invert), width * px, gap * px)
+    check_shape(mask, f"picture {target.name}, in lines of {width:g} mm,")
+    height, across = mask.shape
+    rule = f"its greys, by one line {width:g} mm wide, closer to itself where it is darker"
+    drawn = replace(
+        target, mask=mask, width=across, height=height, original=None, rule=rule, line=line
+    )
+    keys = {"thicken_mm": width, "lines": "on"}
+    return scene.model_copy(update={"views": (view.model_copy(update=keys),)}), (drawn,)
 
 
 def _is_thin(view: View, target: Target, radius: float) -> bool:

@@ -102,6 +102,8 @@ def _write_scene(
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)
+        if view.tone == "lines":
+            folder.write(f"picture-{view.name}-lines.png", target.drawing_png())
     folder.write(f"scene{suffix}.toml", dump_scene(scene))
 
 

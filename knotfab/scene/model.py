@@ -151,6 +151,7 @@ class View(Reading):
     lines: Literal["auto", "on", "off"] = (
         "auto"  # on: drawn along its centre lines; auto: where most strokes are as thin as the tube
     )
+    tone: Literal["off", "lines"] = "off"  # lines: its greys, by lines closer where it is darker
 
     @field_validator("light_leds")
     @classmethod

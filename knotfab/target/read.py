@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -31,6 +32,7 @@ class Target:
     `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says
     which rule made it. `original` is the silhouette that a shadow is compared with, where that is not
     what is drawn; where strokes were widened, `widened` is what it is judged by, that with wider strokes.
+    `line` (n, 2), in px, is the one closed line of a drawing in greys.
     `crop_px` is the part of the picture that was read (left, top, width, height).
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
@@ -48,6 +50,7 @@ class Target:
     crop_px: Box | None = None
     original: NDArray[np.bool_] | None = None
     widened: NDArray[np.bool_] | None = None
+    line: NDArray[np.float64] | None = None
 
     @property
     def judged(self) -> NDArray[np.bool_]:
@@ -58,6 +61,14 @@ class Target:
     def asked(self) -> NDArray[np.bool_]:
         """The silhouette that a shadow is compared with."""
         return self.mask if self.original is None else self.original
+
+    def drawing_png(self) -> bytes:
+        """What is drawn, black on white, as a PNG."""
+        from PIL import Image
+
+        with io.BytesIO() as file:
+            Image.fromarray(~self.mask).save(file, "PNG")
+            return file.getvalue()
 
     @property
     def file_name(self) -> str:

@@ -30,6 +30,7 @@ CHECKS = (
     "slicer",
     *SHADOWS,
     "intrusion",
+    "tone",
     *KNOTS,
     *MESH,
     *TUBE,

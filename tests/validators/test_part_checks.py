@@ -72,7 +72,8 @@ def test_limits_come_from_the_scene() -> None:
 def test_a_part_alone_is_checked_for_its_surface() -> None:
     checks = run(MESH, None, None)
     assert len({name for name in ran(checks) if name.startswith("mesh_")}) == 9
-    assert not ran(checks) & {"tube", "thickness", "bend", "length", "knot_type", "region"}
+    assert not ran(checks) & {"tube", "bend", "length", "region"}
+    assert ran(checks) > {"centre_line", "thickness", "knot_type", "clearance"}
     assert {checks[name].status for name in ran(checks) if checks[name].required} == {"pass"}
     assert run(MESH, None, scene())["region"].status == "pass"
 

@@ -8,12 +8,18 @@ MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
-TUBE = ("tube", "clearance", "region", "build_volume")  # of the part as a tube, in its place
+TUBE = (
+    "centre_line",
+    "tube",
+    "clearance",
+    "region",
+    "build_volume",
+)  # of the part as a tube, in its place
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),
     *("bridge", "floating", "islands", "standing"),
 )
 PLATES = ("plate_mesh", "plates", "plates_volume")
-# `intrusion` too, of a mount
+# `intrusion` too, of a mount, and `tone`, of greys
 SHADOWS = ("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable")

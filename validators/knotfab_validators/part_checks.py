@@ -19,6 +19,7 @@ from knotfab_validators.mesh.surface_checks import check_mesh
 from knotfab_validators.names import KNOTS, MESH, PRINTING
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
 from knotfab_validators.printing.printability import printability_checks
+from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.mount_matter import strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
@@ -46,8 +47,18 @@ def part_checks(
     Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
     are what must fit the printer and can be printed, and must make up the part. Printability costs
     most: where all of it is to be left out (`skip`), it is not measured.
+
+    A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
+    knot type and clearance are measured then; they are an estimate, and not required.
     """
-    checks = _check_mesh(mesh, curves, scene, seconds) + _check_knots(mesh, curves, scene, seconds)
+    line, found = _find_lines(mesh, curves, scene, seconds, skip)
+    checks = [line, *_check_mesh(mesh, curves, scene, seconds, found)]
+    kinds = _check_knots(mesh, curves or found, scene, seconds)
+    if found is not None:
+        kinds = [replace(kind, required=False) for kind in kinds]
+    elif curves is None and line.status == "fail":
+        kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
+    checks += kinds
     if scene is None:
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
     else:
@@ -64,10 +75,35 @@ def part_checks(
     return checks + _check_printability(mesh, scene, checks, seconds)
 
 
+def _find_lines(
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    seconds: dict[str, float],
+    skip: Collection[str],
+) -> tuple[Check, Curves | None]:
+    """The centre lines of a part that came without any, and what there is to say of them."""
+    mounted = scene is not None and scene.mount.kind != "none"
+    why = "not given the part" if mesh is None else "given with the knots" if curves else None
+    if why is None and mounted:
+        why = "a part with a mount is more than tubes"
+    if mesh is None or why is not None or "centre_line" in skip:
+        return skip_check("centre_line", why or "left out on request"), None
+    with time_stage(seconds, "centre line"):
+        return check_centre_lines(mesh)
+
+
 def _check_mesh(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    seconds: dict[str, float],
+    found: Curves | None = None,
 ) -> list[Check]:
-    """The surface, whether it is the tube of the curves, and the gaps between its strands."""
+    """The surface, whether it is the tube of the curves, and the gaps between its strands.
+
+    The strands of a part without curves are told apart by those that were `found`.
+    """
     if mesh is None:
         return [skip_check(n, "not given the part") for n in (*MESH, "tube", "clearance")]
     mount = scene.mount if scene is not None else Mount("none", "auto", ())
@@ -83,7 +119,8 @@ def _check_mesh(
     with time_stage(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
         strands = _keep_strands(mesh, curves) if mounted else mesh
-        checks.append(check_clearance(strands, curves, required))
+        gap = check_clearance(strands, curves or found, required)
+        checks.append(gap if found is None else replace(gap, required=False))
     return checks
 
 

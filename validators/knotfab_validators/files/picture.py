@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -21,13 +23,14 @@ from knotfab_validators.files.colours import (
     not_reached,
 )
 
-__all__ = ["PictureError", "Reading", "read_silhouette"]
+__all__ = ["PictureError", "Reading", "read_greys", "read_silhouette"]
 
 FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
 EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
 
 ROWS_AT_ONCE = 2**20  # pixels in a block of rows
 CRISP = 128  # alpha from which a pixel is there at all, where alpha does not decide
+ENDS = 0.01  # of the pixels are darker than black, or lighter than white
 BRIGHTNESS = np.array([299, 587, 114])  # of red, green and blue, ITU-R BT.601
 
 
@@ -60,24 +63,8 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
         PictureError: the file is missing, is no picture, is damaged, or is smaller than its crop.
     """
     reading = reading or Reading()
-    picture = Path(path)
-    if picture.exists() and not picture.is_file():  # a pipe or a device may never end
-        raise PictureError(f"{picture}: is not a plain file")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of odd metadata; the pixels decide
-            with Image.open(picture) as opened:
-                opened.load()
-                ImageOps.exif_transpose(opened, in_place=True)
-                mask = _select_ink(_cut(opened, reading, picture), reading)
-    except PictureError:
-        raise
-    except FileNotFoundError as error:
-        raise PictureError(f"{picture}: there is no such file") from error
-    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise PictureError(f"{picture}: not a picture this reader knows ({error})") from error
-    except (OSError, SyntaxError, ValueError) as error:
-        raise PictureError(f"{picture}: damaged or unreadable ({error})") from error
+    with _opened(Path(path), reading) as image:
+        mask = _select_ink(image, reading)
     if reading.invert:
         mask = ~mask
     if reading.speck_px:
@@ -86,6 +73,55 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
     if reading.keep_largest:
         mask = _largest(mask, reading.keep_largest)
     return mask
+
+
+def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Array:
+    """How dark a picture (or its crop) is, (H, W) from 0 at its lightest to 1 at its darkest pixels.
+
+    The brightness of ITU-R BT.601, on white where it is transparent; a hundredth of the pixels at either
+    end are beyond what counts as lightest and darkest. Of a picture of one grey all is 0.
+
+    Raises:
+        PictureError: as `read_silhouette`.
+    """
+    reading = reading or Reading()
+    with _opened(Path(path), reading) as image:
+        if image.mode in ("I", "F") or image.mode.startswith("I;"):
+            bright = np.asarray(image).astype(np.float64) / 257
+        else:
+            rgba = np.asarray(image.convert("RGBA")).astype(np.float64)
+            cover = rgba[..., 3:] / 255
+            # as 8 bits hold it
+            seen = np.round(rgba[..., :3] * cover + 255 * (1 - cover))
+            bright = seen @ BRIGHTNESS / BRIGHTNESS.sum()
+    if reading.invert:
+        bright = 255 - bright
+    low, high = np.quantile(bright, (ENDS, 1 - ENDS))
+    if high - low < 1:
+        return np.zeros(bright.shape)
+    return np.asarray(((high - bright) / (high - low)).clip(0, 1))
+
+
+@contextmanager
+def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
+    """A picture file, upright, and cropped as `reading` says; its errors are PictureErrors."""
+    if picture.exists() and not picture.is_file():  # a pipe or a device may never end
+        raise PictureError(f"{picture}: is not a plain file")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of odd metadata; the pixels decide
+            with Image.open(picture) as opened:
+                opened.load()
+                ImageOps.exif_transpose(opened, in_place=True)
+                yield _cut(opened, reading, picture)
+    except PictureError:
+        raise
+    except FileNotFoundError as error:
+        raise PictureError(f"{picture}: there is no such file") from error
+    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise PictureError(f"{picture}: not a picture this reader knows ({error})") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise PictureError(f"{picture}: damaged or unreadable ({error})") from error
 
 
 def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:

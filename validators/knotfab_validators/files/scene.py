@@ -118,6 +118,7 @@ class View:
     picture: str
     reading: Reading
     thicken_mm: float | None  # width on the receiver of strokes that are thinner
+    tone: str  # "lines": its greys are drawn, by lines of that width; else "off"
     frame_width_mm: float | None
     frame_height_mm: float | None
     light_distance_mm: float
@@ -374,6 +375,7 @@ def _view(data: Any, where: str) -> View:
         thicken_mm=None
         if data.get("thicken_mm", "none") == "none"
         else table.open_number("thicken_mm", None, above=0),
+        tone=table.word("tone", "off", ("off", "lines")),
         frame_width_mm=table.open_number("frame_width_mm", None, above=0),
         frame_height_mm=table.open_number("frame_height_mm", None, above=0),
         light_distance_mm=table.number("light_distance_mm", 500.0, above=0),

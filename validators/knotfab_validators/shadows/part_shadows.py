@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Array
-from knotfab_validators.check import Check
+from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
-from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.files.picture import read_greys, read_silhouette
 from knotfab_validators.files.scene import Scene
 from knotfab_validators.files.strokes import widen_strokes
 from knotfab_validators.geometry.curves import Curves
@@ -30,6 +30,7 @@ from knotfab_validators.shadows.pictures import write_compare, write_shadow
 from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
 from knotfab_validators.shadows.shadow_checks import shadow_checks
+from knotfab_validators.shadows.tone import Tone, check_tone, measure_tone
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
@@ -73,13 +74,18 @@ def verify_shadows(
     verified: dict[str, VerifiedView] = {}
     recognised: dict[str, dict[str, Any]] = {}
     drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
+    tones: dict[str, Tone] = {}
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
-                target = read_silhouette(folder / view.picture, view.reading)
+                toned = view.tone == "lines"
+                if toned:  # what is drawn are lines, in a picture of their own
+                    target = read_silhouette(folder / f"picture-{view.name}-lines.png")
+                else:
+                    target = read_silhouette(folder / view.picture, view.reading)
                 geometry = view_geometry(view, target.shape[1], target.shape[0])
                 wide = None
-                if view.thicken_mm is not None:
+                if view.thicken_mm is not None and not toned:
                     wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
                 found = verify_view(
                     vertices,
@@ -95,7 +101,15 @@ def verify_shadows(
                     drawn=wide,
                 )
             verified[view.name] = found
-            if found.tube_px is not None:
+            if toned and found.tube_px is not None and radius is not None:
+                with time_stage(seconds, "tone"):
+                    darkness = read_greys(folder / view.picture, view.reading)
+                    clearance = scene.piece.clearance_mm / radius
+                    tones[view.name] = measure_tone(
+                        found.seen, darkness, found.frame, found.tube_px, clearance
+                    )
+                drawn[view.name] = found.judged.iou
+            elif found.tube_px is not None:
                 with time_stage(seconds, "verdict"):
                     iou = found.framed.iou
                     if wide is not None:
@@ -130,6 +144,8 @@ def verify_shadows(
                 views[-1]["iou_drawn"] = drawn[view.name]
             if view.name in recognised:
                 views[-1]["verdict"] = recognised[view.name]
+            if view.name in tones:
+                views[-1]["tone_error"] = tones[view.name].error
             turns = scene.mount.kind != "wall"
             middle = _middle(points)
             parting = parting_px(points, middle, fine, scene.placing, turns=turns)
@@ -175,18 +191,23 @@ def verify_shadows(
         if renderer is not None:
             renderer.close()
     floor = scene.accuracy.iou_floor
+    in_greys = any(view.tone == "lines" for view in scene.views)  # of which no IoU is asked
     checks = shadow_checks(
         verified,
         mesh.vertices,
-        iou_floor=floor if isinstance(floor, float) else None,
+        iou_floor=floor if isinstance(floor, float) and not in_greys else None,
         max_outline_px=scene.accuracy.max_outline_error_px,
         no_rendering=None if renderer is not None else why,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
-        widened_mm={v.name: v.thicken_mm for v in scene.views if v.thicken_mm is not None},
+        widened_mm={v.name: v.thicken_mm for v in scene.views if v.thicken_mm and not in_greys},
     )
     accepted = "unrecognisable" in scene.accuracy.accept
-    return [*checks, check_recognisable(worst_verdict(views), accepted=accepted)], views
+    known = check_recognisable(worst_verdict(views), accepted=accepted)
+    if in_greys:
+        known = skip_check(known.name, "drawn in greys: tone_error says how well")
+        checks.append(check_tone(tones))
+    return [*checks, known], views
 
 
 def _report(

@@ -1,0 +1,253 @@
+"""A grey picture as one closed line as thick as the tube, which lies closer to itself where it is darker.
+
+Points are spread so that they are the denser the darker the picture is, and the line is a short tour through
+all of them (Kaplan and Bosch, "TSP art", Bridges 2005): it crosses itself nowhere, for a tour that does is
+not short, and so it is an unknot seen from the light, as all starts are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from knotfab.arrays import Array, Mask
+from knotfab.geometry.sampling import sample_evenly
+from knotfab.start.filling import simple_curves, smooth_closed
+
+__all__ = ["draw_tones", "shortest_tour", "spread_points"]
+
+_TURN = 1.25  # of the spacing that black allows: length of a tour's step between points so spread
+_ROUNDS = 30  # of spreading
+_CELLS = 3.0  # of the grid that is spread over, to the least distance of lines
+_LINE_PX = 10.0  # to a line's width in the drawing
+_STEP = 0.125  # widths between points of the line
+_NEAR = 10  # neighbours that a tour may be led to
+_WHITE = 0.1  # what is lighter has no points
+_SEED = 1
+_RELAXED = 40  # small moves that round the tour off
+_SMOOTH = 0.35  # pitches
+_HELD = 0.1  # of the way back to the tour, each move
+_APART = 2.0  # pitches along the line: what is nearer is its own bend
+
+
+def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
+    """One closed line of a width, whose distance from itself gives the tones.
+
+    Args:
+        darkness: (H, W) 0 .. 1; 1 is drawn as lines `gap` apart. width, gap: in px of it.
+
+    Returns:
+        The drawing (h, w) of the same frame, with 10 px to the line's width, empty where nothing is dark;
+        and the line (n, 2), x and y in its pixels.
+    """
+    height, across = darkness.shape
+    pitch, zoom = width + gap, _LINE_PX / width
+    size = (max(1, round(zoom * height)), max(1, round(zoom * across)))
+    cells, cell = _shrink(darkness, pitch / _CELLS)
+    area = float(cell.prod())
+    wanted = float(cells.sum()) * area / pitch  # length of line
+    step = _TURN * pitch
+    count = round(float((cells**2).sum()) * area / step**2)
+    line = np.empty((0, 2))
+    for _ in range(2):  # the second with as many points as make up the length
+        if count < 8:
+            return np.zeros(size, dtype=bool), np.empty((0, 2))
+        points = spread_points(cells**2, count) * cell
+        line = _round_off(points[shortest_tour(points)], width, pitch)
+        length = float(np.hypot(*(np.roll(line, -1, axis=0) - line).T).sum())
+        count = round(count * (wanted / length) ** 2)
+    drawn = (line * [size[1] / across, size[0] / height]) - 0.5
+    return _draw(drawn, size), drawn
+
+
+def spread_points(density: Array, count: int) -> Array:
+    """(n, 2) points, x and y in cells, as dense as asked for and evenly spread, n at most `count`.
+
+    Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002).
+    """
+    from scipy.spatial import cKDTree
+
+    rows, columns = np.nonzero(density > _WHITE**2)
+    weight = density[rows, columns]
+    cells = np.column_stack([columns, rows]) + 0.5
+    rng = np.random.default_rng(_SEED)
+    share = np.cumsum(weight)
+    at = np.searchsorted(share, (np.arange(count) + rng.random(count)) * (share[-1] / count))
+    points: Array = cells[np.minimum(at, len(cells) - 1)] + rng.uniform(-0.5, 0.5, (count, 2))
+    for _ in range(_ROUNDS):
+        _, owner = cKDTree(points).query(cells)
+        total = np.bincount(owner, weight, len(points))
+        kept = total > 0
+        middle = [np.bincount(owner, weight * c, len(points))[kept] for c in cells.T]
+        points = np.stack(middle, axis=1) / total[kept, None]
+    return points
+
+
+def shortest_tour(points: Array) -> list[int]:
+    """(n,) the order of a short closed tour through points (n, 2), which crosses itself nowhere.
+
+    From the nearest neighbour's tour by 2-opt and Or-opt among near points until neither helps (Bentley,
+    "Fast algorithms for geometric traveling salesman problems", ORSA J. Computing 4, 1992).
+    """
+    from scipy.spatial import cKDTree
+
+    count = len(points)
+    tree = cKDTree(points)
+    _, near = tree.query(points, k=min(_NEAR + 1, count))
+    neighbours = [row[1:] for row in near.tolist()]
+    xy = points.tolist()
+
+    def far(a: int, b: int) -> float:
+        (x, y), (u, v) = xy[a], xy[b]
+        return float(((x - u) ** 2 + (y - v) ** 2) ** 0.5)
+
+    tour = _nearest_first(points)
+    place = [0] * count
+    for k, a in enumerate(tour):
+        place[a] = k
+
+    def reverse(i: int, j: int) -> None:
+        """The stretch from place i to place j, the shorter way about."""
+        inside = (j - i) % count + 1
+        if 2 * inside > count:
+            i, j, inside = (j + 1) % count, (i - 1) % count, count - inside
+        for _ in range(inside // 2):
+            a, b = tour[i], tour[j]
+            tour[i], tour[j] = b, a
+            place[b], place[a] = i, j
+            i, j = (i + 1) % count, (j - 1) % count
+
+    def improve(a: int) -> bool:
+        i = place[a]
+        for way in (1, -1):
+            b = tour[(i + way) % count]
+            first = far(a, b)
+            for c in neighbours[a]:
+                gain = first - far(a, c)
+                if gain <= 0:
+                    break
+                d = tour[(place[c] + way) % count]
+                if gain + far(c, d) - far(b, d) > 1e-9:
+                    if way == 1:
+                        reverse(place[b], place[c])
+                    else:
+                        reverse(place[c], place[b])
+                    return True
+        return move(a)
+
+    def move(a: int) -> bool:
+        """Up to three points from a on, led to between two others."""
+        for way in (1, -1):
+            for more in (0, 1, 2):
+                i = place[a]
+                e = tour[(i + way * more) % count]
+                p, n = tour[(i - way) % count], tour[(i + way * (more + 1)) % count]
+                held = {tour[(i + way * k) % count] for k in range(more + 1)}
+                saved = far(p, a) + far(e, n) - far(p, n)
+                for c in neighbours[a]:
+                    if far(a, c) >= saved:
+                        break
+                    if c in held:
+                        continue
+                    for d in (tour[(place[c] + 1) % count], tour[(place[c] - 1) % count]):
+                        if d in held or {c, d} == {p, n}:
+                            continue
+                        if saved - far(c, a) - far(e, d) + far(c, d) > 1e-9:
+                            moved = [tour[(i + way * k) % count] for k in range(more + 1)]
+                            rest = [x for x in tour if x not in held]
+                            at = rest.index(c)
+                            if rest[(at + 1) % len(rest)] == d:  # c, a … e, d
+                                rest[at + 1 : at + 1] = moved
+                            else:  # d, e … a, c
+                                rest[at:at] = moved[::-1]
+                            tour[:] = rest
+                            for k, x in enumerate(rest):
+                                place[x] = k
+                            return True
+        return False
+
+    better = True
+    while better:
+        better = False
+        for a in range(count):
+            while improve(a):
+                better = True
+        for a, c in [] if better else _crossings(points[tour]):
+            i, j = sorted((a, c))
+            reverse(i + 1, j)  # what crosses is longer than what does not
+            better = True
+            break
+    return tour
+
+
+def _crossings(points: Array) -> list[tuple[int, int]]:
+    """The edges of a closed polygon (n, 2) that cross, by the numbers of their first points."""
+    import shapely
+
+    edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+    one, other = shapely.STRtree(edges).query(edges, predicate="crosses")
+    return [(int(a), int(b)) for a, b in zip(one, other, strict=True) if a < b]
+
+
+def _nearest_first(points: Array) -> list[int]:
+    """A tour that goes on to the nearest point that is left."""
+    left = np.ones(len(points), dtype=bool)
+    tour = [0]
+    left[0] = False
+    for _ in range(len(points) - 1):
+        away = np.where(left, ((points - points[tour[-1]]) ** 2).sum(axis=1), np.inf)
+        tour.append(int(away.argmin()))
+        left[tour[-1]] = False
+    return tour
+
+
+def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
+    """The mean darkness over cells of about so many px, and their width and height."""
+    from PIL import Image
+
+    height, width = darkness.shape
+    size = (max(8, round(width / cell)), max(8, round(height / cell)))
+    image = Image.fromarray(darkness.astype(np.float32))
+    small = np.asarray(image.resize(size, Image.Resampling.BOX), dtype=np.float64)
+    return small, np.array([width / size[0], height / size[1]])
+
+
+def _round_off(tour: Array, width: float, pitch: float) -> Array:
+    """A closed polygon as an evenly sampled curve without corners, that nearly keeps `pitch` from itself.
+
+    Smoothing and the polygon itself pull at every point, and strands nearer than that push each other away, a
+    little at a time; the last is taken that crosses itself nowhere.
+    """
+    from scipy.spatial import cKDTree
+
+    step = _STEP * width
+    line = kept = origin = sample_evenly(tour, step)
+    count = len(line)
+    for turn in range(1, _RELAXED + 1):
+        pairs = cKDTree(line).query_pairs(pitch, output_type="ndarray")
+        along = np.abs(pairs[:, 0] - pairs[:, 1])
+        pairs = pairs[np.minimum(along, count - along) * step > _APART * pitch]
+        gap = line[pairs[:, 0]] - line[pairs[:, 1]]
+        far = np.maximum(np.hypot(*gap.T), 1e-9)
+        push = (0.5 * (pitch - far) / far)[:, None] * gap
+        force = np.zeros_like(line)
+        share = np.maximum(np.bincount(pairs.ravel(), minlength=count), 1)[:, None]
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            np.add.at(force, pairs[:, side], sign * push)
+        smooth = smooth_closed(line, _SMOOTH * pitch / step)
+        move = force / share + 0.3 * (smooth - line) + _HELD * (origin - line)
+        most = np.maximum(np.hypot(*move.T) / (0.05 * pitch), 1.0)[:, None]
+        line = line + move / most
+        if turn % 5 == 0 and simple_curves([line]):
+            kept = line
+    return sample_evenly(kept, step)
+
+
+def _draw(line: Array, size: tuple[int, int]) -> Mask:
+    """(h, w) what a pen of 10 px covers along a closed line, x and y in px."""
+    from scipy import ndimage
+
+    off = np.ones(size, dtype=bool)
+    x, y = np.round(sample_evenly(line, 0.5)).astype(int).T
+    on = (x >= 0) & (y >= 0) & (x < size[1]) & (y < size[0])
+    off[y[on], x[on]] = False
+    return np.asarray(ndimage.distance_transform_edt(off) <= 0.5 * _LINE_PX)

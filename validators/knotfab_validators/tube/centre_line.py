@@ -1,0 +1,320 @@
+"""The centre lines of a mesh of closed tubes, found from the surface alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.check import Check, at_most, skip_check
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.inside import winding_numbers
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.seam import sew_rims
+from knotfab_validators.geometry.surface import Surface, survey
+from knotfab_validators.geometry.torus import CircleFunction, circle_functions
+
+__all__ = ["CentreLine", "check_centre_lines", "find_centre_line"]
+
+LIMIT = 0.15  # rms residual, of the radius: a hexagon's is 0.05, a square's 0.11
+STEP = 0.25  # radii between the points of a centre line
+SHORTEST = 3.0  # radii: shorter waves of a centre line are smoothed away
+LEAST_POINTS, MOST_POINTS = 24, 10_000
+MOST_FACES = 1_500_000  # of a mesh: more take minutes
+MOST_BODIES = 200
+ROUNDS = 6  # of the fit; it converges in three or four
+PROBES = 24  # points of a line that must lie in the tube
+EVEN = 0.1  # of the radius: tubes of one thickness differ by less
+
+
+@dataclass(frozen=True)
+class CentreLine:
+    """The centre line (n, 3) of one closed tube, evenly sampled, with its local radii (n,), mm.
+
+    `rms` and `worst` are the residual: how far the surface is from one local radius about the line, in
+    shares of it, over the surface's area and at its worst place `at` (3,).
+    """
+
+    points: Array
+    radii: Array
+    rms: float
+    worst: float
+    at: Array
+
+
+def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
+    """`centre_line`: the mesh is closed tubes and nothing else; and what lines were found, None: none.
+
+    Not required: what is no tube may well be a good part. `measured` is the largest rms residual of
+    the bodies, in radii. Tubes of unlike or of varying thickness have no radius.
+    """
+    name = "centre_line"
+    if not mesh.usable:
+        return skip_check(name, "the mesh has no faces, or coordinates that are not finite"), None
+    if len(mesh.faces) > MOST_FACES:
+        return skip_check(name, f"not looked for in more than {MOST_FACES} faces"), None
+    found = survey(mesh)
+    if len(found.genus) > MOST_BODIES:
+        return skip_check(name, f"not looked for in more than {MOST_BODIES} bodies"), None
+    lines, faults = _find_all(mesh, found)
+    if not lines:
+        at = [line.at for line in faults.values() if isinstance(line, CentreLine)]
+        detail = "no closed tube: " + _word_faults(faults, len(found.genus))
+        shown = tuple((float(x), float(y), float(z)) for x, y, z in at)
+        return Check(name, "fail", False, "no tube", None, "", detail, shown), None
+    radii = np.concatenate([line.radii for line in lines])
+    # sweeps may be twisted, and so pinched, in a few places
+    low, middle, high = (float(v) for v in np.percentile(radii, (5, 50, 95)))
+    even = high - low <= EVEN * middle
+    worst = max(lines, key=lambda line: line.worst)
+    size = f"radius {middle:.3f} mm" if even else f"radii {low:.2f} to {high:.2f} mm"
+    number = "one closed tube" if len(lines) == 1 else f"{len(lines)} closed tubes"
+    detail = f"found from the mesh: {number}, {size}, residual at most {worst.worst:.1%} of it"
+    curves = Curves(
+        tuple(line.points for line in lines),
+        ("unknown",) * len(lines),
+        (True,) * len(lines),
+        middle if even else None,
+    )
+    rms = max(line.rms for line in lines)
+    if faults:
+        detail += "; but " + _word_faults(faults, len(found.genus))
+        return Check(name, "fail", False, rms, LIMIT, "radii", detail), curves
+    return at_most(name, rms, LIMIT, "radii", detail, required=False, at=[worst.at]), curves
+
+
+def find_centre_line(mesh: Mesh) -> CentreLine | None:
+    """The centre line of one body of genus 1; None where no line within it has rings about it.
+
+    Level sets of a harmonic function along the tube are rings about it, and their centroids the
+    first line. Then each stretch is moved to the centre of the circle that fits the surface about it,
+    and the line smoothed, a few times.
+
+    Args:
+        mesh: closed, wound in one way, nowhere pinched; every vertex is used.
+    """
+    corner = mesh.vertices[mesh.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    volume = abs(float(np.einsum("ij,ij->", corner[:, 0] - corner[0, 0], normal))) / 6
+    radius = 2 * volume / float(area.sum())
+    length = float(area.sum()) / (2 * np.pi * radius)
+    count = int(np.clip(np.ceil(length / (STEP * radius)), LEAST_POINTS, MOST_POINTS))
+    for function in circle_functions(mesh):
+        ring, points, weight = _cut_rings(mesh, function, count)
+        line = _centroids(ring, points, weight, count)
+        probes = line[:: max(1, count // PROBES)]
+        if np.abs(winding_numbers(probes, mesh)).mean() > 0.75:
+            break
+    else:
+        return None
+    place = ring.astype(np.float64)
+    for _ in range(ROUNDS):
+        line, place = _space_evenly(_smooth(line, radius), place)
+        line = _recentre(line, points, weight, place)
+    line, place = _space_evenly(_smooth(line, radius), place)
+    far, at = _distances(line, points, place)
+    total = np.bincount(at, weight, count)
+    radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)
+    filled = np.flatnonzero(total)
+    radii = np.interp(np.arange(count), filled, radii[filled], period=count)
+    radii = _smooth(radii[:, None], radius, line)[:, 0]
+    return _measure_residual(mesh, area, function, line, radii, (ring, place))
+
+
+def _find_all(mesh: Mesh, found: Surface) -> tuple[list[CentreLine], dict[int, CentreLine | str]]:
+    """The lines of the bodies that are tubes; of the others, by number, what they are."""
+    lines: list[CentreLine] = []
+    faults: dict[int, CentreLine | str] = {}
+    for number, genus in enumerate(found.genus.tolist()):
+        if found.volumes_mm3[number] < 0 < found.volumes_mm3.max():
+            faults[number] = "turned inwards, a cavity"
+        elif (body := _take_body(mesh, found, number)) is None:
+            faults[number] = "an open surface, one wound both ways, or pinched"
+        elif genus != 1:
+            faults[number] = f"a surface of genus {genus}, and a closed tube's is 1"
+        elif (line := find_centre_line(body)) is None:
+            faults[number] = "a surface of genus 1 without a line within"
+        elif line.rms > LIMIT:
+            faults[number] = line
+        else:
+            lines.append(line)
+    return lines, faults
+
+
+def _take_body(mesh: Mesh, found: Surface, number: int) -> Mesh | None:
+    """One body, sewn where its two ends meet; None where it is no closed surface."""
+    used, index = np.unique(mesh.faces[found.body == number], return_inverse=True)
+    body = Mesh(mesh.vertices[used], index.reshape(-1, 3))
+    if found.manifold or (own := survey(body)).manifold:
+        return body
+    sewn = None if own.crowded_edges.size or own.flipped_edges.size else sew_rims(body)
+    return sewn if sewn is not None and survey(sewn).manifold else None
+
+
+def _word_faults(faults: dict[int, CentreLine | str], bodies: int) -> str:
+    number, fault = next(iter(faults.items()))
+    if isinstance(fault, CentreLine):
+        words = f"off one radius about the best line by {fault.rms:.0%} of it (rms)"
+    else:
+        words = fault
+    which = "it is" if bodies == 1 else f"body {number} is"
+    more = f", and {len(faults) - 1} more are none" if len(faults) > 1 else ""
+    return f"{which} {words}{more}"
+
+
+def _cut_rings(mesh: Mesh, function: CircleFunction, count: int) -> tuple[Ints, Array, Array]:
+    """Where `count` even levels of a function cut the faces: rings' numbers, points (k, 3), lengths (k,).
+
+    Each piece of a ring is three points, by Simpson's rule.
+    """
+    first = count * function.phase[mesh.faces[:, 0]]
+    value = np.stack([first, *(first + count * function.rise.T)], axis=1)
+    order = np.argsort(value, axis=1)
+    value = np.take_along_axis(value, order, axis=1)
+    corner = mesh.vertices[np.take_along_axis(mesh.faces, order, axis=1)]
+    least = np.floor(value[:, 0]).astype(np.int64) + 1
+    times = np.floor(value[:, 2]).astype(np.int64) + 1 - least
+    face = np.repeat(np.arange(len(times)), times)
+    level = np.arange(len(face)) - np.repeat(np.cumsum(times) - times, times) + least[face]
+    (low, mid, high), (a, b, c) = value[face].T, corner[face].transpose(1, 0, 2)
+
+    def between(p: Array, q: Array, begin: Array, end: Array) -> Array:
+        share = (level - begin) / np.maximum(end - begin, 1e-300)
+        return np.asarray(p + np.clip(share, 0.0, 1.0)[:, None] * (q - p))
+
+    one = between(a, c, low, high)
+    other = np.where((level < mid)[:, None], between(a, b, low, mid), between(b, c, mid, high))
+    length = np.linalg.norm(other - one, axis=1)
+    points = np.concatenate([one, 0.5 * (one + other), other])
+    weight = np.concatenate([length / 6, length * 4 / 6, length / 6])
+    return np.tile(level % count, 3), points, weight
+
+
+def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
+    total = np.maximum(np.bincount(ring, weight, count), 1e-300)
+    return np.stack([np.bincount(ring, weight * x, count) / total for x in points.T], axis=1)
+
+
+def _smooth(values: Array, radius: float, line: Array | None = None) -> Array:
+    """Values (n, k) of an even closed line (by default its points) without waves of a few radii.
+
+    Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w
+    keeps 1 / (1 + (`SHORTEST` radii / w)^6) of itself.
+    """
+    points = values if line is None else line
+    step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean()
+    count = len(values)
+    wave = np.sin(np.pi * np.fft.rfftfreq(count))
+    cut = np.sin(np.pi * min(0.5, step / (SHORTEST * radius)))
+    spectrum = np.fft.rfft(values, axis=0) / (1 + (wave / cut) ** 6)[:, None]
+    return np.asarray(np.fft.irfft(spectrum, count, axis=0))
+
+
+def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
+    """A closed line sampled evenly by a periodic cubic spline, and places along it in its new numbers."""
+    from scipy.interpolate import CubicSpline
+
+    count = len(line)
+    closed = np.concatenate([line, line[:1]])
+    steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-12 * steps.mean()))])
+    even = CubicSpline(arc, closed, bc_type="periodic")(np.arange(count) * (arc[-1] / count))
+    moved = np.interp(place % count, np.arange(count + 1), arc) * (count / arc[-1])
+    return np.asarray(even), moved
+
+
+def _frames(line: Array) -> tuple[Array, Array, Array, float]:
+    """Unit tangents and two unit normals (n, 3) at the points of an even closed line, and its step."""
+    along = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+    length = np.linalg.norm(along, axis=1)
+    tangent = along / np.maximum(length, 1e-300)[:, None]
+    normal = np.cross(tangent, np.eye(3)[np.abs(tangent).argmin(axis=1)])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return tangent, normal, np.cross(tangent, normal), float(length.mean()) / 2
+
+
+def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
+    """Points from the line's point next to their feet: its number (k,), two coordinates across (k, 2).
+
+    `place` (k,) is about where along the line the feet are; it is made right.
+    """
+    count = len(line)
+    tangent, normal, other, step = _frames(line)
+    for _ in range(3):
+        at = np.round(place).astype(np.int64) % count
+        gap = points - line[at]
+        ahead = np.einsum("ij,ij->i", gap, tangent[at]) / step
+        place += np.clip(np.round(place) + ahead - place, -2.0, 2.0)
+    at = np.round(place).astype(np.int64) % count
+    gap = points - line[at]
+    across = [np.einsum("ij,ij->i", gap, side[at]) for side in (normal, other)]
+    return at, np.stack(across, axis=1)
+
+
+def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
+    """The line with each point moved to the centre of the circle about it, by linear least squares.
+
+    |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans.
+    Instrum. Meas. 25, 1976). `place` is brought up to date.
+    """
+    count = len(line)
+    at, across = _project(line, points, place)
+    square = np.einsum("ij,ij->i", across, across)
+    rows = np.stack([2 * across[:, 0], 2 * across[:, 1], np.ones(len(at))], axis=1)
+    left, right = np.empty((count, 3, 3)), np.empty((count, 3))
+    for i in range(3):
+        right[:, i] = np.bincount(at, weight * rows[:, i] * square, count)
+        for j in range(3):
+            left[:, i, j] = np.bincount(at, weight * rows[:, i] * rows[:, j], count)
+    # a stretch with few points keeps its place
+    total, size = left[:, 2, 2] + 1e-300, float(weight @ square / weight.sum())
+    left += 1e-6 * total[:, None, None] * np.diag([size, size, 1.0])
+    empty = left[:, 2, 2] <= 1e-290
+    left[empty], right[empty] = np.eye(3), 0.0
+    centre = np.linalg.solve(left, right[:, :, None])[:, :2, 0]
+    reach = np.sqrt(size) / np.maximum(np.linalg.norm(centre, axis=1), 1e-300)
+    centre *= np.minimum(1.0, 0.5 * reach)[:, None]
+    _, normal, other, _ = _frames(line)
+    return line + centre[:, :1] * normal + centre[:, 1:] * other
+
+
+def _distances(line: Array, points: Array, place: Array) -> tuple[Array, Ints]:
+    """Distance (k,) of points from the line near `place`, and the number of the nearest of its points."""
+    at, across = _project(line, points, place)
+    return np.linalg.norm(across, axis=1), at
+
+
+def _measure_residual(
+    mesh: Mesh,
+    area: Array,
+    function: CircleFunction,
+    line: Array,
+    radii: Array,
+    rings: tuple[Ints, Array],
+) -> CentreLine:
+    """How far the surface is from the tube about a line: corners and centres of faces, by area.
+
+    A quarter of an integral over a triangle is the corners' mean and the rest its centre's, exactly for
+    squares. `rings` are levels of the function, and where along the line they have come to lie.
+    """
+    count = len(line)
+    level, place = rings
+    # the mean way along the line of each level, unrolled from the first
+    angle = np.exp(2j * np.pi * place / count)
+    mean = np.bincount(level, angle.real, count) + 1j * np.bincount(level, angle.imag, count)
+    turned = np.unwrap(np.angle(mean)) * count / (2 * np.pi)
+    way = np.append(turned, turned[0] + count * np.sign(turned[-1] - turned[0]))
+    corner = mesh.vertices[mesh.faces]
+    middle = function.phase[mesh.faces[:, 0]] + function.rise.sum(axis=1) / 3
+    where = np.concatenate([function.phase, middle % 1.0]) * count
+    points = np.concatenate([mesh.vertices, corner.mean(axis=1)])
+    far, at = _distances(line, points, np.interp(where, np.arange(count + 1), way))
+    off = np.abs(far / radii[at] - 1)
+    corners = off[: len(mesh.vertices)][mesh.faces] ** 2
+    square = corners.mean(axis=1) / 4 + 0.75 * off[len(mesh.vertices) :] ** 2
+    worst = int(off.argmax())
+    return CentreLine(
+        line, radii, float(np.sqrt(area @ square / area.sum())), float(off[worst]), points[worst]
+    )
