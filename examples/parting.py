@@ -12,7 +12,13 @@ from knotfab.effects.sag import SAG
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Placing, Printer, ResolvedView
 
-__all__ = ["bounds_and_truths", "cast", "directions", "shift_bound_and_truth"]
+__all__ = [
+    "bounds_and_truths",
+    "cast",
+    "directions",
+    "random_scene",
+    "shift_bound_and_truth",
+]
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,9 @@ from knotfab.scene.model import ResolvedView
 
 __all__ = ["CONTRAST", "Contrast", "contrast_of"]
 
-_PLACES = 9  # across and up, of the frame, where the lamp's light is looked at
-_FEET = 40  # points of the wall behind strands, where their own light is
+_PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
+_VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
+_FEET = 200  # points of the wall behind strands, where their own light is
 _CHORDS = 200  # across a strand
 
 
@@ -109,9 +110,9 @@ def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) 
 
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
-    camera = camera_of(view, _PLACES, _PLACES)
-    ends = np.linspace(-0.5, _PLACES - 0.5, _PLACES)
-    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(ends, ends))
+    camera = camera_of(view, *_PLACES)
+    ends = (np.linspace(-0.5, n - 0.5, n) for n in _PLACES)
+    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*ends))
     at, normal = camera.corner + u * camera.du + v * camera.dv, camera.receiver[:3]
     wall = CurvedWall.of(view)
     if wall is not None:
@@ -121,7 +122,10 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     light = -(ray * normal).sum(axis=1) / far**3
     if flat:
         light = light * -(ray @ view_axes(view)[2]) / far
-    return float(light.min() / light.max()), float(light[len(light) // 2])
+    # it is largest on the middle line, between two places
+    step = 0.5 * view.frame_height_mm / (_PLACES[1] - 1)
+    largest = light.max() * (1 + _VARIES * (step / far.min()) ** 2)
+    return float(light.min() / largest), float(light[len(light) // 2])
 
 
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
