@@ -19,6 +19,7 @@ from PIL import Image
 
 if TYPE_CHECKING:
     from knotfab.design.question import Question
+    from knotfab.scene.model import Scene
 
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
 _POLL_S = 0.1
@@ -70,19 +71,19 @@ def save_pictures(
     return files
 
 
-def read_question(picture: str | Path | Image.Image) -> Question:
-    """What a search is asked for one picture in the default scene."""
+def read_question(picture: str | Path | Image.Image, scene: Scene | None = None) -> Question:
+    """What a search is asked for one picture in a scene, the default one if none is given."""
     # torch takes seconds to load, and what only runs other commands has no use for it
     from knotfab.design.question import ask
     from knotfab.scene.model import Scene
     from knotfab.target.read import read_target
 
     if not isinstance(picture, Image.Image):
-        return ask(Scene(), [read_target(picture)])
+        return ask(scene or Scene(), [read_target(picture)])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
         picture.save(path)
-        return ask(Scene(), [read_target(path)])
+        return ask(scene or Scene(), [read_target(path)])
 
 
 @dataclass(frozen=True)

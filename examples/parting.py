@@ -12,18 +12,30 @@ from knotfab.effects.sag import SAG
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Placing, Printer, ResolvedView
 
-__all__ = ["bounds_and_truths", "cast", "directions", "shift_bound_and_truth"]
+__all__ = [
+    "bounds_and_truths",
+    "cast",
+    "directions",
+    "random_scene",
+    "shift_bound_and_truth",
+]
 
 Array = NDArray[np.float64]
 
 
-def bounds_and_truths(rng: np.random.Generator, ways: int = 150) -> tuple[Array, Array]:
-    """(2,) bounds and (2,) truths, mm: of lamp and piece, before a wall tilted by up to 30 degrees.
+def bounds_and_truths(
+    rng: np.random.Generator, ways: int = 150, *, turns: bool = True
+) -> tuple[Array, Array]:
+    """(3,) bounds and (3,) truths, mm: of lamp, piece and wall, the wall tilted by up to 30 degrees.
+
+    `turns`: whether the piece stands free; one that does not hangs on the wall, and leans with it.
 
     Moved by the whole amount in `ways` directions; all round the tube about random points.
     """
     view, points, radius, camera = random_scene(rng)
-    placing = Placing(lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3))
+    placing = Placing(
+        lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3), tilt_deg=rng.uniform(0.2, 3)
+    )
     all_round = directions(ways)
     surface = (points[:, None] + radius * directions(15)).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -38,7 +50,23 @@ def bounds_and_truths(rng: np.random.Generator, ways: int = 150) -> tuple[Array,
         )
         for way in all_round
     )
-    return np.array(parting_mm(view, points, radius, placing)), np.array([lamp, turn])
+    lean, steady = np.radians(placing.tilt_deg), camera.corner
+    normal = camera.receiver[:3]
+    about = [way - (way @ normal) * normal for way in all_round]
+    turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
+    tilt = max(parted(was, _leaning(surface, camera, steady, by, turns)) for by in turned)
+    bounds = parting_mm(view, points, radius, World(placing=placing, turns=turns))
+    return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
+
+
+def _leaning(surface: Array, camera: Camera, steady: Array, by: Array, turns: bool) -> Array:
+    """(n, 2) shadows on the wall turned about a place, and the piece with it unless it `turns` freely."""
+
+    def turn(points: Array) -> Array:
+        return np.asarray(steady + (points - steady) @ by.T)
+
+    leaning = Camera(camera.eye, turn(camera.corner), by @ camera.du, by @ camera.dv, 1, 1)
+    return cast(surface if turns else turn(surface), camera.eye, leaning)
 
 
 def random_scene(rng: np.random.Generator) -> tuple[ResolvedView, Array, float, Camera]:

@@ -39,8 +39,10 @@ from knotfab.report.of_effects import (
     add_contrast,
     add_sag,
     add_warnings,
+    count_flattened,
     judge_made,
     tell_contrast,
+    tell_walls,
 )
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.of_time import add_next_step
@@ -194,7 +196,8 @@ def report_piece(
     with progress.stage("report"):
         lies = piece.scene.pose
         up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
-        judge_made(made, part.mounted.moves, up)
+        judge_made(made, piece.scene, part.mounted.moves, up)
+        count_flattened(made.result.effects, piece.targets)
         add_contrast(verdict["views"], made)
         add_sag(verdict["views"], made, part.mounted.moves, [t.asked for t in piece.targets])
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
@@ -206,6 +209,7 @@ def report_piece(
         add_warnings(report, made.result.effects)
         add_advice(report, made)
         tell_contrast(report)
+        tell_walls(report)
         add_bounds(report, made)
         add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)
     return report

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.design.frames import size_frames, size_longer, spread_views, widen_targets
+from knotfab.design.frames import (
+    frame_view,
+    framed_alike,
+    size_frames,
+    size_longer,
+    spread_views,
+    widen_targets,
+)
+from knotfab.design.walls import flatten_targets
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.progress import Progress
@@ -15,7 +23,7 @@ from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
-from knotfab.scene.require import require_several, require_start, require_tube
+from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.require import require_sequence
@@ -121,6 +129,7 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
         require_several(scene)
     require_tube(resolve(scene))
     require_start(scene)
+    require_walls(scene)
     with progress.stage("picture"):
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
@@ -132,6 +141,10 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
         scene = size_frames(scene, targets)
     widened, targets = widen_targets(resolve(scene), targets, options.sequence)
     scene = scene.model_copy(update={"views": widened.views})
+    if any(view.wall_radius_mm != "flat" for view in scene.views):
+        scene = framed_alike(scene, targets) if len(targets) > 1 else scene
+        framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+        targets = flatten_targets(scene, framed, targets)
     return _Call(scene, sources, base, targets)
 
 

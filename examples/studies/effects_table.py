@@ -12,12 +12,14 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from examples.lighting import bounce_and_truth, uneven_and_truth, wall_and_truth
 from examples.measurement import build_apart
 from examples.parting import bounds_and_truths, shift_bound_and_truth
 from knotfab.effects.base import VERIFIED_PX, EffectContext
@@ -42,6 +44,7 @@ KNIGHT = Path(__file__).resolve().parents[1] / "knight.png"
 UP = np.array([0.0, 1.0, 0.0])  # a printer's z, in the scene
 _RIM = 60  # points along the edge of a lamp; of an array fewer a LED
 _WORST = 6  # strand points of a scene that are looked at all round
+_ROUNDING = 1e-9  # of what is exact
 _ROUND = 60  # points of the tube's surface about each
 
 
@@ -128,7 +131,7 @@ def print_bounds(scenes: int) -> None:
 
     def tell(kind: str, ratio: Array) -> None:
         print(
-            f"{kind:<22}  {scenes:>6}  {(ratio < 1).sum():>10}  {np.median(ratio):>12.4f}  "
+            f"{kind:<22}  {scenes:>6}  {(ratio < 1 - _ROUNDING).sum():>10}  {np.median(ratio):>12.4f}  "
             f"{ratio.max():>7.4f}",
             flush=True,
         )
@@ -138,13 +141,22 @@ def print_bounds(scenes: int) -> None:
         pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
         tell(f"penumbra, {kind}", pairs[:, 0] / pairs[:, 1])
     rng = np.random.default_rng(0)
-    parted = np.array([np.divide(*bounds_and_truths(rng)) for _ in range(scenes)])
-    for what, ratio in zip(("lamp", "turn"), parted.T, strict=True):
-        tell(f"misplacement, {what}", ratio)
-    for effect in ("sag", "layers"):
+    pairs = np.array([bounds_and_truths(rng) for _ in range(scenes)])
+    for n, what in enumerate(("lamp", "turn", "tilt")):
+        tell(f"misplacement, {what}", pairs[:, 0, n] / pairs[:, 1, n])
+    rng = np.random.default_rng(1)
+    pairs = np.array([bounds_and_truths(rng, turns=False) for _ in range(scenes)])
+    tell("misplacement, hung", pairs[:, 0, 2] / pairs[:, 1, 2])
+    others: dict[str, Callable[[np.random.Generator], tuple[float, float]]] = {
+        "wall": wall_and_truth,
+        "contrast, fall-off": uneven_and_truth,
+        "contrast, bounce": bounce_and_truth,
+        "sag": lambda rng: shift_bound_and_truth(rng, "sag"),
+        "layers": lambda rng: shift_bound_and_truth(rng, "layers"),
+    }
+    for what, measure in others.items():
         rng = np.random.default_rng(0)
-        shifts = [np.divide(*shift_bound_and_truth(rng, effect)) for _ in range(scenes)]
-        tell(effect, np.array(shifts))
+        tell(what, np.array([np.divide(*measure(rng)) for _ in range(scenes)]))
 
 
 def print_deciding() -> None:

@@ -15,13 +15,14 @@ from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
+from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.errors import InputError
 from knotfab.problem import Problem, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene, View
+from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
 from knotfab.start.filling import template_iou
@@ -100,6 +101,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         require_several(scene)
         scene = framed_alike(scene, targets)
     scene, views = resolve(scene), _frame_views(scene, targets)
+    targets = flatten_targets(scene, views, targets)
     seen = [
         TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t))
         for v, t in zip(views, targets, strict=True)
@@ -224,9 +226,9 @@ def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> Multi
     return silhouette_polygon(view, replace(target, mask=left)) if left.any() else MultiPolygon()
 
 
-def _reach(views: Sequence[View]) -> float:
+def _reach(views: Sequence[ResolvedView]) -> float:
     """How far from the middle matter may stand: clear of every wall and light, mm."""
     return min(
-        min(0.97 * v.wall_distance_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
+        min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
         for v in views
     )

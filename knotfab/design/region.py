@@ -49,7 +49,7 @@ def resolve_region(
         (view,) = views
         known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
         x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
-        z = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
+        z = 2.0 * min(0.9 * view.clear_mm, 0.25 * view.light_distance_mm)
         widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
         around = {"cylinder": widest, "sphere": widest}
     size = {

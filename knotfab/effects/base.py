@@ -21,26 +21,35 @@ VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which magni
 
 @dataclass(frozen=True)
 class World:
-    """What a scene says of people, room and matter."""
+    """What a scene says of people, room and matter.
+
+    `turns`: whether the piece can turn against its wall: not one that is mounted on it.
+    """
 
     placing: Placing = field(default_factory=Placing)
     room: Room = field(default_factory=Room)
     material: Material = field(default_factory=Material)
     printer: Printer = field(default_factory=Printer)
+    turns: bool = True
 
     @staticmethod
     def of(scene: Scene) -> World:
         """The world of a scene."""
-        return World(scene.placing, scene.room, scene.material, scene.printer)
+        turns = scene.mount.kind != "wall"
+        return World(scene.placing, scene.room, scene.material, scene.printer, turns)
 
 
 @dataclass(frozen=True)
 class OnWall:
-    """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`."""
+    """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`.
+
+    `middle` (3,): of the frame, in the same.
+    """
 
     axes: Array
     foot: Array  # of the wall's axes, in the scene
     lamp: Array
+    middle: Array
 
     @staticmethod
     def of(view: ResolvedView) -> OnWall:
@@ -49,11 +58,17 @@ class OnWall:
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         foot = -camera.receiver[3] * camera.receiver[:3]
-        return OnWall(axes, foot, axes @ (camera.eye - foot))
+        return OnWall(axes, foot, axes @ (camera.eye - foot), axes @ (camera.corner - foot))
 
     def place(self, points: Array) -> Array:
         """(3, n) points (n, 3) of the scene in the wall's axes."""
         return np.asarray(self.axes @ (points - self.foot).T)
+
+    def cast(self, places: Array, lamp: Array | None = None) -> Array:
+        """(2, n) shadows on the wall of (3, n) in its axes, of its own lamp or one at (3,) in the same."""
+        lamp = self.lamp if lamp is None else lamp
+        slopes = (places[:2] - lamp[:2, None]) / (lamp[2] - places[2])
+        return np.asarray(lamp[:2, None] + lamp[2] * slopes)
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.base import Effect, EffectContext, World
+from knotfab.effects.base import Effect, EffectContext, OnWall, World
 from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["CONTRAST", "Contrast", "contrast_of"]
 
-_PLACES = 9  # across and up, of the frame, where the lamp's light is looked at
-_FEET = 40  # points of the wall behind strands, where their own light is
+_PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
+_VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
+_FEET = 200  # points of the wall behind strands, where their own light is
 _CHORDS = 200  # across a strand
 
 
@@ -108,23 +110,29 @@ def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) 
 
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
-    camera = camera_of(view, _PLACES, _PLACES)
-    ends = np.linspace(-0.5, _PLACES - 0.5, _PLACES)
-    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(ends, ends))
-    ray = camera.corner + u * camera.du + v * camera.dv - camera.eye
+    camera = camera_of(view, *_PLACES)
+    ends = (np.linspace(-0.5, n - 0.5, n) for n in _PLACES)
+    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*ends))
+    at, normal = camera.corner + u * camera.du + v * camera.dv, camera.receiver[:3]
+    wall = CurvedWall.of(view)
+    if wall is not None:
+        at, normal = wall.stand((at - wall.foot) @ wall.axes[:2].T)
+    ray = at - camera.eye
     far = np.linalg.norm(ray, axis=1)
-    light = -(ray @ camera.receiver[:3]) / far**3
+    light = -(ray * normal).sum(axis=1) / far**3
     if flat:
         light = light * -(ray @ view_axes(view)[2]) / far
-    return float(light.min() / light.max()), float(light[len(light) // 2])
+    # it is largest on the middle line, between two places
+    step = 0.5 * view.frame_height_mm / (_PLACES[1] - 1)
+    largest = light.max() * (1 + _VARIES * (step / far.min()) ** 2)
+    return float(light.min() / largest), float(light[len(light) // 2])
 
 
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
     """How far from the shadow of the scene's origin a second lamp throws it, mm."""
-    camera = camera_of(view, 1, 1)
-    normal, before = camera.receiver[:3], camera.receiver[3]
-    spots = [-lamp * before / (lamp @ normal) for lamp in (camera.eye, second)]
-    return float(np.linalg.norm(spots[0] - spots[1]))
+    wall = OnWall.of(view)
+    origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[:, 0]
+    return float(np.linalg.norm(wall.cast(origin, lamp) - wall.cast(origin)))
 
 
 def _through(transmittance: float, radius: float) -> float:
@@ -137,14 +145,13 @@ def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> 
     """What strands throw back of the wall's light onto their own shadow, at most."""
     if len(points) < 2:
         return 0.0
-    camera = camera_of(view, 1, 1)
-    normal, offset = camera.receiver[:3], camera.receiver[3]
-    height, lamp = points @ normal + offset, float(camera.eye @ normal + offset)
-    spots = camera.eye + (points - camera.eye) * (lamp / (lamp - height))[:, None]
-    long = np.minimum(np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1), 4 * radius)
-    feet = spots[:: max(1, len(spots) // _FEET)]
-    away = np.linalg.norm(points - feet[:, None], axis=2)
-    filled = (2 * radius * long * np.maximum(height, 0) / (np.pi * away**3)).sum(axis=1)
+    wall = OnWall.of(view)
+    places = wall.place(points)
+    long = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
+    long = np.minimum(long, 4 * radius)  # a knot's last point is followed by another knot's first
+    feet = wall.cast(places)[:, :: max(1, len(points) // _FEET)]
+    square = ((places[:2] - feet.T[:, :, None]) ** 2).sum(axis=1) + places[2] ** 2
+    filled = (2 * radius * long * np.maximum(places[2], 0) / (np.pi * square**1.5)).sum(axis=1)
     own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
     light = float(linear @ [0.2126, 0.7152, 0.0722])

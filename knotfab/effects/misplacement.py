@@ -1,16 +1,17 @@
-"""Misplacement: lamp, eye or piece are not quite where the scene says, as people place them."""
+"""Misplacement: lamp, eye, piece or wall are not quite where the scene says, as people place them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall
-from knotfab.scene.model import Placing, ResolvedView
+from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall, World
+from knotfab.scene.model import ResolvedView
 
-__all__ = ["MISPLACEMENT", "parting_mm"]
+__all__ = ["MISPLACEMENT", "Parting", "parting_mm"]
 
 _WORST = 0.7  # of the largest: points whose surroundings are looked at
 
@@ -18,7 +19,7 @@ _WORST = 0.7  # of the largest: points whose surroundings are looked at
 def magnitude(context: EffectContext) -> float:
     """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
     return max(
-        max(parting_mm(view, context.points, context.radius, context.world.placing))
+        max(parting_mm(view, context.points, context.radius, context.world))
         / (view.longer_mm / VERIFIED_PX)
         for view in context.views
     )
@@ -33,62 +34,82 @@ class _Field:
 
         -h / (H - h + e_n) (e_t + e_n w),
 
-    the point off by u by H / (H - h) (u_t + u_n w): similar triangles. `shadows` (2, n); `moves` (6, 2, n):
-    by 1 mm of the lamp along each axis, and 1 radian of the piece about each axis through its `middle`.
+    the point off by u by H / (H - h) (u_t + u_n w): similar triangles. A wall that is tilted so that it rises
+    by g s at s moves it by -g s (s - l) / H; with a piece that hangs on it, as the lamp turned the other way.
+    `shadows` (2, n); `moves` (8, 2, n): by 1 mm of the lamp along each axis, 1 radian of the piece about
+    each axis through its middle, and 1 radian of the wall about lines through the frame's.
     """
 
     shadows: Array
     moves: Array
 
     @staticmethod
-    def of(points: Array, lamp: Array, middle: Array) -> _Field:
-        """Of points (3, n) in the wall's axes."""
+    def of(points: Array, wall: OnWall, middle: Array, turns: bool) -> _Field:
+        """Of points (3, n) in the wall's axes, of a piece about `middle` that `turns` or hangs there."""
+        lamp = wall.lamp
         h, high = points[2], lamp[2]
         along, up = (points[:2] - lamp[:2, None]) / (high - h)
+        shadows = lamp[:2, None] + high * np.stack([along, up])
         x, y, z = points - middle[:, None]
-        moves = np.zeros((6, 2, points.shape[1]))
+        moves = np.zeros((8, 2, points.shape[1]))
         moves[0, 0] = moves[1, 1] = back = -h / (high - h)
         moves[2] = back * along, back * up
         # axis times place along the plane, and along the normal times w
         moves[3] = y * along, y * up - z
         moves[4] = z - x * along, -x * up
         moves[5] = -y, x
-        moves[3:] *= high / (high - h)
-        return _Field(lamp[:2, None] + high * np.stack([along, up]), moves)
+        moves[3:6] *= high / (high - h)
+        if turns:
+            rises = (shadows - wall.middle[:2, None])[::-1]
+            moves[6], moves[7] = (-rise * np.stack([along, up]) for rise in rises)
+        else:
+            away = lamp - wall.middle
+            moves[6] = high * moves[1] - away[1] * moves[2]
+            moves[7] = high * moves[0] - away[0] * moves[2]
+        return _Field(shadows, moves)
 
 
-def parting_mm(
-    view: ResolvedView, points: Array, radius: float, placing: Placing
-) -> tuple[float, float]:
-    """Bounds, mm on the wall, of how far shadows part from their best likeness: by the lamp, by a turn.
+class Parting(NamedTuple):
+    """Bounds, mm on the wall, of how far shadows part from their best likeness, by what is off."""
 
-    The lamp (or eye) is off by `placing.lamp_mm` in any direction, the piece turned by `placing.turn_deg`
-    about any axis through its middle. What a shift, a scale and a turn of the whole shadow take away, fitted
-    by least squares, nobody sees; what is left is a linear function of the misplacement at each point, a
-    2 x 3 matrix, whose largest singular value is the worst direction's. At a lamp before a flat wall that is
-    about half of lamp_mm times the spread of (W + z) / (L - z), and of a turn turn_deg |z| M and a keystone.
-    Within `radius` of points (N, 3) it grows by at most its slope; what finite moves add to the first order
-    is added too.
+    lamp: float
+    turn: float  # of the piece
+    tilt: float  # of the wall
+
+
+def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -> Parting:
+    """How far shadows of what is within `radius` of points (N, 3) part by what is off (`world.placing`).
+
+    The lamp (or eye) is off by `lamp_mm` in any direction, the piece turned by `turn_deg` about any axis
+    through its middle, the wall tilted by `tilt_deg` about any line on it. What a shift, a scale and a turn
+    of the whole shadow take away, fitted by least squares, nobody sees; what is left is a linear function of
+    the misplacement at each point, a 2 x 3 (or 2 x 2) matrix, whose largest singular value is the worst
+    direction's. At a lamp before a flat wall that is about half of lamp_mm times the spread of
+    (W + z) / (L - z), and of a turn turn_deg |z| M and a keystone. Within `radius` it grows by at most its
+    slope; what finite moves add to the first order is added too.
     """
     if len(points) == 0:
-        return 0.0, 0.0
-    wall = OnWall.of(view)
+        return Parting(0.0, 0.0, 0.0)
+    wall, placing = OnWall.of(view), world.placing
     lamp, local = wall.lamp, wall.place(points)
     clear = float(lamp[2] - local[2].max() - radius)
     middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
     far = float(np.linalg.norm(local - middle[:, None], axis=0).max()) + radius
-    off, angle = placing.lamp_mm, float(np.radians(placing.turn_deg))
-    if clear <= max(off, angle * far):
-        return np.inf, np.inf  # it may be moved into the lamp
-    field = _Field.of(local, lamp, middle)
+    off = placing.lamp_mm
+    angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
+    lean = float(np.tan(np.radians(placing.tilt_deg)))
+    aside = 0.0 if world.turns else lean * float(np.linalg.norm(lamp - wall.middle))  # the lamp's
+    if clear <= max(off, angle * far, aside):
+        return Parting(np.inf, np.inf, np.inf)  # it may be moved into the lamp
+    field = _Field.of(local, wall, middle, world.turns)
     centre, shift = field.shadows.mean(axis=1), field.moves.mean(axis=2)[:, :, None]
     spread = field.shadows - centre[:, None]
     size = max(float((spread**2).sum()), 1e-12)
-    scale = (field.moves.reshape(6, -1) @ spread.ravel()) / size
-    turn = (field.moves.reshape(6, -1) @ _aside(spread).ravel()) / size
+    scale = (field.moves.reshape(8, -1) @ spread.ravel()) / size
+    turn = (field.moves.reshape(8, -1) @ _aside(spread).ravel()) / size
 
     def left(field: _Field, of: slice) -> Array:
-        """(3, 2, n) what the best likeness does not take away."""
+        """(3 or 2, 2, n) what the best likeness does not take away."""
         s = field.shadows - centre[:, None]
         likeness = scale[of, None, None] * s + turn[of, None, None] * _aside(s)
         return np.asarray(field.moves[of] - shift[of] - likeness)
@@ -99,7 +120,7 @@ def parting_mm(
         some = size >= _WORST * size.max()  # the slope of others does not make them the worst
         near, here = local[:, some], here[:, :, some]
         slopes = [
-            left(_Field.of(near + step[:, None], lamp, middle), of) - here
+            left(_Field.of(near + step[:, None], wall, middle, world.turns), of) - here
             for step in radius * np.eye(3)
         ]
         steep = np.sqrt(sum(_largest(d) ** 2 for d in slopes))
@@ -107,9 +128,23 @@ def parting_mm(
 
     grown = float(lamp[2]) / clear
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
-    return (
-        off * largest(slice(0, 3)) * (1 + off / (clear - off)) ** 2,
+    by_lamp = largest(slice(0, 3))
+    tilted = 0.0
+    if lean > 0 and world.turns:
+        steepest = float(np.linalg.norm(local[:2] - lamp[:2, None], axis=0).max() + radius) / clear
+        reach = float(np.linalg.norm(field.shadows - wall.middle[:2, None], axis=0).max())
+        reach += grown * radius * (1 + steepest)
+        if lean * steepest >= 1:
+            return Parting(np.inf, np.inf, np.inf)  # the wall may be turned into a ray
+        further = steepest**2 / (1 - lean * steepest) + 0.5  # along the rays, and along the wall
+        tilted = lean * largest(slice(6, 8)) + lean**2 * reach * further
+    elif lean > 0:
+        bent = 0.5 * lean * aside * by_lamp  # the lamp goes round, not straight
+        tilted = (lean * largest(slice(6, 8)) + bent) * (1 + aside / (clear - aside)) ** 2
+    return Parting(
+        off * by_lamp * (1 + off / (clear - off)) ** 2,
         angle * largest(slice(3, 6)) + second,
+        tilted,
     )
 
 
@@ -119,7 +154,7 @@ def _aside(vectors: Array) -> Array:
 
 
 def _largest(matrices: Array) -> Array:
-    """(n,) the largest singular value of each of (3, 2, n)."""
+    """(n,) the largest singular value of each of (k, 2, n)."""
     a, b = matrices[:, 0], matrices[:, 1]
     aa, bb, ab = (a * a).sum(0), (b * b).sum(0), (a * b).sum(0)
     return np.asarray(np.sqrt(0.5 * (aa + bb + np.hypot(aa - bb, 2 * ab))))
@@ -130,5 +165,5 @@ MISPLACEMENT = Effect(
     "px",
     magnitude,
     4.0,  # of parts against each other: the eye forgives more than a blur of that width
-    "strands part where lamp or piece are placed as people place them",
+    "strands part where lamp, piece or wall are placed as people place them",
 )

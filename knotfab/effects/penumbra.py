@@ -13,6 +13,7 @@ from shapely import MultiPolygon
 from knotfab.arrays import Array
 from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext
 from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
@@ -52,14 +53,16 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
     its image leads from one of these to another, and at both ends the longer part of a ball's ellipse,
     1 + tan(t) tan(a) of its half, is added. Each is largest in the direction of its slope, which is steepest
     where it is large: of all points but the largest few the bound is that of the middle alone. What that
-    leaves out is of second order in radius / (H - h), and added.
+    leaves out is of second order in radius / (H - h), and added. A round wall is taken for the plane that
+    touches it where a point's shadow falls.
     """
     if view.kind == "eye" or view.light_size_mm == 0 or len(points) == 0:
         return np.zeros(len(points))
     camera = camera_of(view, 1, 1)  # where light and wall are: its pixels do not matter
-    plane, lamps = camera.receiver, _lamps_of(view, camera.eye)
+    wall, lamps = CurvedWall.of(view), _lamps_of(view, camera.eye)
+    planes = np.tile(camera.receiver, (len(points), 1)) if wall is None else wall.touching(points)
 
-    def blur(points: Array) -> Array:
+    def blur(points: Array, plane: Array) -> Array:
         """(pairs of lamps, N)"""
         thrown = [_throw(points, plane, lamp, size) for lamp, size in lamps]
         if len(thrown) == 1:
@@ -72,13 +75,15 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
             ]
         )
 
-    below = camera.eye @ plane[:3] - points @ plane[:3]
-    here, step = blur(points), 1e-6 * view.light_distance_mm
+    below = ((camera.eye - points) * planes[:, :3]).sum(axis=1)
+    here, step = blur(points, planes), 1e-6 * view.light_distance_mm
     found, few = here.max(axis=0), np.argsort(here.max(axis=0))[-_MOST:]
-    near, here = points[few], here[:, few]
-    slope = np.stack([blur(near + step * way) - here for way in np.eye(3)], axis=-1)
+    near, touched, here = points[few], planes[few], here[:, few]
+    slope = np.stack([blur(near + step * way, touched) - here for way in np.eye(3)], axis=-1)
     slope /= np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
-    found[few] = np.max([blur(near + radius * way)[n] for n, way in enumerate(slope)], axis=0)
+    found[few] = np.max(
+        [blur(near + radius * way, touched)[n] for n, way in enumerate(slope)], axis=0
+    )
     return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
 
 
@@ -93,8 +98,11 @@ def _lamps_of(view: ResolvedView, middle: Array) -> list[tuple[Array, float]]:
 
 
 def _throw(points: Array, plane: Array, lamp: Array, size: float) -> tuple[Array, Array, Array]:
-    """Where a ball's middle casts points (N, 3), half the axis of what it blurs them to, and how it leans."""
-    height, above = points @ plane[:3] + plane[3], float(lamp @ plane[:3] + plane[3])
+    """Where a ball's middle casts points (N, 3) on planes (N, 4), half the axis of what it blurs them to,
+    and how it leans.
+    """
+    height = (points * plane[:, :3]).sum(axis=1) + plane[:, 3]
+    above = plane[:, :3] @ lamp + plane[:, 3]
     # the lamp's own ball reaches no strand
     below = np.maximum(above - height, max(0.5005 * size, 1e-9))
     height, ray = np.maximum(height, 0.0), points - lamp

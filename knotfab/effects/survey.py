@@ -10,11 +10,12 @@ from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.sag import SAG
+from knotfab.effects.wall import WALL
 from knotfab.scene.model import Switch
 
 __all__ = ["EFFECTS", "survey"]
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WALL)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

@@ -63,9 +63,9 @@ def write_setup(
 ) -> list[str]:
     """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
 
-    With one view that is one page. With several, the first page, which is the SVG, shows all lamps and
-    walls from above, and each view has a page of its own after it. The PDF's last page has the marks for a
-    photograph.
+    With one view before a flat wall that is one page. With several, or a round wall, the first page,
+    which is the SVG, shows all lamps and walls from above, and each view has a page of its own after it. The
+    PDF's last page has the marks for a photograph.
 
     Args:
         mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
@@ -74,10 +74,10 @@ def write_setup(
     """
     from matplotlib import rc_context
 
-    places = [placement_of(mounted, camera) for camera in cameras]
+    places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
     each = zip(places, cameras, scene.views, misplacements, strict=True)
     pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
-    if len(pages) > 1:
+    if len(pages) > 1 or any(place.round is not None for place in places):
         pages.insert(0, plan_sheet(mounted, places, scene.views))
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
     plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
@@ -274,7 +274,8 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
     _front_dimensions(axes, place, to, float(to(low)[1]))
     axes.text(
         FRONT[0] - 6, COSTS_Y + 6.0,
-        f"Front view, square to the wall, {to.name}. Dashed: the frame; grey: its shadow.",
+        f"Front view, {'square to the wall' if place.round is None else 'the wall unrolled'}, {to.name}. "
+        "Dashed: the frame; grey: its shadow.",
         size=7.5, va="top",
     )  # fmt: skip
     return to
@@ -367,4 +368,8 @@ def _shadow(mounted: Mounted, place: Placement) -> list[Array]:
             return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
         flat += solid.warp_batch(cast).project()
-    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.05).to_polygons()]
+    found = [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.05).to_polygons()]
+    if place.round is None:
+        return found
+    middle = place.wall[:2] @ (place.middle - place.round.foot)
+    return [place.round.unroll(p + middle) - middle for p in found]

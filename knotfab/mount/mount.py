@@ -146,7 +146,8 @@ def mount_piece(
 ) -> Mounted:
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
-    Where the scene leaves it open, several loose knots of one view get a wall mount, others none.
+    Where the scene leaves it open, several loose knots of one view before a flat wall get a wall mount,
+    others none.
 
     Args:
         cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand needs and in
@@ -160,7 +161,10 @@ def mount_piece(
     require_mount(scene)
     asked = scene.mount
     if asked.kind == "auto":
-        loose = len(knots.knots) > 1 and len(cameras) == 1 and scene.material.process != "wire"
+        flat = all(view.wall_radius_mm == "flat" for view in scene.views)
+        loose = (
+            len(knots.knots) > 1 and len(cameras) == 1 and scene.material.process != "wire" and flat
+        )
         asked = asked.model_copy(update={"kind": "wall" if loose else "none"})
         scene = scene.model_copy(update={"mount": asked})
     if asked.kind != "wall" and asked.foot == "auto":  # a written scene leaves nothing open

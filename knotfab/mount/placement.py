@@ -10,6 +10,8 @@ from knotfab.arrays import Array
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
 from knotfab.scene.camera import Camera
+from knotfab.scene.curved_wall import CurvedWall
+from knotfab.scene.model import ResolvedView
 
 __all__ = ["Footing", "Mark", "Placement", "placement_of"]
 
@@ -56,6 +58,7 @@ class Placement:
     height; `plate_mm` those of a wall plate. The point of the wall square opposite the lamp lies
     `right_mm` and `up_mm` from that middle, and the lamp stands `off_wall_mm` out of it. `holes` (k, 2)
     are those in plate or wall, right and up from the middle; `base` is a stand's, as this view meets it.
+    A wall that is `round` touches the flat one, by which lengths are given, at its middle line.
     """
 
     lamp: Array
@@ -70,14 +73,15 @@ class Placement:
     marks: tuple[Mark, ...]
     holes: Array
     base: Footing | None
+    round: CurvedWall | None = None
 
     def on_wall(self, points: Array) -> Array:
         """(..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
         return np.asarray((points - self.middle) @ self.wall[:2].T)
 
 
-def placement_of(mounted: Mounted, camera: Camera) -> Placement:
-    """The placement of a mounted piece's lamp, by the scene alone."""
+def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
+    """The placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
     out = camera.receiver[:3]
     right = camera.du / np.linalg.norm(camera.du)
     wall = np.stack([right, np.cross(out, right), out])
@@ -98,7 +102,11 @@ def placement_of(mounted: Mounted, camera: Camera) -> Placement:
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
     base = None if mounted.stand is None else mounted.stand.base
+    bent = None if view is None else CurvedWall.of(view)
     places = _places(wall, middle, (width, height), plate, base)
+    if bent is not None and base is None:
+        flat = np.stack(list(places.values())) - bent.foot
+        places = dict(zip(places, bent.stand(flat @ wall[:2].T)[0], strict=True))
     to_lamp = wall @ (camera.eye - middle)
     return Placement(
         camera.eye,
@@ -115,6 +123,7 @@ def placement_of(mounted: Mounted, camera: Camera) -> Placement:
         ),
         holes,
         None if base is None else _footing(base, level),
+        bent,
     )
 
 

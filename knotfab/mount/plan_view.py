@@ -34,6 +34,7 @@ __all__ = ["plan_sheet"]
 
 
 ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # where on the page it is drawn
+BENDS = 41  # points along a round wall
 BESIDE_MM = 12.0  # of a wall, beside its frame
 ASIDE = 4.0  # mm of the page, from a view's axis to its dimensions
 
@@ -70,7 +71,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     )  # fmt: skip
     axes.text(
         left, top - 12.0,
-        f"{len(views)} pictures, each on its own wall and by its own light. "
+        (f"{len(views)} pictures, each on its own wall and by its own light. " if len(views) > 1 else "")
         + ("The front of the base is below in this drawing. " if places[0].base is not None else "")
         + "The pages that follow place one view each.",
         size=6.5, va="top", color="0.35", gid=WORDS,
@@ -78,11 +79,16 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     return figure
 
 
-def _wall(place: Placement, above: Array) -> Array:
-    """(2, 2) the ends of a frame's wall, seen from above, at the height of the frame's middle."""
-    reach = place.frame_mm[0] / 2 + BESIDE_MM
-    ends = place.middle + np.array([[-reach], [reach]]) * place.wall[0]
-    return np.asarray(ends @ above[:2].T)
+def _wall(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
+    """(n, 2) a wall seen from above, so far beside its frame, at the height of the frame's middle."""
+    reach = place.frame_mm[0] / 2 + beside
+    across = np.linspace(-reach, reach, 2 if place.round is None else BENDS)
+    if place.round is None:
+        points = place.middle + across[:, None] * place.wall[0]
+    else:
+        up = np.full(BENDS, float((place.middle - place.round.foot) @ place.round.axes[1]))
+        points = place.round.stand(np.column_stack([across, up]))[0]
+    return np.asarray(points @ above[:2].T)
 
 
 def _view(
@@ -95,9 +101,8 @@ def _view(
     to: Scaled,
 ) -> None:
     """One view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
-    half = place.frame_mm[0] / 2
-    frame = (place.middle + np.array([[-half], [half]]) * place.wall[0]) @ above[:2].T
-    for end in frame:
+    frame = _wall(place, above, 0.0)
+    for end in frame[[0, -1]]:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
     axis = to(np.stack([lamp, above[:2] @ place.middle]))
     axes.plot(*axis.T, color=FAINT, lw=0.3, ls="-.")

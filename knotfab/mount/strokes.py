@@ -57,15 +57,15 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
 
 
 def hatch(axes: Axes, wall: Array, to: Scaled) -> None:
-    """Short strokes behind the wall's line."""
-    along = wall[1] - wall[0]
-    reach = float(np.linalg.norm(along))
-    unit = along / reach
-    behind = np.array([-unit[1], unit[0]]) - unit
-    for s in np.arange(1.5, reach, 2.5):
-        axes.plot(
-            *np.stack([wall[0] + s * unit, wall[0] + s * unit + behind]).T, color=FAINT, lw=0.3
-        )
+    """Short strokes behind the wall's line (n, 2)."""
+    steps = np.diff(wall, axis=0)
+    ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    for s in np.arange(1.5, ends[-1], 2.5):
+        k = int(np.searchsorted(ends, s)) - 1
+        unit = steps[k] / (ends[k + 1] - ends[k])
+        at = wall[k] + (s - ends[k]) * unit
+        behind = np.array([-unit[1], unit[0]]) - unit
+        axes.plot(*np.stack([at, at + behind]).T, color=FAINT, lw=0.3)
 
 
 def note(axes: Axes, at: Array, text: str, **style: Any) -> None:

@@ -58,7 +58,7 @@ def tell_setup(
     return [
         {
             "view": view.name,
-            "steps": steps_of(mounted, placement_of(mounted, camera), view),
+            "steps": steps_of(mounted, placement_of(mounted, camera, view), view),
             "lamp": advise_lamp(view, tube_radius_mm),
         }
         for view, camera in zip(mounted.scene.views, cameras, strict=True)

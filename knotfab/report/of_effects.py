@@ -11,18 +11,22 @@ if TYPE_CHECKING:
     from knotfab.design.design import Design
     from knotfab.effects.base import Decision
     from knotfab.problem import SearchResult
+    from knotfab.scene.model import Scene
+    from knotfab.target.read import Target
 
 __all__ = [
     "add_advice",
     "add_contrast",
     "add_sag",
     "add_warnings",
+    "count_flattened",
     "judge_made",
     "limits_as_effects",
     "list_effects",
     "list_limits",
     "tell_contrast",
     "tell_move",
+    "tell_walls",
 ]
 
 Record = dict[str, Any]
@@ -107,23 +111,43 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
             record["contrast"] = found.to_dict()
 
 
-def judge_made(made: Design, moves: Array | None, upwards: Array | None) -> None:
+def judge_made(made: Design, scene: Scene, moves: Array | None, upwards: Array | None) -> None:
     """Judge the effects anew, by what is known once the piece is mounted and lies on the printer's bed.
 
     Args:
-        moves: (N, 3) how far its mount lets each vertex sag, mm. upwards: (3,) the printer's, in the scene;
-            None where it is not printed.
+        scene: with its mount resolved. moves: (N, 3) how far its mount lets each vertex sag, mm.
+        upwards: (3,) the printer's, in the scene; None where it is not printed.
     """
     from knotfab.effects.base import EffectContext, World
     from knotfab.effects.survey import survey
 
-    knots, tolerance, world = made.knots, made.settings.tolerance_px, World.of(made.scene)
+    knots, tolerance, world = made.knots, made.settings.tolerance_px, World.of(scene)
     context = EffectContext(
         made.scene.views, knots.points, knots.radius_mm, tolerance, world, moves, upwards
     )
     for name, fresh in survey(context, {}).items():
         if name in made.result.effects:
             made.result.effects[name].keep_largest(fresh)
+
+
+def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) -> None:
+    """Enter what it took to have the pictures of round walls as flat ones have them."""
+    for target in targets:
+        if target.flattened_s is not None and "wall" in effects:
+            effects["wall"].count("picture", 1, target.flattened_s)
+
+
+def tell_walls(report: Record) -> None:
+    """Add to the notes which walls are round, where that matters."""
+    for view in report["views"]:
+        if found := view.get("wall"):
+            radius = found["radius_mm"]
+            way = "hollow" if radius > 0 else "bulging"
+            report.setdefault("notes", []).append(
+                f"The wall of {view['name']} is round, {way}, with a radius of {abs(radius):g} mm, "
+                f"and the picture is as it lies on it: made for a flat one it would be up to "
+                f"{found['off_px']:.1f} px off. The 3D view shows the flat wall that touches it."
+            )
 
 
 def add_sag(
@@ -172,6 +196,8 @@ def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:
     off = view["misplacement"]
     if move["of"] == "turn":
         return f"the piece turned by {off['turn_deg']:g}° {TURN_WAYS[move['way']]}"
+    if move["of"] == "tilt":
+        return f"the wall tilted by {off['tilt_deg']:g}° {TURN_WAYS[move['way']]}"
     what = "eye" if view["kind"] == "eye" else "lamp"
     return f"the {what} {off['lamp_mm']:g} mm {LAMP_WAYS[move['way']]}"
 

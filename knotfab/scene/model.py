@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import cos, hypot, pi
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, StrictStr, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    StrictInt,
+    StrictStr,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
 __all__ = [
@@ -33,6 +42,16 @@ __all__ = [
     "View",
 ]
 
+
+def _not_nothing(radius: float) -> float:
+    """Positive: hollow towards the light; negative: a column."""
+    if radius == 0:
+        raise PydanticCustomError(
+            "radius", "a radius, not 0: positive of a hollow wall, negative of a column"
+        )
+    return radius
+
+
 # Strict: a number is a number (whole ones too), never a text or a truth value that looks like one.
 Number = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]
@@ -40,6 +59,7 @@ NotNegative = Annotated[float, Strict(), Field(ge=0)]
 Vector = tuple[Number, Number, Number]
 Extent = tuple[Positive, Positive, Positive]
 Row = tuple[Number, Number, Number, Number]
+Radius = Annotated[float, Strict(), AfterValidator(_not_nothing)]
 Whole = Annotated[int, Strict(), Field(ge=0)]
 Side = Annotated[int, Strict(), Field(ge=1)]
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
@@ -142,6 +162,7 @@ class View(Reading):
     light_leds: tuple[Leds, Leds] = (1, 1)  # columns and rows
     wall_distance_mm: Positive = 100.0
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
+    wall_radius_mm: Radius | Literal["flat"] = "flat"  # of a cylinder along the wall's up
     azimuth_deg: Number = 0.0
     elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
     frame_up_mm: Number = 0.0  # of the frame's middle above the axis, on the receiver
@@ -184,6 +205,7 @@ class Switches(_Table):
     contrast: Switch = "auto"
     sag: Switch = "auto"
     layers: Switch = "auto"
+    wall: Switch = "auto"
 
 
 class Room(_Table):
@@ -197,10 +219,11 @@ class Room(_Table):
 
 
 class Placing(_Table):
-    """How far off people are expected to place lamp (or eye) and piece."""
+    """How far off people are expected to place lamp (or eye), piece and wall."""
 
     lamp_mm: NotNegative = 5.0
     turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
+    tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0  # of the wall, in any direction
 
 
 class Accuracy(_Table):
@@ -308,6 +331,16 @@ class ResolvedView(View):
     def longer_mm(self) -> float:
         """The frame's longer side."""
         return max(self.frame_mm)
+
+    @property
+    def clear_mm(self) -> float:
+        """From the middle of the piece to where its wall comes nearest, beside the frame if it is hollow."""
+        radius = self.wall_radius_mm
+        if isinstance(radius, str) or radius < 0:
+            return self.wall_distance_mm
+        return self.wall_distance_mm - radius * (
+            1 - cos(min(0.5 * self.frame_width_mm / radius, pi / 2))
+        )
 
     def px_per_mm(self, width_px: int) -> float:
         """px of a picture so wide to a mm of a piece in the middle of the scene."""

@@ -9,21 +9,59 @@ from knotfab.knots import read_start
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Printer, Scene
 
-__all__ = ["require_mount", "require_radius", "require_several", "require_start", "require_tube"]
+__all__ = [
+    "require_mount",
+    "require_radius",
+    "require_several",
+    "require_start",
+    "require_tube",
+    "require_walls",
+]
 
 
 def require_mount(scene: Scene) -> None:
     """Refuse a mount that cannot be, before any work is done.
 
     Raises:
-        InputError: a wall mount of a piece with several views.
+        InputError: a wall mount of a piece with several views, or on a wall that is not flat.
     """
+    if scene.mount.kind == "wall" and any(v.wall_radius_mm != "flat" for v in scene.views):
+        raise InputError(
+            "a wall mount (--mount wall)",
+            "plate, pegs and drilling template are for a flat wall, and this one is round",
+            "Use --mount stand, or none",
+        )
     if scene.mount.kind == "wall" and len(scene.views) > 1:
         raise InputError(
             "a wall mount (--mount wall)",
             f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
             "picture of the other",
             "Use --mount stand, whose base lies below all pictures",
+        )
+
+
+def require_walls(scene: Scene) -> None:
+    """Refuse what a round wall cannot have.
+
+    Raises:
+        InputError: a mount on it, an eye before it, or a view that is yet to be found.
+    """
+    if all(view.wall_radius_mm == "flat" for view in scene.views):
+        return
+    require_mount(scene)
+    what = "scene key views.wall_radius_mm"
+    if any(v.kind == "eye" and v.wall_radius_mm != "flat" for v in scene.views):
+        raise InputError(
+            what,
+            "an eye sees the piece itself, in a flat frame, and no shadow on a wall",
+            "Leave it out of the views of an eye",
+        )
+    if scene.search.get("free_view", False):
+        raise InputError(
+            what,
+            "where a round wall has the picture depends on where lamp and wall are, which a free view is yet "
+            "to find (--free)",
+            "Leave one of the two out",
         )
 
 

@@ -20,6 +20,12 @@ def require_sequence(scene: Scene) -> None:
             f"it has {len(scene.views)} views, and a sequence is seen from one side",
             "Leave one [[views]] in it, or leave out --sequence",
         )
+    if scene.views[0].wall_radius_mm != "flat":
+        raise InputError(
+            "scene key views.wall_radius_mm",
+            "frames of a sequence are registered to each other on a flat wall",
+            "Leave it out, or leave out --sequence",
+        )
     if scene.search.get("start"):
         raise InputError(
             "a start (--start)",

@@ -37,7 +37,8 @@ class Target:
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
     mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
-    digits, "_" and "-".
+    digits, "_" and "-". Of a picture for a round wall the masks are as a flat one has them, once
+    `flattened_s`, the seconds that this took, is set.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Target:
     original: NDArray[np.bool_] | None = None
     widened: NDArray[np.bool_] | None = None
     line: NDArray[np.float64] | None = None
+    flattened_s: float | None = None
 
     @property
     def judged(self) -> NDArray[np.bool_]:

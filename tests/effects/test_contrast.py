@@ -15,7 +15,7 @@ from knotfab.effects.survey import survey
 from knotfab.errors import InputError
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import Material, ResolvedView, Room
+from knotfab.scene.model import Material, Mount, ResolvedView, Room
 
 WHITE = Material(color="#ffffff")
 POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))
@@ -102,6 +102,7 @@ def made_with(world: World) -> Any:
         room=world.room,
         material=world.material,
         printer=world.printer,
+        mount=Mount(),
     )
     knots = SimpleNamespace(points=POINTS, radius_mm=2.0)
     return SimpleNamespace(result=result, scene=scene, knots=knots)

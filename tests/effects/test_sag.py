@@ -15,7 +15,7 @@ from knotfab.effects.sag import SAG, measure_sag
 from knotfab.effects.survey import survey
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.report.of_effects import add_sag, judge_made
-from knotfab.scene.model import ResolvedView
+from knotfab.scene.model import Mount, ResolvedView
 
 T = 2 * np.pi * np.arange(200) / 200
 RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
@@ -47,7 +47,12 @@ def made_of() -> Any:
         result=SimpleNamespace(effects=survey(context, {})),
         settings=SimpleNamespace(tolerance_px=0.25),
         scene=SimpleNamespace(
-            views=(view(),), placing=w.placing, room=w.room, material=w.material, printer=w.printer
+            views=(view(),),
+            placing=w.placing,
+            room=w.room,
+            material=w.material,
+            printer=w.printer,
+            mount=Mount(),
         ),
         knots=SimpleNamespace(points=FLAT, radius_mm=2.0, knots=[SimpleNamespace(points=FLAT)]),
     )
@@ -64,7 +69,7 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
     views: list[dict[str, Any]] = [{}]
     made = made_of()
-    judge_made(made, down, None)
+    judge_made(made, made.scene, down, None)
     add_sag(views, made, down, [mask])
     sagged = views[0]["sag"]
     assert sagged["iou"] < sagged["iou_designed"] - 0.2
@@ -80,6 +85,6 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     views = [{}]
     for moves in (0.01 * down, None):
         made = made_of()
-        judge_made(made, moves, None)
+        judge_made(made, made.scene, moves, None)
         add_sag(views, made, moves, [mask])
     assert views == [{}]

@@ -129,6 +129,7 @@ class View:
     light_leds: tuple[int, int]
     wall_distance_mm: float
     wall_tilt_deg: float
+    wall_radius_mm: float | str  # "flat", or of a cylinder: positive is hollow, negative a column
     azimuth_deg: float
     elevation_deg: float
     frame_up_mm: float
@@ -155,14 +156,16 @@ class Effects:
     tolerance_px: float = 0.25
     misplacement: str = "auto"
     layers: str = "auto"
+    wall: str = "auto"
 
 
 @dataclass(frozen=True)
 class Placing:
-    """How far off people place lamp (or eye) and piece."""
+    """How far off people place lamp (or eye), piece and wall."""
 
     lamp_mm: float = 5.0
     turn_deg: float = 1.0
+    tilt_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -277,11 +280,13 @@ def parse_scene(
             penumbra=effects.word("penumbra", "auto", SWITCH),
             misplacement=effects.word("misplacement", "auto", SWITCH),
             layers=effects.word("layers", "auto", SWITCH),
+            wall=effects.word("wall", "auto", SWITCH),
             tolerance_px=search.number("tolerance_px", 0.25, above=0),
         ),
         placing=Placing(
             lamp_mm=placing.number("lamp_mm", 5.0, least=0),
             turn_deg=placing.number("turn_deg", 1.0, least=0, most=10),
+            tilt_deg=placing.number("tilt_deg", 0.0, least=0, most=10),
         ),
     )
 
@@ -386,10 +391,21 @@ def _view(data: Any, where: str) -> View:
         light_leds=_leds(table),
         wall_distance_mm=table.number("wall_distance_mm", 100.0, above=0),
         wall_tilt_deg=table.number("wall_tilt_deg", 0.0),
+        wall_radius_mm=_wall_radius(table),
         azimuth_deg=table.number("azimuth_deg", 0.0),
         elevation_deg=table.number("elevation_deg", 0.0),
         frame_up_mm=table.number("frame_up_mm", 0.0),
     )
+
+
+def _wall_radius(table: Table) -> float | str:
+    """Of a wall that is a cylinder, or "flat"."""
+    if table.data.get("wall_radius_mm", "flat") == "flat":
+        return "flat"
+    radius = table.number("wall_radius_mm", 0.0)
+    if radius == 0:
+        raise BadFile(f"{table.where} wall_radius_mm is 0")
+    return radius
 
 
 def _leds(table: Table) -> tuple[int, int]:

@@ -68,6 +68,7 @@ def legibility(
         return {str(angle): 0.0 for angle in angles_deg}
     wanted = _stretch(target, size)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    geometry = geometry.flat  # nobody looks at a wall
     result = {}
     for angle in angles_deg:
         best = 0.0

@@ -9,10 +9,14 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.shadows.winding import Linework, winding_at, winding_raster
 
 __all__ = ["ShadowError", "shadow_lines", "shadow_mask", "shadow_polygon"]
+
+
+STRAIGHT_PX = 4.0  # a line so long is straight on a curved receiver too
 
 
 class ShadowError(ValueError):
@@ -55,6 +59,9 @@ def _project(vertices: Array, faces: Ints, geometry: ViewGeometry) -> _Projected
     used[faces] = True
     if (h[used, 2] < 1e-6).any():
         raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
+    wall = geometry.cylinder
+    if wall is not None and wall.is_beyond(vertices[used], geometry.normal).any():
+        raise ShadowError("the part cuts the hollow wall, or lies behind it")
     limit = geometry.w_of_receiver  # matter on or behind the receiver plane casts no shadow
     inside = (h[:, 2] < limit)[faces]
     whole = inside.all(axis=1)
@@ -72,7 +79,7 @@ def _project(vertices: Array, faces: Ints, geometry: ViewGeometry) -> _Projected
 
 
 def shadow_lines(vertices: Array, faces: Ints, geometry: ViewGeometry) -> Linework:
-    """The silhouette edges of a mesh as oriented linework, in pixels of `geometry`.
+    """The silhouette edges of a mesh as oriented linework, in pixels of the flat receiver of `geometry`.
 
     Every face is turned to positive area in the picture; an edge that two faces run through in
     opposite directions cancels. What is left (silhouette edges, and free edges of a mesh that is
@@ -101,12 +108,21 @@ def shadow_lines(vertices: Array, faces: Ints, geometry: ViewGeometry) -> Linewo
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
     """The shadow (height, width) at the pixel centres of `geometry`."""
+    if geometry.cylinder is not None:
+        along = lines.end - lines.start
+        long = np.linalg.norm(along, axis=1) / STRAIGHT_PX
+        which, step = number_runs(np.maximum(np.ceil(long).astype(np.int64), 1))
+        step, count = step[:, None], np.bincount(which)[which, None]
+        start, end = (
+            geometry.bend(lines.start[which] + s / count * along[which]) for s in (step, step + 1)
+        )
+        lines = Linework(start, end, lines.weight[which])
     mask: Mask = winding_raster(lines, geometry.width, geometry.height) != 0
     return mask
 
 
-def shadow_polygon(lines: Linework) -> Any:
-    """The shadow as a shapely polygon or multipolygon, in pixels.
+def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
+    """The shadow as a shapely polygon or multipolygon, in pixels; `geometry`: whose receiver may be curved.
 
     The linework is noded and polygonised; of the faces of that arrangement those with a nonzero
     winding number at an inner point are the shadow.
@@ -114,4 +130,7 @@ def shadow_polygon(lines: Linework) -> Any:
     noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
     inner = shapely.get_coordinates(shapely.point_on_surface(cells))
-    return shapely.union_all(cells[winding_at(inner, lines) != 0])
+    flat = shapely.union_all(cells[winding_at(inner, lines) != 0])
+    if geometry is None or geometry.cylinder is None:
+        return flat
+    return shapely.transform(shapely.segmentize(flat, STRAIGHT_PX), geometry.bend)

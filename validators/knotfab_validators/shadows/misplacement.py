@@ -1,4 +1,4 @@
-"""What is lost of the picture when lamp, eye or piece are not quite where the scene says."""
+"""What is lost of the picture when lamp, eye, piece or wall are not quite where the scene says."""
 
 from __future__ import annotations
 
@@ -65,13 +65,21 @@ def fit_likeness(points: Array, geometry: ViewGeometry, moved: ViewGeometry) -> 
 def _moved_views(
     middle: Array, geometry: ViewGeometry, placing: Placing, turns: bool
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
-    """What is moved, which way, and the view that it leaves: the light along an axis, the piece about one."""
+    """What is moved, which way, and the view that it leaves: light along an axis, piece or wall about one.
+
+    What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
+    """
     axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
     for way, axis in axes.items() if placing.lamp_mm > 0 else ():
         yield "lamp", way, replace(geometry, light=geometry.light + placing.lamp_mm * axis)
     for way, axis in axes.items() if turns and placing.turn_deg > 0 else ():
         turned = turn_view(geometry, middle, axis, np.radians(placing.turn_deg))
         yield "turn", "axis" if way == "towards" else way, turned
+    for way, side in (("right", geometry.du), ("up", geometry.dv)) if placing.tilt_deg > 0 else ():
+        axis = side / np.linalg.norm(side)
+        turned = turn_view(geometry, geometry.middle, axis, np.radians(placing.tilt_deg))
+        one, other = (turned, geometry) if turns else (geometry, turned)
+        yield "tilt", way, replace(one, light=other.light)
 
 
 def parting_px(
@@ -101,7 +109,7 @@ def measure_misplacement(
     turns: bool = True,
     within: Mask | None = None,
 ) -> dict[str, Any]:
-    """IoU with lamp (or eye) and piece moved for real, each one way: as it is, and by its likeness.
+    """IoU with lamp (or eye), piece and wall moved for real, each one way: as it is, and by its likeness.
 
     As it is, the picture stays where it is on the wall, so that a shadow which merely moves counts as lost
     too. By its likeness the picture is shifted, scaled and turned as the shadow of `points` was, which is
@@ -118,7 +126,8 @@ def measure_misplacement(
         "lamp_mm", "turn_deg": how far; "lamp_iou", "turn_iou": {way: {"raw", "fitted"}}, turns named by
         their axes and left out where nothing can turn; "iou": unmoved, on this grid; "worst": {"of", "way",
         "raw", "fitted"} of where the most is lost by its likeness; "lamp_iou_per_mm", "turn_iou_per_deg":
-        {way: what is lost as it is}; "samples": shadows rendered.
+        {way: what is lost as it is}; "samples": shadows rendered. Where the wall's tilt is not known also
+        "tilt_deg", "tilt_iou" and "tilt_iou_per_deg".
     """
 
     def iou(seen: ViewGeometry) -> float:
@@ -126,7 +135,7 @@ def measure_misplacement(
         return overlap(shadow if within is None else shadow & within, target).iou
 
     best = iou(geometry)
-    ious: dict[str, dict[str, dict[str, float]]] = {"lamp": {}, "turn": {}}
+    ious: dict[str, dict[str, dict[str, float]]] = {"lamp": {}, "turn": {}, "tilt": {}}
     samples = 1
     for of, way, moved in _moved_views(middle, geometry, placing, turns):
         raw = iou(moved)
@@ -155,4 +164,8 @@ def measure_misplacement(
     if turns:
         result["turn_iou"] = ious["turn"]
         result["turn_iou_per_deg"] = lost("turn", ("right", "up", "axis"), placing.turn_deg)
+    if ious["tilt"]:
+        result["tilt_deg"] = placing.tilt_deg
+        result["tilt_iou"] = ious["tilt"]
+        result["tilt_iou_per_deg"] = lost("tilt", ("right", "up"), placing.tilt_deg)
     return result

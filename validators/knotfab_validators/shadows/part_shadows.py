@@ -33,6 +33,7 @@ from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.tone import Tone, check_tone, measure_tone
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from knotfab_validators.shadows.wall import bends, find_wall
 
 __all__ = ["SKIP_RENDER", "verify_shadows"]
 
@@ -84,6 +85,9 @@ def verify_shadows(
                 else:
                     target = read_silhouette(folder / view.picture, view.reading)
                 geometry = view_geometry(view, target.shape[1], target.shape[0])
+                wall = find_wall(geometry)
+                if wall is not None and not bends(scene.effects, wall["off_px"]):
+                    geometry, wall = geometry.flat, None
                 wide = None
                 if view.thicken_mm is not None and not toned:
                     wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
@@ -140,6 +144,8 @@ def verify_shadows(
                     )
             points = np.concatenate(polygons) if polygons is not None else vertices
             views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
+            if wall is not None:
+                views[-1]["wall"] = wall
             if view.name in drawn:
                 views[-1]["iou_drawn"] = drawn[view.name]
             if view.name in recognised:

@@ -55,10 +55,13 @@ def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
     """Widest blur on the receiver by a ball of `size_mm`, pixels, of any edge at vertices (n, 3).
 
     An edge at height h over the receiver and distance D from a lamp at height H: the rays through it that
-    touch the ball, a cone, meet the receiver in an ellipse that is d h D / ((H - h)² - d²/4) long.
+    touch the ball, a cone, meet the receiver in an ellipse that is d h D / ((H - h)² - d²/4) long. Of a
+    curved receiver that is the plane which touches it where the edge's shadow falls.
     """
-    height = (vertices - geometry.origin) @ geometry.normal
-    below = np.maximum(geometry.light_height - height, 0.501 * size_mm + 1e-9)
+    at, normal = geometry.touching(geometry.project(vertices)[0])
+    height = ((vertices - at) * normal).sum(axis=1)
+    above = ((geometry.light - at) * normal).sum(axis=1)
+    below = np.maximum(above - height, 0.501 * size_mm + 1e-9)
     away = np.linalg.norm(vertices - geometry.light, axis=1)
     blur = size_mm * height * away / (below**2 - size_mm**2 / 4)
     return max(float(blur.max()), 0.0) / geometry.pixel_mm

@@ -6,6 +6,7 @@ import ctypes
 import ctypes.util
 import os
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from knotfab_validators.shadows.view import ON_RECEIVER_MM, ViewGeometry
 
 __all__ = ["CannotRender", "SilhouetteRenderer", "why_no_rendering"]
 
+FINER = 2  # pixels of the flat receiver to one of a curved one
 REMEDY = "Install it: apt-get install libegl1 libgl1"
 EGL_PLATFORM_DEVICE = 0x313F
 
@@ -125,12 +127,37 @@ class SilhouetteRenderer:
 
         The camera stands at the light and looks straight at the receiver plane, whatever its
         tilt; its frustum is shifted and shaped to the frame. Matter on or behind the receiver
-        plane is clipped away unless `behind`.
+        plane is clipped away unless `behind`. Before a cylinder that is done for the flat receiver, on
+        finer pixels; each of the curved one's is dark where the ray to it is.
         """
+        if geometry.cylinder is not None:
+            return self._render_bent(geometry, behind)
         self._place(geometry, behind)
         self._window.SetSize(geometry.width, geometry.height)
         self._window.Render()
         return self._read(geometry.width, geometry.height)
+
+    def _render_bent(self, geometry: ViewGeometry, behind: bool) -> Mask:
+        v, u = np.mgrid[: geometry.height, : geometry.width]
+        at, normal = geometry.touching(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+        lit = ((geometry.light - at) * normal).sum(axis=1) > 0
+        flat = geometry.flat
+        pixels, w = flat.project(at)
+        cast = flat.project(self._vertices)[0]
+        low, high = np.floor(cast.min(axis=0)) - 1, np.ceil(cast.max(axis=0)) + 1
+        lit &= (w > 0) & (pixels >= low).all(axis=1) & (pixels <= high).all(axis=1)
+        shadow = np.zeros(len(at), dtype=bool)
+        if lit.any():
+            low, high = np.floor(pixels[lit].min(axis=0)), np.ceil(pixels[lit].max(axis=0))
+            wide, tall = (FINER * (high - low + 1)).astype(int)
+            first = low - 0.5 + 0.5 / FINER
+            origin = flat.origin + first[0] * flat.du + first[1] * flat.dv
+            du, dv = flat.du / FINER, flat.dv / FINER
+            window = replace(flat, origin=origin, du=du, dv=dv, width=int(wide), height=int(tall))
+            column, row = np.rint(FINER * (pixels[lit] - first)).astype(np.int64).T
+            mask = self.render(window, behind=behind)
+            shadow[lit] = mask[np.clip(row, 0, tall - 1), np.clip(column, 0, wide - 1)]
+        return shadow.reshape(geometry.height, geometry.width)
 
     def _place(self, geometry: ViewGeometry, behind: bool) -> None:
         normal, height = geometry.normal, geometry.light_height
@@ -138,12 +165,7 @@ class SilhouetteRenderer:
         light = geometry.light - self._middle
         size_u = geometry.width * np.linalg.norm(geometry.du)
         size_v = geometry.height * np.linalg.norm(geometry.dv)
-        centre = (
-            geometry.origin
-            + (geometry.width - 1) / 2 * geometry.du
-            + (geometry.height - 1) / 2 * geometry.dv
-        )
-        off = centre - foot
+        off = geometry.middle - foot
         u, v = geometry.du / np.linalg.norm(geometry.du), geometry.dv / np.linalg.norm(geometry.dv)
         depth = (geometry.light - self._vertices) @ normal
         near = max(0.9 * float(depth.min()), 1e-3 * height)

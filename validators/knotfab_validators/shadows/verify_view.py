@@ -105,7 +105,7 @@ def verify_view(
     wanted = padded_mask(target, frame)
     wide = wanted if drawn is None else padded_mask(drawn, frame)
     lines = shadow_lines(vertices, faces, fine)
-    exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
+    exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines, fine)
     rendered = renderer.render(fine) if renderer is not None else None
     whole = overlap(exact if rendered is None else rendered, wanted)
     result = VerifiedView(

@@ -9,6 +9,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.axes import view_axes
+from knotfab_validators.shadows.cylinder import Cylinder
 from knotfab_validators.shadows.frame import WorkingFrame
 
 __all__ = ["ON_RECEIVER_MM", "SceneView", "ViewGeometry", "view_geometry"]
@@ -36,6 +37,8 @@ class SceneView(Protocol):
     @property
     def wall_tilt_deg(self) -> float: ...
     @property
+    def wall_radius_mm(self) -> float | str: ...
+    @property
     def azimuth_deg(self) -> float: ...
     @property
     def elevation_deg(self) -> float: ...
@@ -50,7 +53,8 @@ class ViewGeometry:
     A pixel (u, v) is the point `origin + u * du + v * dv` of the receiver; `du` points to the right
     and `dv` down as seen from the light, both are one pixel long. `up` and `right` are the unit
     axes of someone at the light who looks along the view's axis (they lie across that axis, also
-    where the wall is tilted).
+    where the wall is tilted). On a `cylinder` a pixel is where that point of the flat receiver comes to lie
+    when it is rolled onto it.
     """
 
     light: Array  # (3,)
@@ -61,6 +65,18 @@ class ViewGeometry:
     up: Array  # (3,) unit
     width: int
     height: int
+    cylinder: Cylinder | None = None
+
+    @property
+    def flat(self) -> ViewGeometry:
+        """The same before the flat receiver that a curved one touches."""
+        return replace(self, cylinder=None)
+
+    @property
+    def middle(self) -> Array:
+        """The middle (3,) of the pixels, on the receiver."""
+        right, down = (self.width - 1) / 2 * self.du, (self.height - 1) / 2 * self.dv
+        return np.asarray(self.origin + right + down)
 
     @property
     def normal(self) -> Array:
@@ -106,15 +122,38 @@ class ViewGeometry:
         return np.column_stack([inverse, -inverse @ self.light])
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the wall."""
+        """Pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the flat receiver."""
         matrix = self.projection
         h = points @ matrix[:, :3].T + matrix[:, 3]
         w = h[:, 2]
-        return h[:, :2] / w[:, None], w
+        return self.bend(h[:, :2] / w[:, None]), w
+
+    def bend(self, pixels: Array) -> Array:
+        """Where the light's rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""
+        if self.cylinder is None:
+            return pixels
+        places = self.cylinder.unroll(self.light, self.flat.on_receiver(pixels), self.normal)
+        return np.asarray((places - self.origin) @ np.linalg.pinv(np.stack([self.du, self.dv])))
 
     def on_receiver(self, pixels: Array) -> Array:
         """The receiver's points (n, 3), mm, under pixel coordinates (n, 2)."""
-        return self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv
+        flat = self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv
+        if self.cylinder is None:
+            return np.asarray(flat)
+        return self.cylinder.roll(flat, self.normal)[0]
+
+    def touching(self, pixels: Array) -> tuple[Array, Array]:
+        """Points (n, 3) of the receiver under pixels (n, 2), and its unit normals there, (n, 3) or (3,)."""
+        if self.cylinder is None:
+            return self.on_receiver(pixels), self.normal
+        return self.cylinder.roll(self.flat.on_receiver(pixels), self.normal)
+
+    def across(self, pixels: Array) -> tuple[Array, Array]:
+        """Unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), under pixels (n, 2)."""
+        u, v = self.du / np.linalg.norm(self.du), self.dv / np.linalg.norm(self.dv)
+        if self.cylinder is None:
+            return u, v
+        return np.cross(self.touching(pixels)[1], v), v
 
     def resample(self, frame: WorkingFrame) -> ViewGeometry:
         """The same view on the padded working frame's pixels."""
@@ -140,6 +179,7 @@ class ViewGeometry:
             dv=self.dv @ rotation,
             right=self.right @ rotation,
             up=self.up @ rotation,
+            cylinder=self.cylinder and self.cylinder.in_part(pose),
         )
 
 
@@ -151,6 +191,9 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     the origin; a positive tilt leans its top edge towards the light. The frame's middle lies
     `frame_up_mm` above that centre, on the receiver. Where one side of the frame is left open the
     picture's proportions decide it, where both are, the longer one has `FRAME_MM`.
+
+    Raises:
+        ValueError: the receiver is a cylinder that is narrower than the frame, or does not hold the light.
     """
     wide, high = _frame_size(view, width, height)
     right, up, axis = view_axes(view.azimuth_deg, view.elevation_deg)
@@ -159,8 +202,12 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     du = right * wide / width
     dv = -upwards * high / height
     centre = view.frame_up_mm * upwards - view.wall_distance_mm * axis
+    light, cylinder = view.light_distance_mm * axis, None
+    if not isinstance(view.wall_radius_mm, str):
+        cylinder = Cylinder(-view.wall_distance_mm * axis, upwards, view.wall_radius_mm)
+        cylinder.require(light, np.cross(right, upwards), wide)
     return ViewGeometry(
-        light=view.light_distance_mm * axis,
+        light=light,
         origin=centre - (width - 1) / 2 * du - (height - 1) / 2 * dv,
         du=du,
         dv=dv,
@@ -168,6 +215,7 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
         up=up,
         width=width,
         height=height,
+        cylinder=cylinder,
     )
 
 

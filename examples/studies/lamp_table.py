@@ -1,0 +1,90 @@
+"""What a wide lamp is worth as an effect: pieces searched for it against the same searched for a point.
+
+`python -m examples.studies.lamp_table [--accuracy NAME] [--lamp MM] [NAME ...]`: the project's own pictures
+under one lamp, the effect `penumbra` off and on in the search; the shadows of both are averaged over that
+lamp by the validators. For each: brightness error, IoU at half light, IoU of the point's shadow, legibility
+at 45 degrees and CPU seconds of radius, depth and search; then the means.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from PIL import Image
+
+from examples.measurement import read_question
+from examples.pictures import pictures
+from examples.studies.grace_table import read
+from knotfab.design.design import choose_tube
+from knotfab.geometry.meshes import join_meshes
+from knotfab.geometry.tube import sweep
+from knotfab.progress import Progress
+from knotfab.scene.model import Scene, Switch, Switches, View
+from knotfab.scene.settings import PRESETS
+from knotfab.search.search import search
+from knotfab.start.legibility import stretch_mask
+from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.penumbra import measure_penumbra
+from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.view import view_geometry
+
+HEADINGS = ("error", "half light", "point", "leg45", "s")
+PIXELS = 512
+
+
+def look(image: Image.Image, accuracy: str, lamp_mm: float, penumbra: Switch) -> list[float]:
+    """One piece: the figures of `HEADINGS`."""
+    scene = Scene(views=(View(light_diameter_mm=lamp_mm),), effects=Switches(penumbra=penumbra))
+    settings, asked = PRESETS[accuracy], read_question(image, scene)
+    begun = time.process_time()
+    question, radius, start, _ = choose_tube(asked, settings, Progress("quiet"))
+    knots = search(question.problem, start, radius, settings).knots
+    spent = time.process_time() - begun
+    view, mask = question.problem.views[0].view, question.problem.views[0].mask
+    vertices, faces = join_meshes(
+        [sweep(k.points, radius, settings.mesh_sides) for k in knots.knots]
+    )
+    frame = working_frame(mask.shape[1], mask.shape[0], PIXELS)
+    seen = view_geometry(view, mask.shape[1], mask.shape[0]).resample(frame)
+    target = padded_mask(mask, frame)
+    with SilhouetteRenderer(vertices, faces.astype(np.int64)) as renderer:
+        sharp = renderer.render(seen)
+        soft = measure_penumbra(
+            renderer, vertices, seen, target, sharp, frame, view, settings.tolerance_px
+        )
+    legible = read(knots, view.light_distance_mm, stretch_mask(mask), 45.0)
+    return [soft.brightness_error, soft.iou, overlap(sharp, target).iou, legible, spent]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--accuracy", default="standard", choices=list(PRESETS))
+    parser.add_argument("--lamp", type=float, default=20.0)
+    asked = parser.parse_args()
+    print(f"{'':<12}" + "".join(f"{h:>22}" for h in HEADINGS), flush=True)
+    every = []
+    for name, image in pictures().items():
+        if asked.names and name not in asked.names:
+            continue
+        off, on = (look(image, asked.accuracy, asked.lamp, how) for how in ("off", "auto"))
+        every.append([off, on])
+        print(
+            f"{name:<12}" + "".join(f"{a:>13.4f} ->{b:7.4f}" for a, b in zip(off, on, strict=True)),
+            flush=True,
+        )
+    found = np.array(every)
+    off, on = found.mean(axis=0)
+    print(f"{'mean':<12}" + "".join(f"{a:>13.4f} ->{b:7.4f}" for a, b in zip(off, on, strict=True)))
+    share = np.mean(found[:, 1] / found[:, 0], axis=0)
+    print(
+        f"error {share[0] - 1:+.1%} on average, {on[0] / off[0] - 1:+.1%} of the means, time {share[4]:.2f}"
+    )
+
+
+if __name__ == "__main__":
+    main()

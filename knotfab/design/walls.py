@@ -1,0 +1,106 @@
+"""Pictures for round walls, taken to the flat wall that touches it: one look-up, and all else is as ever."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from knotfab.arrays import Array, Mask
+from knotfab.effects.base import EffectContext, decide
+from knotfab.effects.wall import WALL
+from knotfab.errors import InputError
+from knotfab.scene.curved_wall import CurvedWall, require_wall
+from knotfab.scene.model import ResolvedView, Scene
+from knotfab.scene.settings import search_settings
+from knotfab.target.read import Target
+
+__all__ = ["flatten_targets"]
+
+
+def flatten_targets(
+    scene: Scene, views: Sequence[ResolvedView], targets: Sequence[Target]
+) -> tuple[Target, ...]:
+    """The targets as flat walls have them, where the scene's are round enough to tell.
+
+    Light is straight: what is dark on a round wall is dark on the flat one behind it or before it, at
+    another place. Targets that have been taken there already stay as they are.
+
+    Raises:
+        InputError: a wall is too narrow, does not hold the light, or throws a picture out of its frame.
+    """
+    for view in views:
+        require_wall(view)
+    tolerance = search_settings(scene.accuracy.name, scene.search).tolerance_px
+    context = EffectContext(tuple(views), np.zeros((0, 3)), 0.0, tolerance)
+    if not decide(WALL, context, scene.effects.model_dump()).simulated:
+        return tuple(targets)
+    return tuple(_flatten(v, t) for v, t in zip(views, targets, strict=True))
+
+
+def _flatten(view: ResolvedView, target: Target) -> Target:
+    wall = CurvedWall.of(view)
+    if wall is None or target.flattened_s is not None:
+        return target
+    begun = time.perf_counter()
+    _require_inside(view, wall, target)
+    rows, columns = np.mgrid[: target.height, : target.width]
+    grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
+    places = _to_pixels(view, target, wall.unroll(_to_wall(view, target, grid)))
+    at = np.nan_to_num(places, nan=-9.0).T[::-1]
+
+    def look_up(mask: Mask) -> Mask:
+        shares = map_coordinates(mask.astype(np.float32), at, order=1)
+        return np.asarray(shares >= 0.5).reshape(mask.shape)
+
+    mask = look_up(target.mask)
+    if not mask.any():
+        raise InputError(
+            f"picture {target.name}", "nothing of it is left on the wall", "Use a bolder picture"
+        )
+    return replace(
+        target,
+        mask=mask,
+        original=None if target.original is None else look_up(target.original),
+        widened=None if target.widened is None else look_up(target.widened),
+        rule=f"{target.rule}; as the flat wall has it that touches the round one",
+        flattened_s=time.perf_counter() - begun,
+    )
+
+
+def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> None:
+    """Refuse a picture that leaves its frame on the flat wall, which lies behind a hollow one."""
+    rows, columns = np.nonzero(target.mask)
+    drawn = np.column_stack([columns, rows]).astype(np.float64)
+    flat = _to_pixels(view, target, wall.flatten(_to_wall(view, target, drawn)))
+    size = np.array([target.width, target.height])
+    over = np.abs(flat - (size - 1) / 2) - size / 2
+    most = over.max(axis=0)
+    if (most > 0).any():
+        margin = np.ceil(np.maximum(most, 0)).astype(int) + 1
+        raise InputError(
+            f"picture {target.name}",
+            f"light that draws its edge on the hollow wall passes {most.max():.0f} px outside its frame on "
+            "the flat wall behind",
+            f"Leave {margin[0]} px free at both sides and {margin[1]} px above and below, or make "
+            "wall_radius_mm larger",
+        )
+
+
+def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
+    """Places (n, 2), mm to the right of and above where the view's axis meets its wall, of pixels (n, 2)."""
+    wide, high = view.frame_mm
+    right = (pixels[:, 0] - (target.width - 1) / 2) * wide / target.width
+    down = (pixels[:, 1] - (target.height - 1) / 2) * high / target.height
+    return np.column_stack([right, view.frame_up_mm - down])
+
+
+def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
+    """The inverse of `_to_wall`."""
+    wide, high = view.frame_mm
+    across = places[:, 0] * target.width / wide + (target.width - 1) / 2
+    down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2
+    return np.column_stack([across, down])

@@ -1,0 +1,42 @@
+"""What it matters to a picture that its wall is round."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from knotfab_validators.files.scene import Effects
+from knotfab_validators.shadows.frame import LONGER_SIDE
+from knotfab_validators.shadows.view import ViewGeometry
+
+__all__ = ["bends", "find_wall"]
+
+WALL_TOLERANCES = (
+    1.0  # a wall that puts the picture less far from a flat one's place is taken as flat
+)
+PLACES = 129  # across and up the frame
+
+
+def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
+    """How far a flat wall would have the picture off its places on the round one; None of a flat wall.
+
+    Returns:
+        "radius_mm"; "off_px", at most, px of a frame of 1024; "samples": 1, that it is looked at.
+    """
+    if geometry.cylinder is None:
+        return None
+    ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
+    u, v = np.meshgrid(*ends)
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    off = geometry.flat.project(geometry.on_receiver(pixels))[0] - pixels
+    share = LONGER_SIDE / max(geometry.width, geometry.height)
+    most = share * float(np.linalg.norm(off, axis=1).max())
+    return {"radius_mm": geometry.cylinder.radius, "off_px": most, "samples": 1}
+
+
+def bends(effects: Effects, off_px: float) -> bool:
+    """Whether shadows are cast on the round wall: the scene says so, or a flat one is off by a tolerance."""
+    if effects.wall != "auto":
+        return effects.wall == "on"
+    return off_px > WALL_TOLERANCES * effects.tolerance_px
