@@ -66,6 +66,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
         mask=mask,
         original=None if target.original is None else look_up(target.original),
         widened=None if target.widened is None else look_up(target.widened),
+        line=None if target.line is None else _to_flat(view, wall, target, target.line),
         rule=f"{target.rule}; as the flat wall has it that touches the round one",
         flattened_s=time.perf_counter() - begun,
     )
@@ -75,7 +76,7 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
     """Refuse a picture that leaves its frame on the flat wall, which lies behind a hollow one."""
     rows, columns = np.nonzero(target.mask)
     drawn = np.column_stack([columns, rows]).astype(np.float64)
-    flat = _to_pixels(view, target, wall.flatten(_to_wall(view, target, drawn)))
+    flat = _to_flat(view, wall, target, drawn)
     size = np.array([target.width, target.height])
     over = np.abs(flat - (size - 1) / 2) - size / 2
     most = over.max(axis=0)
@@ -88,6 +89,11 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
             f"Leave {margin[0]} px free at both sides and {margin[1]} px above and below, or make "
             "wall_radius_mm larger",
         )
+
+
+def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array) -> Array:
+    """Where pixels (n, 2) of the round wall's picture are on the flat one's."""
+    return _to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
 
 
 def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:

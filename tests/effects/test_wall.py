@@ -93,9 +93,15 @@ def disc(seen: ResolvedView, size: int) -> Any:
 def test_a_picture_is_taken_to_the_flat_wall_once(radius: float) -> None:
     seen = view(radius)
     drawn, expected = disc(seen, 500)
-    (flat,) = flatten_targets(Scene(), (seen,), (replace(target(drawn), original=drawn),))
+    rows, columns = np.nonzero(drawn)
+    line = np.column_stack([columns, rows])[::500].astype(np.float64)
+    asked = replace(target(drawn), original=drawn, line=line)
+    (flat,) = flatten_targets(Scene(), (seen,), (asked,))
     for mask in (flat.mask, flat.asked):
         assert (mask != expected).sum() < 0.25 * (drawn != expected).sum()
+    assert flat.line is not None and np.abs(flat.line - line).max() > 1.0
+    u, v = np.rint(flat.line).astype(int).T  # the line goes with its drawing
+    assert expected[v, u].mean() > 0.97
     assert flat.flattened_s is not None and "round" in flat.rule
     (again,) = flatten_targets(Scene(), (seen,), (flat,))
     assert again is flat
