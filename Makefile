@@ -10,13 +10,14 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier hard-cases batch-throughput system slicer browser viewer pictures clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases batch-throughput system slicer browser viewer pictures clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade pip
 	$(BIN)/python -m pip install $(TORCH)
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
+	$(BIN)/knotfab doctor --compile
 	touch $(DONE)
 
 # VTK renders off-screen through libEGL and libGL: install them where we may, name them where not
@@ -134,6 +135,15 @@ frontier: $(DONE)
 PICTURES ?= 40
 batch-throughput: system $(DONE)
 	$(BIN)/python -m examples.studies.batch_throughput --pictures $(PICTURES) $(OPTIONS)
+
+# whether a time budget is kept, and what it buys: six pictures, five budgets, five runs each (about 80 min on a
+# quiet machine; an interrupted run goes on where it was)
+budgets: system $(DONE)
+	$(BIN)/python -m examples.studies.budgets --kept out/budgets.json --figure docs/budgets.png
+
+# what an iteration costs against vertices, pixels, knots and views: exponents, and a 2 m wall (about 4 min)
+scaling: $(DONE)
+	$(BIN)/python -m examples.studies.scaling --write docs/scaling.md
 
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)

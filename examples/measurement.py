@@ -104,10 +104,16 @@ class Built:
         return self.code in (0, 1, 2) and told and "Traceback" not in self.said
 
 
-def build_apart(picture: Path, out: Path, *options: str, limit_s: float | None = None) -> Built:
-    """Build `picture` with --print and `options` into `out`; it is killed after `limit_s`."""
+def build_apart(
+    picture: Path | str,
+    out: Path,
+    *options: str,
+    limit_s: float | None = None,
+    printing: bool = True,
+) -> Built:
+    """Build `picture` with `options` into `out`, with --print where `printing`; killed after `limit_s`."""
     call = [sys.executable, "-m", "knotfab", "build", str(picture)]
-    call += ["--print", "--out", str(out), "--quiet", *options]
+    call += [*(["--print"] if printing else []), "--out", str(out), "--quiet", *options]
     watch, peak = Stopwatch(), 0.0
     # files and not pipes: a pipe that nobody reads while the memory is polled would fill up
     with tempfile.TemporaryFile("w+") as told, tempfile.TemporaryFile("w+") as errors:

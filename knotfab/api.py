@@ -5,6 +5,7 @@ Everything heavy is imported where it is needed.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,9 +108,11 @@ def design_knots(
     Raises:
         SceneError: the scene cannot be met. InputError: the scene or a picture is wrong.
     """
+    from knotfab.design.budget import Budget
     from knotfab.design.design import design_knots as design
 
-    return design(scene, targets, device, None, budget_s)
+    budget = None if budget_s is None else Budget(time.perf_counter() + budget_s)
+    return design(scene, targets, device, None, budget)
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:

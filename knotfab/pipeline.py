@@ -58,7 +58,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
         with Verifier(skip) as verifier, SlicerQueue() as slicer:
-            left = request.search_budget_s(progress.total)
+            left = request.budget(progress.total)
             if request.printing and request.scene.mount.kind in ("wall", "stand"):
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)

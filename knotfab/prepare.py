@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
     frame_view,
     framed_alike,
@@ -54,6 +55,13 @@ def prepare_build(
         )
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
+    if budget is not None:
+        require_budget(
+            budget,
+            len(call.scene.views),
+            bool(call.scene.search.get("free_view")),
+            len(call.targets) if options.sequence else 0,
+        )
     if options.out is BuildOptions.out and not options.force:  # nobody named it
         _keep_other_picture(options.out, call.targets)
     with progress.stage("preview"):

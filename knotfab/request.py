@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from knotfab.design.budget import Budget
 from knotfab.errors import MachineError
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
 __all__ = ["Outcome", "Request", "require_device"]
 
-_RESERVE_S = 5.0  # of a time budget, for what follows the search
+# what follows a search: s, and s for each vertex; of a piece that is printed as well
+_AFTER_S, _AFTER_PRINTED_S, _AFTER_VERTEX_S = 4.2, 5.0, 0.8e-3
 
 
 @dataclass(frozen=True)
@@ -38,11 +41,15 @@ class Request:
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # what was said of them before the build
 
-    def search_budget_s(self, spent_s: float) -> float | None:
-        """Seconds that are left for the search after `spent_s`; None without a time budget."""
+    def budget(self, spent_s: float) -> Budget | None:
+        """What is left of the time budget after `spent_s`; None where there is none."""
         if self.time_budget_s is None:
             return None
-        return max(1.0, self.time_budget_s - spent_s - _RESERVE_S)
+        after = _AFTER_S + (_AFTER_PRINTED_S if self.printing else 0.0)
+        began = time.perf_counter() - spent_s
+        return Budget(
+            began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began
+        )
 
 
 @dataclass(frozen=True)

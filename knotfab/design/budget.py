@@ -1,21 +1,109 @@
-"""As many iterations as some seconds allow on this machine."""
+"""A time budget: the least there may be, what of it is left for the search, and what is spared for it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.scene.settings import SearchSettings
+from knotfab.errors import InputError
+from knotfab.scene.settings import PRESETS, SearchSettings
 
-__all__ = ["scale_to_budget"]
+__all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
+
+_LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
+_SHORT_S = 6.0  # for the design of a view, below which it takes the draft's pictures and trials
+_SHORTEST_S = 3.0  # below which it takes the sketch's
+_GIVE = 0.012
+_USUAL_VERTICES = 2500
+_MOST = 4.0  # times slower: more is no measure of anything
+_SPARED = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
+
+
+def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
+    """Refuse a budget in which no part can be made and verified.
+
+    Args:
+        free: whether the view is looked for as well. frames: of a sequence.
+
+    Raises:
+        InputError: it is below the least.
+    """
+    least, why = _LEAST_S, "a part of one view"
+    if frames:
+        least, why = _LEAST_FRAME_S * frames, f"a sequence of {frames} frames"
+    elif views > 1 or free:
+        least = _LEAST_SEVERAL_S
+        why = f"a part of {views} views" if views > 1 else "a part whose view is free"
+    if seconds < least:
+        raise InputError(
+            f"--time-budget {seconds:g}",
+            f"{why} takes at least {least:g} s, its verification among them",
+            f"Give {least:g} or more, or leave it out.",
+        )
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Until when a build is to be done, and what follows its search.
+
+    `ends`: by `time.perf_counter()`. What follows takes `after_s`, and `after_vertex_s` for each vertex of
+    the knots, on a machine that has nothing else to do: the part, its verification, which is most of it, and
+    the report. `began`: of the process, by the same clock; None: of no matter.
+    """
+
+    ends: float
+    after_s: float = 0.0
+    after_vertex_s: float = 0.0
+    began: float | None = None
+
+    def search_s(self, vertices: int) -> float:
+        """Seconds that are left for a search that ends with so many vertices."""
+        after = self.after_s + self.after_vertex_s * vertices
+        return self.ends - time.perf_counter() - self._slower() * after
+
+    def view_s(self, views: int) -> float:
+        """Seconds for the design of each view."""
+        return self.search_s(_USUAL_VERTICES * views) / views
+
+    def give(self, views: int) -> float:
+        """IoU that may be given for a thicker tube, which is sooner searched and verified."""
+        return _GIVE if self.view_s(views) < _SHORT_S else 0.0
+
+    def _slower(self) -> float:
+        """How many times longer what needs a core for a second has taken so far, beside others."""
+        if self.began is None:
+            return 1.0
+        return float(np.clip((time.perf_counter() - self.began) / time.process_time(), 1.0, _MOST))
+
+
+def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
+    """The settings with smaller pictures and fewer trials where the seconds for a view are few.
+
+    Args:
+        given: keys that the scene gives, which stay.
+    """
+    if seconds >= _SHORT_S:
+        return settings
+    fewer = PRESETS["draft" if seconds >= _SHORTEST_S else "sketch"]
+    less = {
+        key: min(getattr(settings, key), getattr(fewer, key)) for key in _SPARED if key not in given
+    }
+    return settings.model_copy(update=less)
+
+
+def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:
+    """The settings with the iterations that the phases of a search by the clock came to, by their numbers."""
+    names = ("coarse_iterations", "fine_iterations", "settle_iterations")
+    return settings.model_copy(update={names[k]: n for k, n in iterations.items()})
 
 
 def scale_to_budget(
     seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
 ) -> SearchSettings:
-    """The settings with their iterations scaled to the seconds, by one short run.
+    """The settings of a search by the network with their iterations scaled to the seconds, by one short run.
 
     Args:
         trial: searches by the few iterations that it is given.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from knotfab.design.budget import scale_to_budget
+from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.candidates import line_radius
 from knotfab.design.fineness import VERIFIED_PX, fine_enough
 from knotfab.design.free_view import place_start, start_pose
@@ -32,6 +31,7 @@ from knotfab.scene.model import (
 from knotfab.scene.require import require_tube
 from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.search.history import History
+from knotfab.search.pace import Pace
 from knotfab.search.phases import plan_of
 from knotfab.search.pose import Pose
 from knotfab.search.search import search
@@ -87,44 +87,45 @@ def design_knots(
     targets: Sequence[Target],
     device: str = "cpu",
     progress: Progress | None = None,
-    budget_s: float | None = None,
+    budget: Budget | None = None,
 ) -> Design:
     """From a scene and the pictures of its views, in their order, to feasible knots.
 
     Args:
         scene: as a person wrote it, or resolved by an earlier build: that gives the same knots.
-        budget_s: seconds that the design may take; the iterations are set to fit.
+        budget: until when the build is to be done; the iterations are those that there is time for.
 
     Raises:
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
-    begun = time.perf_counter()
     progress = progress or Progress("quiet")
     settings = search_settings(scene.accuracy.name, scene.search)
     if "coarse_iterations" not in scene.search:  # a build's own scene has them resolved already
         # each view adds wishes that pull against the others'
         settings = settings.scaled(len(targets)) if len(targets) > 1 else settings
+    if budget is not None:
+        settings = spare(settings, budget.view_s(len(targets)), scene.search)
     if settings.free_view and len(targets) == 1:
         scene, settings = place_start(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
     settings = _for_lines(question, settings, scene)
-    question, radius, start, choice = choose_tube(question, settings, progress)
+    give = 0.0 if budget is None else budget.give(len(targets))
+    question, radius, start, choice = choose_tube(question, settings, progress, give)
     problem = question.problem
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
     pose: Pose | None = None
-    if budget_s is not None:
+    pace = None if budget is None else Pace(budget.search_s)
+    if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
 
             def trial(few: SearchSettings) -> None:
-                moved = (
-                    start_pose(scene, problem, radius, few, device)[0] if few.free_view else None
-                )
                 plan = replace(plan_of(few, len(problem.views)), repairs=0)
-                search(problem, start, radius, few, pose=moved, plan=plan, device=device)
+                search(problem, start, radius, few, plan=plan, device=device)
 
-            settings = scale_to_budget(budget_s - (time.perf_counter() - begun), settings, trial)
+            seconds = budget.search_s(sum(len(curve) for curve in start.curves))
+            settings = scale_to_budget(seconds, settings, trial)
     history = History()
 
     def watch(knots: Callable[[], Knots], certified: bool) -> None:
@@ -140,10 +141,13 @@ def design_knots(
             radius,
             settings,
             pose=pose,
+            pace=pace,
             device=device,
             report=progress.update if progress.watched else None,
             watch=watch,
         )
+        if pace is not None:
+            settings = resolve_iterations(settings, pace.iterations)
         unmet = None if result.feasible else result
         if unmet is not None:
             knots = _knots_asked(question.scene)
@@ -260,9 +264,12 @@ def add_work(result: SearchResult, earlier: SearchResult) -> None:
 
 
 def choose_tube(
-    question: Question, settings: SearchSettings, progress: Progress
+    question: Question, settings: SearchSettings, progress: Progress, give: float = 0.0
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
     """The tube's radius, mm, the one that the scene gives or the best, and the start with it.
+
+    Args:
+        give: as for `choose_radius`.
 
     Returns:
         The question with the depth that this radius leaves, radius, start, and how the radius was chosen.
@@ -285,7 +292,7 @@ def choose_tube(
     if isinstance(piece.tube_radius_mm, str):
         with progress.stage("radius"):
             _tell_scene(progress, question, None)
-            choice = choose_radius(question, settings, knots, progress.update, progress.show)
+            choice = choose_radius(question, settings, knots, progress.update, progress.show, give)
         radius = choice.radius_mm
     else:
         radius = piece.tube_radius_mm

@@ -82,26 +82,21 @@ class _Trials:
 
     def begin(self, radius: float) -> float:
         """The IoU of a start, in the view that it draws worst; 0 where there is none."""
-        problem, template = self.question.problem, self.templates.get(radius)
-        steps: dict[str, object] = {"network_start": "filling"}
-        if self.one_view:
-            steps["depth_candidates"] = _FEW
+        problem = self.question.with_depth(radius).problem  # as the search will be asked
+        filling = self.settings.network_start == "filling"
+        settings = self.settings
+        if not filling:
+            few = {"depth_candidates": _FEW} if self.one_view else {}
+            settings = settings.model_copy(update={"network_start": "filling", **few})
+        template = self.templates.get(radius)
         try:
-            start = make_start(
-                problem,
-                radius,
-                self.settings.model_copy(update=steps),
-                self.knots,
-                template=template,
-            )
+            start = make_start(problem, radius, settings, self.knots, template=template)
         except SceneError as error:  # no place for the knot that is asked for, or no such curve
             self.failures.append(error)
             return 0.0
-        if self.one_view:
-            return 1.0
-        if self.settings.network_start == "filling":
+        if filling:
             self.starts[radius] = start
-        return min(start.ious)
+        return 1.0 if self.one_view else min(start.ious)
 
 
 def choose_radius(
@@ -110,6 +105,7 @@ def choose_radius(
     knots: int | None = None,
     report: Report | None = None,
     watch: Watch | None = None,
+    give: float = 0.0,
 ) -> RadiusChoice:
     """The largest tube radius that draws the pictures nearly as well as the best one.
 
@@ -122,6 +118,7 @@ def choose_radius(
         knots: as for `fill`.
         report: called with (share done, best IoU).
         watch: called with each filling that is tried.
+        give: at least so much IoU for a thicker tube, which is sooner searched and verified.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
@@ -129,6 +126,7 @@ def choose_radius(
     views = question.views
     trials = _Trials(question, settings, knots, watch=watch)
     span = range_of(len(views))
+    give = max(give, span.give)
     thinnest = question.scene.printer.min_tube_radius_mm
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
@@ -152,7 +150,7 @@ def choose_radius(
     found: dict[float, float] = {}
     if trials.one_view:
         _require_picture(question, scores)
-        well = max(scores.values()) - span.give
+        well = max(scores.values()) - give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too
         for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
             found[radius] = trials.begin(radius)
@@ -172,7 +170,7 @@ def choose_radius(
     top = max(found.values())
     if top == 0 and trials.failures:
         raise trials.failures[0]
-    chosen = max(r for r, iou in found.items() if iou >= top - span.give)
+    chosen = max(r for r, iou in found.items() if iou >= top - give)
     drawn = {} if trials.one_view else found
     return RadiusChoice(
         chosen,

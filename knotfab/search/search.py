@@ -16,6 +16,7 @@ from knotfab.search.chamfer import Chamfer
 from knotfab.search.flow import FlowSettings
 from knotfab.search.network_search import search_network
 from knotfab.search.objective import Term, Weights
+from knotfab.search.pace import Pace
 from knotfab.search.phases import Phase, Plan, plan_of
 from knotfab.search.pose import Pose, settle_pose
 from knotfab.search.repair import repair
@@ -38,6 +39,7 @@ def search(
     pose: Pose | None = None,
     plan: Plan | None = None,
     log: CertificateLog | None = None,
+    pace: Pace | None = None,
     device: str = "cpu",
     report: Report | None = None,
     watch: Watch | None = None,
@@ -53,6 +55,7 @@ def search(
         terms: further parts of the objective; those that are hard limits are repaired as limits are.
         pose: of the one view, where that is an unknown: found along in all phases but the last, after which
             the knots are turned into the axes of the view found.
+        pace: settles the iterations of each phase by the clock; None: those that the settings say.
         log: of the certified steps that led to the start, to be continued.
         plan: instead of the one that follows from the settings and the number of views.
         report: called with (share of the search that is done, least IoU, measured now and then).
@@ -82,6 +85,7 @@ def search(
         state,
         plan.phases,
         None if report is None else lambda part, iou: report(done + (1.0 - done) * part, iou),
+        pace,
     )
     _settle_pose(state)
     repair(state, plan)
@@ -98,7 +102,9 @@ def search(
     )
 
 
-def _run_phases(state: SearchState, phases: tuple[Phase, ...], report: Report | None) -> None:
+def _run_phases(
+    state: SearchState, phases: tuple[Phase, ...], report: Report | None, pace: Pace | None = None
+) -> None:
     """The phases that have iterations, each from evenly spaced vertices on."""
     settings = state.settings
     total, done = sum(phase.iterations for phase in phases), 0
@@ -111,20 +117,22 @@ def _run_phases(state: SearchState, phases: tuple[Phase, ...], report: Report | 
         last = done + phase.iterations == total and settings.settle_iterations > 0
         spacing = settings.settle_edge_radii if last else settings.edge_radii
         resample_state(state, spacing * state.radius)
+        walked = phase if pace is None else pace.fit(state, phases, number)
 
         def tell(
             progress: float,
             measure_iou: Callable[[], float],
             base: int = done,
             n: int = phase.iterations,
+            steps: int = walked.iterations,
         ) -> None:
             nonlocal seen
             if report is not None:
-                if round(progress * (n - 1)) % _SEEN_EVERY == 0:
+                if round(progress * (steps - 1)) % _SEEN_EVERY == 0:
                     seen = measure_iou()
                 report((base + progress * n) / total, seen)
 
-        run_phase(state, phase, tell)
+        run_phase(state, walked, tell)
         done += phase.iterations
 
 

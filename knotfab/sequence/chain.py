@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array
+from knotfab.design.budget import Budget
 from knotfab.design.design import Design, design_knots, price_design, settle_design
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
@@ -128,7 +129,7 @@ class Chain:
     Args:
         scene: of one view, as for `design_knots`. A free view is found with the frame searched first: lamp
             and wall stand where they are while the frames change.
-        budget_s: seconds that all searches may take; the iterations are set to fit, on that frame.
+        budget: until when the build is to be done; the iterations are set to fit, on that frame.
         kept: frames that an interrupted build of the same sequence had done.
 
     Raises:
@@ -141,13 +142,13 @@ class Chain:
         targets: Sequence[Target],
         device: str = "cpu",
         progress: Progress | None = None,
-        budget_s: float | None = None,
+        budget: Budget | None = None,
         kept: KeptFrames | None = None,
     ) -> None:
         require_sequence(scene)
         self._scene, self._targets, self._device = scene, targets, device
         self._progress = progress or Progress("quiet")
-        self._budget_s = budget_s
+        self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
         self.resumed = 0  # frames that were kept
         self._first = pick_first(targets)
@@ -200,7 +201,6 @@ class Chain:
 
     def _begin(self) -> tuple[_Common, Frame]:
         """The frame with the most ink, from a template, and with it all that holds for all frames."""
-        begun = time.perf_counter()
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = search_settings(scene.accuracy.name, scene.search)
         if settings.free_view:
@@ -218,9 +218,10 @@ class Chain:
         view = scene.views[0].model_copy(update={"name": target.name})
         asked = scene.model_copy(update={"piece": piece, "views": (view,)})
         share = None
-        if self._budget_s is not None:
-            left = self._budget_s - (time.perf_counter() - begun)
-            share = left / (1.0 + _OF_FIRST * (len(targets) - 1))
+        if self._budget is not None:
+            left = self._budget.search_s(0)
+            frame_s = left / (1.0 + _OF_FIRST * (len(targets) - 1))
+            share = Budget(time.perf_counter() + frame_s)
         first = design_knots(asked, [target], self._device, progress, share)
         # the region as it was asked for: a mesh lies where the scene says, not yet beside the result; and
         # what is required of the IoU, unless it was given, follows from the frame's own picture

@@ -1,5 +1,6 @@
 """Free views: the frame as a function of its numbers, poses found again, joint searches."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import torch
 from questions import ask_heart, start_and_search
 
 from examples.corpus.curves import torus_knot
+from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.free_view import place_start
 from knotfab.errors import InputError
@@ -349,7 +351,8 @@ def test_a_radius_that_is_given_stays_given() -> None:
 @pytest.mark.slow
 def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
-    made = design_knots(Scene(search=TINY), [read_target("text:\u2665")], budget_s=1.0)
+    budget = Budget(time.perf_counter() + 1.0)
+    made = design_knots(Scene(search=TINY), [read_target("text:\u2665")], budget=budget)
     resolved = made.scene.search
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)
     again = design_knots(made.scene, [read_target("text:\u2665")])

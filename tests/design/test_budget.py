@@ -1,0 +1,59 @@
+"""Time budgets: the least, what is spared, and a search by the clock that its scene repeats."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knotfab.design.budget import Budget, require_budget, spare
+from knotfab.design.design import design_knots
+from knotfab.errors import InputError
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import PRESETS
+from knotfab.target.read import read_target
+
+TINY = {"coarse_px": 64, "fine_px": 96, "depth_candidates": 4, "radius_candidates": 2}
+
+
+@pytest.mark.parametrize(
+    ("least", "asked"),
+    [
+        (5.0, {"views": 1, "free": False}),
+        (12.0, {"views": 2, "free": False}),
+        (12.0, {"views": 1, "free": True}),
+        (24.0, {"views": 1, "free": False, "frames": 6}),
+    ],
+)
+def test_less_than_the_least_is_refused(least: float, asked: dict[str, Any]) -> None:
+    require_budget(least, **asked)
+    with pytest.raises(InputError, match=f"at least {least:g} s") as caught:
+        require_budget(0.99 * least, **asked)
+    assert caught.value.exit_code == 2
+
+
+def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
+    for own in PRESETS.values():
+        for seconds in (0.1, 4.0, 9.0, 100.0):
+            less = spare(own, seconds, given={"fine_px"})
+            assert less.fine_px == own.fine_px
+            assert all(
+                getattr(less, key) <= getattr(own, key)
+                for key in ("coarse_px", "depth_candidates", "radius_candidates", "mesh_sides")
+            )
+    assert spare(PRESETS["fine"], 100.0) == PRESETS["fine"]
+
+
+def test_what_follows_the_search_is_kept_back() -> None:
+    budget = Budget(time.perf_counter() + 20.0, after_s=4.0, after_vertex_s=0.001)
+    assert budget.search_s(2000) == pytest.approx(14.0, abs=0.5)
+
+
+def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:
+    target = read_target("text:♥")
+    made = design_knots(Scene(search=TINY), [target], budget=Budget(time.perf_counter() + 1.5))
+    again = design_knots(made.scene, [target])
+    np.testing.assert_array_equal(made.knots.points, again.knots.points)
+    assert again.scene == made.scene
