@@ -19,7 +19,7 @@ from knotfab.target.read import Target
 WIDTH, GAP = 8.0, 2.0  # px
 
 
-def blob(size: int = 320) -> np.ndarray:
+def blob(size: int = 260) -> np.ndarray:
     """A dark disc, soft, off the middle of a grey ground."""
     y, x = np.mgrid[0:size, 0:size] / size
     return 0.3 + 0.7 / (1 + np.exp(40 * (np.hypot(x - 0.4, y - 0.55) - 0.2)))
