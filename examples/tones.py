@@ -1,14 +1,21 @@
-"""A portrait in greys, painted for `--tone lines`: `python -m examples.tones [FILE.png]`."""
+"""A portrait in greys, painted for `--tone lines`, and what became of it.
+
+`python -m examples.tones portrait.png` paints it; after `knotfab build portrait.png --tone lines
+--tube-radius 0.8 --size 220 --out DIR`, `python -m examples.tones --built DIR docs/tones.png` lays picture,
+verified shadow, and that shadow seen through a Gaussian of three tube radii beside each other.
+"""
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-__all__ = ["paint_portrait"]
+__all__ = ["lay_beside", "paint_portrait"]
 
 Grey = np.ndarray
 LIGHT = np.array([-0.52, -0.50, 0.69])  # from the upper left, in front
@@ -69,5 +76,30 @@ def _spot(dx: Grey, dy: Grey, width: float, height: float) -> Grey:
     return np.exp(-0.5 * ((dx / width) ** 2 + (dy / height) ** 2))
 
 
+def lay_beside(folder: Path, height: int = 560, gap: int = 24) -> Image.Image:
+    """Picture, shadow, and the shadow as it is judged, of a build in greys."""
+    from scipy.ndimage import gaussian_filter
+
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    scene = tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))
+    view = scene["views"][0]
+    picture = Image.open(folder / report["views"][0]["picture"]).convert("L")
+    shadow = Image.open(folder / "shadow-front.png").convert("L")
+    # three times half the width of a line
+    sigma = 1.5 * view["thicken_mm"] * shadow.width / view["frame_width_mm"]
+    soft = gaussian_filter(255.0 - np.asarray(shadow, dtype=float), sigma, mode="constant")
+    size = (round(height * picture.width / picture.height), height)
+    shown = [picture, shadow, Image.fromarray((255.0 - soft).astype(np.uint8))]
+    laid = Image.new("L", (3 * size[0] + 2 * gap, height), "white")
+    for k, image in enumerate(shown):
+        laid.paste(image.resize(size, Image.Resampling.LANCZOS), (k * (size[0] + gap), 0))
+    return laid
+
+
 if __name__ == "__main__":
-    paint_portrait().save(Path(sys.argv[1] if len(sys.argv) > 1 else "portrait.png"))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--built", type=Path)
+    asked = parser.parse_args()
+    made = paint_portrait() if asked.built is None else lay_beside(asked.built)
+    made.save(asked.file, optimize=True)

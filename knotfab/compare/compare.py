@@ -86,7 +86,10 @@ def compare_photo(
     """
     scene, view = _read_view(folder, view_name)
     image = read_photo(photo)
-    target = read_target(view.picture, view, base=folder)
+    if view.tone == "lines":
+        target = read_target(view.lines_picture, base=folder)
+    else:
+        target = read_target(view.picture, view, base=folder)
     longer = max(target.width, target.height)
     width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
     pad = _margin_px(scene, view, width)

@@ -205,6 +205,12 @@ def _draw_tones(
             "as no other picture wants",
             "Leave it out, or build one picture",
         )
+    if scene.material.process == "wire":
+        raise InputError(
+            "--tone lines",
+            "its line turns thousands of times, which no wire is bent to",
+            "Print it",
+        )
     (view,), (target,) = scene.views, targets
     asked, width = scene.piece.tube_radius_mm, view.thicken_mm
     if isinstance(width, str):

@@ -103,7 +103,7 @@ def _write_scene(
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)
         if view.tone == "lines":
-            folder.write(f"picture-{view.name}-lines.png", target.drawing_png())
+            folder.write(view.lines_picture, target.drawing_png())
     folder.write(f"scene{suffix}.toml", dump_scene(scene))
 
 

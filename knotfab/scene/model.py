@@ -182,6 +182,11 @@ class View(Reading):
         return leds
 
     @property
+    def lines_picture(self) -> str:
+        """The file beside the scene that holds what is drawn of greys (`tone`)."""
+        return f"picture-{self.name}-lines.png"
+
+    @property
     def light_size_mm(self) -> float:
         """The longest line within the lamp; 0 of a point, and of an eye."""
         if self.kind == "eye":

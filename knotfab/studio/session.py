@@ -33,7 +33,7 @@ _LONGEST_NAME = 80  # characters of a build's folder
 SETTINGS = (
     "width", "height", "lamp_distance", "wall_distance", "lamp_diameter", "tube_radius", "depth",
     "knots", "knot", "mount", "printer", "material", "accuracy", "time_budget", "ink", "invert",
-    "threshold", "thicken", "smooth", "keep_largest", "seed", "print",
+    "threshold", "thicken", "lines", "tone", "smooth", "keep_largest", "seed", "print",
 )  # fmt: skip
 _DEFAULTS: dict[str, Any] = {"print": True, "mount": "auto", "accuracy": "standard"}
 # of a build's folder, in the order in which a person wants them

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from knotfab.design.frames import widen_targets
 from knotfab.errors import InputError
-from knotfab.scene.catalogue import resolve
+from knotfab.scene.catalogue import material_of, resolve
 from knotfab.scene.model import Scene, View
 from knotfab.start.filling import simple_curves
 from knotfab.start.tone import draw_tones, shortest_tour, spread_points
@@ -19,7 +19,7 @@ from knotfab.target.read import Target
 WIDTH, GAP = 8.0, 2.0  # px
 
 
-def blob(size: int = 320) -> np.ndarray:
+def blob(size: int = 260) -> np.ndarray:
     """A dark disc, soft, off the middle of a grey ground."""
     y, x = np.mgrid[0:size, 0:size] / size
     return 0.3 + 0.7 / (1 + np.exp(40 * (np.hypot(x - 0.4, y - 0.55) - 0.2)))
@@ -82,5 +82,10 @@ def test_greys_are_for_one_picture() -> None:
     scene = resolve(Scene(views=(View(tone="lines"), View(name="side", tone="lines"))))
     target = Target("x", np.eye(20, dtype=bool), b"", 20, 20)
     for targets, sequence in (([target, target], False), ([target], True)):
-        with pytest.raises(InputError, match="--tone lines"):
+        with pytest.raises(InputError, match="for one picture"):
             widen_targets(scene, targets, sequence)
+    one = scene.model_copy(
+        update={"views": scene.views[:1], "material": material_of("steel-wire-2mm")}
+    )
+    with pytest.raises(InputError, match="no wire is bent"):
+        widen_targets(resolve(one), [target])

@@ -50,10 +50,10 @@ def named(curves: Curves) -> list[str]:
 
 
 KNOTS = {
-    "left-handed 3_1": (torus_knot(2, 3, 120), 0.45),
-    "left-handed 5_1": (torus_knot(2, 5, 150), 0.3),
-    "left-handed 8_19": (torus_knot(3, 4, 160), 0.3),
-    "4_1": (figure_eight(160), 0.25),
+    "left-handed 3_1": (torus_knot(2, 3, 90), 0.45),
+    "left-handed 5_1": (torus_knot(2, 5, 130), 0.3),
+    "left-handed 8_19": (torus_knot(3, 4, 130), 0.3),
+    "4_1": (figure_eight(130), 0.25),
 }
 
 
@@ -224,11 +224,11 @@ def test_circle_functions_go_once_round() -> None:
 
 
 def test_a_foreign_tube_is_measured_like_any_other() -> None:
-    points, radius = SIZE * torus_knot(2, 3, 120), 0.4 * SIZE
-    checks = {c.name: c for c in part_checks(Mesh(*tube(points, radius, 16)), None, None, {})}
+    points, radius = SIZE * torus_knot(2, 3, 90), 0.4 * SIZE
+    checks = {c.name: c for c in part_checks(Mesh(*tube(points, radius, 12)), None, None, {})}
     assert checks["centre_line"].status == "pass"
     assert checks["knot_type"].measured == "left-handed 3_1, proved"
-    assert checks["thickness"].limit == pytest.approx(radius, rel=0.03)
+    assert checks["thickness"].limit == pytest.approx(radius, rel=0.04)
     assert checks["clearance"].measured > 0
     assert "are nearest" in checks["clearance"].detail
     assert checks["feature"].status == "pass"
