@@ -16,9 +16,9 @@ __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]
 
 Array = NDArray[np.float64]
 
-_RAYS = 10000  # from a place on the wall
-_POINTS = 800  # of a curve
-_FEET = 4  # places behind strands that are looked at
+_RAYS = 4000  # from a place on the wall
+_POINTS = 400  # of a curve
+_FEET = 3  # places behind strands that are looked at
 _GRID = 301  # places across and up a frame
 
 

@@ -17,6 +17,9 @@ __all__ = ["Knot", "Knots", "read_start"]
 _FEWEST = 8  # vertices of a knot that a search goes on from
 
 
+_RIGID = 1e-9  # of a scale that is none
+
+
 @dataclass(frozen=True)
 class Knot:
     """A polyline: `points` is (n, 3) float64 in mm; where it is closed the last joins the first.
@@ -49,11 +52,12 @@ class Knots:
         return np.concatenate([k.points for k in self.knots])
 
     def moved(self, matrix: NDArray[np.float64]) -> Knots:
-        """The same knots under a rigid 4x4 `matrix`."""
+        """The same knots under a 4x4 `matrix`, a rigid motion or a similarity."""
         turn, shift = matrix[:3, :3], matrix[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
         return Knots(
             tuple(Knot(k.points @ turn.T + shift, k.type, k.closed) for k in self.knots),
-            self.radius_mm,
+            self.radius_mm if abs(scale - 1) < _RIGID else scale * self.radius_mm,
         )
 
     def to_dict(self) -> dict[str, Any]:

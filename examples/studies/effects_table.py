@@ -2,9 +2,9 @@
 
 `python -m examples.studies.effects_table [--scenes N] [--part DIR] [--px N] [--samples N]`: for each kind of
 lamp the share of random scenes in which the magnitude does not bound the truth, and its ratio to it;
-milliseconds of deciding all effects; and, where Mitsuba is installed (pip install mitsuba, and
-libllvm19 or its scalar variant), IoU at half light and brightness inside the penumbra of a built part
-(--part, else the knight, built for it) under lamps of 5, 20 and 50 mm.
+milliseconds of deciding all effects; of a built part (--part, else the knight, built for it) the shadow on
+round walls against VTK's rays, and, where Mitsuba is installed (pip install mitsuba, and libllvm19 or its
+scalar variant), IoU at half light and brightness inside the penumbra under lamps of 5, 20 and 50 mm.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.mesh import move_points
 from knotfab_validators.shadows.compare import overlap
+from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.penumbra import measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
@@ -44,6 +46,7 @@ KNIGHT = Path(__file__).resolve().parents[1] / "knight.png"
 UP = np.array([0.0, 1.0, 0.0])  # a printer's z, in the scene
 _RIM = 60  # points along the edge of a lamp; of an array fewer a LED
 _WORST = 6  # strand points of a scene that are looked at all round
+ROUND_WALLS = (400.0, -150.0)  # mm: hollow, and a column
 _ROUNDING = 1e-9  # of what is exact
 _ROUND = 60  # points of the tube's surface about each
 
@@ -236,6 +239,43 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
             )
 
 
+def print_round(folder: Path, radii: Sequence[float], px: int = 160) -> None:
+    """A built part before round walls: its shadow by VTK's rays from each place of the wall to the lamp.
+
+    Beside them the share of pixels in which the validators' rendering and polygons, and what a flat wall
+    would have, differ from that.
+    """
+    import pyvista
+
+    setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
+    view = setting.views[0]
+    picture = read_silhouette(folder / view.picture, view.reading)
+    frame = working_frame(picture.shape[1], picture.shape[0], px)
+    vertices = move_points(mesh.vertices, np.asarray(setting.pose))
+    solid = pyvista.PolyData.from_regular_faces(vertices, mesh.faces)  # type: ignore[arg-type]
+    print("wall's radius, mm  pixels  dark  rendering off  polygons off  flat wall off")
+    with SilhouetteRenderer(vertices, mesh.faces) as renderer:
+        for radius in radii:
+            bent = replace(view, wall_radius_mm=radius)
+            seen = view_geometry(bent, picture.shape[1], picture.shape[0]).resample(frame)
+            # by hand: mm from the frame's middle, and round the cylinder
+            v, u = np.mgrid[: seen.height, : seen.width]
+            arc = (u - (seen.width - 1) / 2).ravel() * np.linalg.norm(seen.du)
+            down = (v - (seen.height - 1) / 2).ravel() * np.linalg.norm(seen.dv)
+            across, before = radius * np.sin(arc / radius), radius * (1 - np.cos(arc / radius))
+            at = np.column_stack([across, view.frame_up_mm - down, before - view.wall_distance_mm])
+            lamp = np.array([0.0, 0.0, view.light_distance_mm])
+            dark = np.array([len(solid.ray_trace(p, lamp, first_point=True)[0]) > 0 for p in at])
+            dark = dark.reshape(v.shape)
+            others = (
+                renderer.render(seen),
+                shadow_mask(shadow_lines(vertices, mesh.faces, seen), seen),
+                renderer.render(seen.flat),
+            )
+            off = "  ".join(f"{(dark != other).mean():12.5f}" for other in others)
+            print(f"{radius:17.0f}  {dark.size:6d}  {dark.mean():.2f}  {off}", flush=True)
+
+
 class _Lamp:
     """A disc of a diameter, mm."""
 
@@ -256,22 +296,29 @@ def main() -> None:
     asked = parser.parse_args()
     print_bounds(asked.scenes)
     print_deciding()
+    with tempfile.TemporaryDirectory() as folder:
+        part = asked.part
+        if part is None:
+            part = Path(folder) / "knight"
+            build_apart(KNIGHT, part)
+        print_round(part, ROUND_WALLS)
+        if _has_mitsuba():
+            print_traced(part, asked.px, asked.samples)
+
+
+def _has_mitsuba() -> bool:
+    """Whether Mitsuba can trace rays here; what is lacking is printed."""
     try:
         import mitsuba as mi
     except ImportError as error:
         print(f"soft shadows: skipped, for Mitsuba is not installed ({error})")
-        return
+        return False
     try:
         mi.set_variant("llvm_ad_rgb")
     except Exception as error:  # of drjit's own kind, where there is no LLVM that it can use
         print(f"soft shadows: skipped, for Mitsuba has no LLVM here ({error})")
-        return
-    if asked.part is not None:
-        print_traced(asked.part, asked.px, asked.samples)
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        build_apart(KNIGHT, Path(folder) / "knight")
-        print_traced(Path(folder) / "knight", asked.px, asked.samples)
+        return False
+    return True
 
 
 if __name__ == "__main__":

@@ -85,6 +85,12 @@ def compare_photo(
         InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
     """
     scene, view = _read_view(folder, view_name)
+    if view.wall_radius_mm != "flat":
+        raise InputError(
+            f"view {view.name}",
+            "its wall is round, and a photograph is straightened as one of a flat wall",
+            "Compare a view whose wall is flat (--view NAME)",
+        )
     image = read_photo(photo)
     if view.tone == "lines":
         target = read_target(view.lines_picture, base=folder)

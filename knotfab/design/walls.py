@@ -47,14 +47,21 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
         return target
     begun = time.perf_counter()
     _require_inside(view, wall, target)
-    rows, columns = np.mgrid[: target.height, : target.width]
-    grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
-    places = _to_pixels(view, target, wall.unroll(_to_wall(view, target, grid)))
-    at = np.nan_to_num(places, nan=-9.0).T[::-1]
+    columns, rows = (
+        np.arange(target.width, dtype=float),
+        np.arange(target.height, dtype=float)[:, None],
+    )
+    top, bottom = (
+        _to_pixels(view, target, wall.unroll(_to_wall(view, target, ends)))
+        for ends in (np.column_stack([columns, np.full_like(columns, row)]) for row in (0.0, 1.0))
+    )
+    # up a round wall places stay as evenly spaced as they are on the flat one
+    down = top[:, 1] + rows * (bottom - top)[:, 1]
+    at = np.nan_to_num(np.stack([down, np.broadcast_to(top[:, 0], down.shape)]), nan=-9.0)
 
     def look_up(mask: Mask) -> Mask:
         shares = map_coordinates(mask.astype(np.float32), at, order=1)
-        return np.asarray(shares >= 0.5).reshape(mask.shape)
+        return np.asarray(shares >= 0.5)
 
     mask = look_up(target.mask)
     if not mask.any():
@@ -74,8 +81,14 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
 
 def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> None:
     """Refuse a picture that leaves its frame on the flat wall, which lies behind a hollow one."""
-    rows, columns = np.nonzero(target.mask)
-    drawn = np.column_stack([columns, rows]).astype(np.float64)
+    rows, columns = (np.flatnonzero(target.mask.any(axis=axis)) for axis in (1, 0))
+    mask = target.mask[rows]
+    first, last = mask.argmax(axis=1), target.width - 1 - mask[:, ::-1].argmax(axis=1)
+    mask = target.mask[:, columns]
+    top, bottom = mask.argmax(axis=0), target.height - 1 - mask[::-1].argmax(axis=0)
+    # of every row and column its ends: all between them stays between them
+    pairs = ((first, rows), (last, rows), (columns, top), (columns, bottom))
+    drawn = np.concatenate([np.column_stack(pair) for pair in pairs]).astype(np.float64)
     flat = _to_flat(view, wall, target, drawn)
     size = np.array([target.width, target.height])
     over = np.abs(flat - (size - 1) / 2) - size / 2

@@ -33,7 +33,7 @@ class Contrast:
 
     `falloff`: the lamp's least light within the frame over its largest. `ambient`, `room`, `second`: what
     comes of elsewhere, of the room's walls, of a second lamp. Of the lamp's own, strands let `transmitted`
-    through, and throw `bounced` back that the wall sent them, at most. `ghost_shift_mm`: how far from the
+    through, and throw `bounced` back that the wall sent them, about. `ghost_shift_mm`: how far from the
     shadow of the piece's middle the second lamp throws it; None without one.
     """
 
@@ -142,7 +142,7 @@ def _through(transmittance: float, radius: float) -> float:
 
 
 def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> float:
-    """What strands throw back of the wall's light onto their own shadow, at most."""
+    """What strands throw back of the wall's light onto their own shadow, about; mostly less."""
     if len(points) < 2:
         return 0.0
     wall = OnWall.of(view)

@@ -24,7 +24,7 @@ from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
-__all__ = ["Part", "part_of", "rules_of"]
+__all__ = ["Part", "part_of", "rules_of", "shrink_of"]
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
@@ -100,12 +100,15 @@ def _choose_poses(
     frame = view.frame_width_mm, view.frame_height_mm
     # a stand that must lie down is more than its knots, which are all that an estimate knows
     rules = rules_of(made.scene) if mounted.stand is None else None
+    shrink = shrink_of(made.scene)
+    knots, bodies = made.knots, mounted.bodies
+    if shrink[0, 0] != 1.0:  # what is printed is larger by what it will shrink
+        grow = np.diag(1 / np.diag(shrink))
+        knots, bodies = knots.moved(grow), [(grow[0, 0] * v, f) for v, f in bodies]
     room = printer.build_volume_mm if printing else _ANY_SIZE
     try:
-        whole = choose_pose(
-            made.knots, mounted.bodies, room, frame, mounted.upright, rules, mounted.fixed_mm
-        )
-        return mounted, whole, None
+        whole = choose_pose(knots, bodies, room, frame, mounted.upright, rules, mounted.fixed_mm)
+        return mounted, replace(whole, matrix=shrink @ whole.matrix), None
     except SceneError as error:
         if mounted.upright is not None and not mounted.must_be_upright:
             lying = replace(mounted, upright=None)
@@ -113,10 +116,11 @@ def _choose_poses(
         if not can_be_split(mounted):
             raise
         too_large = error
-    pose = choose_pose(made.knots, mounted.bodies, _ANY_SIZE, frame, mounted.upright)
+    pose = choose_pose(knots, bodies, _ANY_SIZE, frame, mounted.upright)
+    printables = list_printables(mounted, made.knots, cameras, masks)
     try:
         plates = lay_on_plates(
-            list_printables(mounted, made.knots, cameras, masks),
+            [one.scaled(1 / shrink[0, 0]) for one in printables],
             pose,
             printer.build_volume_mm,
             printer.nozzle_mm,
@@ -127,7 +131,12 @@ def _choose_poses(
     except SceneError as error:
         why = f"{too_large.why}; nor in several pieces: {error.why}"
         raise SceneError(too_large.what, why, f"{error.remedy}. {too_large.remedy}") from error
-    return mounted, pose, plates
+    return mounted, replace(pose, matrix=shrink @ pose.matrix), plates
+
+
+def shrink_of(scene: Scene) -> Array:
+    """(4, 4) what the material does to a part once it is printed; the identity where nothing is asked."""
+    return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
 
 
 def rules_of(scene: Scene) -> Rules:

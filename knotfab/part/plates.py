@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -33,6 +33,13 @@ class Printable:
     name: str
     mesh: Mesh
     line: Line
+
+    def scaled(self, share: float) -> Printable:
+        """The same, every length so many times as long."""
+        (vertices, faces), line = self.mesh, self.line
+        points, radius, beside = share * line.points, share * line.radius, share * line.beside
+        line = replace(line, points=points, radius=radius, beside=beside)
+        return Printable(self.name, (share * vertices, faces), line)
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,8 @@ class PoseAccount:
 class PrintPose:
     """The piece on the bed: z up, least corner of its surface at the origin.
 
-    `matrix` is (4, 4), rigid, and takes print coordinates to the scene (`[pose]` of scene.toml);
-    `knots` and `tubes` are in print coordinates. `account`: where supports were weighed.
+    `matrix` is (4, 4), rigid unless the material shrinks, and takes print coordinates to the scene
+    (`[pose]`); `knots` and `tubes` are in print coordinates. `account`: where supports were weighed.
     """
 
     matrix: Array

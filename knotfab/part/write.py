@@ -13,7 +13,7 @@ from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
 from knotfab.mount.coupon import COUPON, plan_coupon
-from knotfab.part.assemble import Part
+from knotfab.part.assemble import Part, shrink_of
 from knotfab.part.plates import Plates
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
@@ -82,7 +82,9 @@ def write_part(
         )
     coupon = None if suffix else plan_coupon(part.mounted)
     if coupon is not None:
-        write_3mf(folder.file(COUPON), coupon.make_bodies(), f"{title}, coupon")
+        grown = 1 / shrink_of(scene)[0, 0]  # its holes and pin shrink as the part's do
+        bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]
+        write_3mf(folder.file(COUPON), bodies, f"{title}, coupon")
     part.pose.knots.write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
 

@@ -173,7 +173,9 @@ def add_fabrication(
     mount = mounted.report()
     report["settings"]["mount"] = mount["kind"]
     report["print"]["mount"] = mount
-    report["notes"] = _notes(len(report["knots"]), mount, printing, len(report["views"]))
+    views = mounted.scene.views
+    hangs = len(views) == 1 and views[0].wall_radius_mm == "flat"
+    report["notes"] = _notes(len(report["knots"]), mount, printing, hangs)
     add_slicing(report, sliced, printing and plan is None)
     if plan is not None:
         report["bending_plan"] = plan.to_dict()
@@ -198,12 +200,12 @@ def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool
         report["print"].update(print_figures(sliced))
 
 
-def _notes(knots: int, mount: Record, printing: bool, views: int) -> list[str]:
+def _notes(knots: int, mount: Record, printing: bool, hangs: bool) -> list[str]:
     """What a reader must not miss."""
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":
         without = "Nothing holds the knots: this piece has no mount"
-        kind = "wall" if views == 1 else "stand"
+        kind = "wall" if hangs else "stand"
         how = f"; --mount {kind} adds one."
         return [without + how, loose] if knots > 1 else [without + how]
     if mount.get("foot") == "dowel":

@@ -46,6 +46,13 @@ def add_posing(
             "It is printed in powder, which carries it: no supports, and any pose will do. Its box of "
             f"{pose['box_cm3']:.0f} cm³ is what it takes of the powder bed."
         )
+    if shrinkage := part.mounted.scene.material.shrinkage_percent:
+        pose["shrinkage_percent"] = shrinkage
+        larger = 100 / (1 - shrinkage / 100) - 100
+        notes.append(
+            f"All files are written {larger:.2f} % larger, for the material shrinks "
+            f"by {shrinkage:g} %: switch off what your slicer or print service does about it."
+        )
     if flattening is not None:
         pose["depth_mm"] = {
             "first": round(flattening.from_mm, 2),

@@ -80,7 +80,7 @@ def viewer_data(
     placed = knots.moved(matrix)
     data: Record = {
         "unit": "mm",
-        "radius": knots.radius_mm,
+        "radius": placed.radius_mm,
         "curves": _pack_curves(placed),
         "views": [
             {key: getattr(view, key) for key in VIEW_KEYS} | {"picture": silhouette_uri(mask)}

@@ -114,6 +114,8 @@ class Material(_Table):
     young_modulus_mpa: Positive = 2300.0
     yield_mpa: Positive = 50.0
     transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # 0: opaque
+    # of every length, once it is printed: written larger by that; 0: slicer or service sees to it
+    shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
     color: Color = "#d9d4c7"
 
 
@@ -274,7 +276,10 @@ class Plate(_Table):
 
 
 class Pose(_Table):
-    """Rigid motion from print coordinates to the scene, and what is printed instead of the whole."""
+    """From print coordinates to the scene, and what is printed instead of the whole.
+
+    A rigid motion; where the material shrinks, a similarity that shrinks by as much.
+    """
 
     matrix: tuple[Row, Row, Row, Row]
     plates: tuple[Plate, ...] = ()

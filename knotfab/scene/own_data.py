@@ -26,6 +26,7 @@ USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "ma
 USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
 USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
 USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
+USUAL |= {"shrinkage_percent"}
 
 
 def data_folder() -> Path:

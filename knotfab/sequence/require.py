@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from knotfab.errors import InputError
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 
 __all__ = ["require_sequence"]
@@ -25,6 +26,12 @@ def require_sequence(scene: Scene) -> None:
             "scene key views.wall_radius_mm",
             "frames of a sequence are registered to each other on a flat wall",
             "Leave it out, or leave out --sequence",
+        )
+    if resolve(scene).material.shrinkage_percent:
+        raise InputError(
+            "scene key material.shrinkage_percent",
+            "the frames on their ring are written as they are to be",
+            "Leave it out and scale by the slicer, or leave out --sequence",
         )
     if scene.search.get("start"):
         raise InputError(

@@ -40,7 +40,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
             )
         height, width = read_silhouette(scene.parent / named[0].picture).shape
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
-        vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+        vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
         geometry = view_geometry(named[0], width, height).resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:

@@ -39,6 +39,7 @@ def part_checks(
     seconds: dict[str, float],
     plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
+    printed: Mesh | None = None,
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
@@ -46,11 +47,13 @@ def part_checks(
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
     Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
     are what must fit the printer and can be printed, and must make up the part. Printability costs
-    most: where all of it is to be left out (`skip`), it is not measured.
+    most: where all of it is to be left out (`skip`), it is not measured. `printed`: the part before it
+    shrinks, where it does.
 
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
     """
+    printed = mesh if printed is None else printed
     line, found = _find_lines(mesh, curves, scene, seconds, skip)
     checks = [line, *_check_mesh(mesh, curves, scene, seconds, found)]
     kinds = _check_knots(mesh, curves or found, scene, seconds)
@@ -65,14 +68,14 @@ def part_checks(
         with time_stage(seconds, "region"):
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
-                checks.append(_check_build_volume(mesh, scene))
+                checks.append(_check_build_volume(printed, scene))
     if set(PRINTING) <= set(skip):
         return checks + [skip_check(name, "left out on request") for name in PRINTING]
-    if mesh is not None and scene is not None and plates:
+    if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
-            checks += check_plates(mesh, plates, scene.printer.build_volume_mm)
+            checks += check_plates(printed, plates, scene.printer.build_volume_mm)
         return checks + check_plates_printable(plates, scene.printer, checks, seconds)
-    return checks + _check_printability(mesh, scene, checks, seconds)
+    return checks + _check_printability(printed, scene, checks, seconds)
 
 
 def _find_lines(

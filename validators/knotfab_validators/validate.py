@@ -16,6 +16,8 @@ from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.plates import read_plates
 from knotfab_validators.files.scene import read_scene
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
@@ -41,7 +43,8 @@ def validate(
     Args:
         part: STL or 3MF in print coordinates. knots: knots.json. scene: scene.toml; its pictures
             lie beside it, and so do the plates that it names; its pose takes part and knots to the
-            scene.
+            scene. Where its material shrinks, they are measured as they are then, but for what the
+            printer must hold and can print.
         skip: names of checks to leave out; "shadow-render" lets the exact polygons alone decide
             about the shadow.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
@@ -58,7 +61,12 @@ def validate(
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
-    checks = [] if only == "shadows" else part_checks(mesh, curves, setting, seconds, laid, skip)
+    printed = mesh
+    if setting is not None and setting.material.shrinkage_percent > 0:
+        mesh, curves = _shrink(mesh, curves, setting.material.shrinks_to)
+    checks = []
+    if only != "shadows":
+        checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed)
     views: list[dict[str, Any]] = []
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if only == "geometry":
@@ -82,6 +90,22 @@ def validate(
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
     return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
+
+
+def _shrink(
+    mesh: Mesh | None, curves: Curves | None, share: float
+) -> tuple[Mesh | None, Curves | None]:
+    """Part and centre lines as they are once the material has shrunk to a share of every length."""
+    if mesh is not None:
+        mesh = Mesh(share * mesh.vertices, mesh.faces)
+    if curves is not None:
+        radius = curves.radius_mm
+        curves = replace(
+            curves,
+            polygons=tuple(share * polygon for polygon in curves.polygons),
+            radius_mm=None if radius is None else share * radius,
+        )
+    return mesh, curves
 
 
 def _leave_out(check: Check) -> Check:

@@ -86,6 +86,12 @@ class Material:
     springback_percent: float = 0.0
     young_modulus_mpa: float = 2300.0
     yield_mpa: float = 50.0
+    shrinkage_percent: float = 0.0
+
+    @property
+    def shrinks_to(self) -> float:
+        """The share of every length that is left of what is printed."""
+        return 1 - self.shrinkage_percent / 100
 
 
 @dataclass(frozen=True)
@@ -179,7 +185,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene; `pose` (4 x 4 rows) takes part coordinates to scene coordinates, None: absent.
+    """One scene; `pose` (4 x 4 rows), rigid, takes the part once it has shrunk to the scene, None: absent.
 
     `plates`: where the part is printed in several pieces, for each plate its file beside the scene and the
     motions (4 x 4 rows) that take its bodies to the part.
@@ -245,6 +251,7 @@ def parse_scene(
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
         raise BadFile(f"{name}: [[views]] must name at least one view")
+    shrinkage = material.number("shrinkage_percent", 0.0, least=0, most=20)
     return Scene(
         piece=Piece(
             tube_radius_mm=piece.open_number("tube_radius_mm", None, above=0),
@@ -264,6 +271,7 @@ def parse_scene(
             springback_percent=material.number("springback_percent", 0.0, least=0),
             young_modulus_mpa=material.number("young_modulus_mpa", 2300.0, above=0),
             yield_mpa=material.number("yield_mpa", 50.0, above=0),
+            shrinkage_percent=shrinkage,
         ),
         printer=_printer(printer),
         views=tuple(_view(v, f"{name}: view {i}") for i, v in enumerate(views)),
@@ -274,7 +282,7 @@ def parse_scene(
             accept=accuracy.words("accept", ("unrecognisable",)),
         ),
         mount=_mount(data.get("mount", {}), f"{name}: [mount]"),
-        pose=_pose(data.get("pose"), name),
+        pose=_pose(data.get("pose"), name, 1 - shrinkage / 100),
         plates=_plates(data.get("pose"), name),
         effects=Effects(
             penumbra=effects.word("penumbra", "auto", SWITCH),
@@ -421,11 +429,12 @@ def _leds(table: Table) -> tuple[int, int]:
     return value[0], value[1]
 
 
-def _pose(data: Any, name: str) -> Pose | None:
-    """The rigid motion in [pose], None without one."""
+def _pose(data: Any, name: str, shrinks_to: float) -> Pose | None:
+    """The rigid motion in [pose], less what the material shrinks; None without one."""
     if data is None:
         return None
-    return _motion(data.get("matrix") if isinstance(data, dict) else None, f"{name}: [pose] matrix")
+    rows = data.get("matrix") if isinstance(data, dict) else None
+    return _motion(rows, f"{name}: [pose] matrix", shrinks_to)
 
 
 def _plates(data: Any, name: str) -> tuple[tuple[str, tuple[Pose, ...]], ...]:
@@ -444,14 +453,16 @@ def _plates(data: Any, name: str) -> tuple[tuple[str, tuple[Pose, ...]], ...]:
     return tuple(found)
 
 
-def _motion(rows: Any, what: str) -> Pose:
-    """A rigid motion, given as 4 rows of 4 numbers."""
+def _motion(rows: Any, what: str, scale: float = 1.0) -> Pose:
+    """The rigid motion in one that scales so much besides, given as 4 rows of 4 numbers."""
     try:
         matrix = np.array(rows, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadFile(f"{what} must be 4 rows of 4 numbers") from error
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise BadFile(f"{what} must be 4 rows of 4 numbers")
+    if scale != 1.0:
+        matrix[:3, :3] /= scale
     turn = matrix[:3, :3]
     rigid = (
         np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6
@@ -459,5 +470,6 @@ def _motion(rows: Any, what: str) -> Pose:
         and np.array_equal(matrix[3], [0, 0, 0, 1])
     )
     if not rigid:
-        raise BadFile(f"{what} is not a rigid motion")
+        besides = "" if scale == 1.0 else f" that shrinks the part to {scale:g} of its size"
+        raise BadFile(f"{what} is not a rigid motion{besides}")
     return tuple(tuple(float(x) for x in row) for row in matrix)

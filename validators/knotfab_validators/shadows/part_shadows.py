@@ -177,7 +177,8 @@ def verify_shadows(
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
             if scene.piece.printed:
-                own, layer = fine.in_part(pose), scene.printer.layer_height_mm
+                own = fine.in_part(pose)
+                layer = scene.printer.layer_height_mm * scene.material.shrinks_to
                 shift = layer_shift_px(mesh.vertices, own, layer)
                 if shows_layers(scene.effects, shift):
                     with time_stage(seconds, "layers"):

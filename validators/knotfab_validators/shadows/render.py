@@ -16,7 +16,7 @@ from knotfab_validators.shadows.view import ON_RECEIVER_MM, ViewGeometry
 
 __all__ = ["CannotRender", "SilhouetteRenderer", "why_no_rendering"]
 
-FINER = 2  # pixels of the flat receiver to one of a curved one
+FINER = 4  # pixels of the flat receiver to one of a curved one, each way
 REMEDY = "Install it: apt-get install libegl1 libgl1"
 EGL_PLATFORM_DEVICE = 0x313F
 
@@ -98,6 +98,7 @@ class SilhouetteRenderer:
             vtkRenderWindow,
         )
 
+        self._known: tuple[Any, Array, Array] | None = None
         self._vertices = np.asarray(vertices, dtype=np.float64)
         # the card works in single precision: keep its numbers small
         self._middle = (self._vertices.min(axis=0) + self._vertices.max(axis=0)) / 2
@@ -122,24 +123,23 @@ class SilhouetteRenderer:
         self._window.SetMultiSamples(0)
         self._window.AddRenderer(renderer)
 
-    def render(self, geometry: ViewGeometry, *, behind: bool = False) -> Mask:
+    def render(self, geometry: ViewGeometry, *, behind: bool = False, finer: int = FINER) -> Mask:
         """The silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
 
         The camera stands at the light and looks straight at the receiver plane, whatever its
         tilt; its frustum is shifted and shaped to the frame. Matter on or behind the receiver
         plane is clipped away unless `behind`. Before a cylinder that is done for the flat receiver, on
-        finer pixels; each of the curved one's is dark where the ray to it is.
+        pixels so many times `finer`; each of the curved one's is dark where the ray to it is.
         """
         if geometry.cylinder is not None:
-            return self._render_bent(geometry, behind)
+            return self._render_bent(geometry, behind, finer)
         self._place(geometry, behind)
         self._window.SetSize(geometry.width, geometry.height)
         self._window.Render()
         return self._read(geometry.width, geometry.height)
 
-    def _render_bent(self, geometry: ViewGeometry, behind: bool) -> Mask:
-        v, u = np.mgrid[: geometry.height, : geometry.width]
-        at, normal = geometry.touching(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+    def _render_bent(self, geometry: ViewGeometry, behind: bool, finer: int) -> Mask:
+        at, normal = self._places(geometry)
         lit = ((geometry.light - at) * normal).sum(axis=1) > 0
         flat = geometry.flat
         pixels, w = flat.project(at)
@@ -149,15 +149,34 @@ class SilhouetteRenderer:
         shadow = np.zeros(len(at), dtype=bool)
         if lit.any():
             low, high = np.floor(pixels[lit].min(axis=0)), np.ceil(pixels[lit].max(axis=0))
-            wide, tall = (FINER * (high - low + 1)).astype(int)
-            first = low - 0.5 + 0.5 / FINER
+            wide, tall = (finer * (high - low + 1)).astype(int)
+            first = low - 0.5 + 0.5 / finer
             origin = flat.origin + first[0] * flat.du + first[1] * flat.dv
-            du, dv = flat.du / FINER, flat.dv / FINER
+            du, dv = flat.du / finer, flat.dv / finer
             window = replace(flat, origin=origin, du=du, dv=dv, width=int(wide), height=int(tall))
-            column, row = np.rint(FINER * (pixels[lit] - first)).astype(np.int64).T
+            column, row = np.rint(finer * (pixels[lit] - first)).astype(np.int64).T
             mask = self.render(window, behind=behind)
             shadow[lit] = mask[np.clip(row, 0, tall - 1), np.clip(column, 0, wide - 1)]
         return shadow.reshape(geometry.height, geometry.width)
+
+    def _places(self, geometry: ViewGeometry) -> tuple[Array, Array]:
+        """The points of the receiver under all pixels, and its normals; kept, for many lamps see the same."""
+        wall = geometry.cylinder
+        assert wall is not None
+        lattice = (
+            geometry.origin,
+            geometry.du,
+            geometry.dv,
+            geometry.normal,
+            wall.foot,
+            wall.along,
+        )
+        key = (geometry.width, geometry.height, wall.radius, *(x.tobytes() for x in lattice))
+        if self._known is None or self._known[0] != key:
+            v, u = np.mgrid[: geometry.height, : geometry.width]
+            pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
+            self._known = key, *geometry.touching(pixels)
+        return self._known[1:]
 
     def _place(self, geometry: ViewGeometry, behind: bool) -> None:
         normal, height = geometry.normal, geometry.light_height
