@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ __all__ = [
     "Workers",
     "count_cores",
     "count_jobs",
+    "may_fork",
     "measure_memory_gb",
 ]
 
@@ -47,6 +49,12 @@ def measure_memory_gb() -> float | None:
 
             return float(psutil.virtual_memory().total) / 2**30
         return None
+
+
+def may_fork() -> bool:
+    """Whether a process that has loaded libraries may fork; `KNOTFAB_NO_FORK` in the environment says no."""
+    # what Apple's frameworks start when they are loaded does not live on in a child
+    return hasattr(os, "fork") and sys.platform != "darwin" and "KNOTFAB_NO_FORK" not in os.environ
 
 
 def count_jobs() -> int:

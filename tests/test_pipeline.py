@@ -233,7 +233,15 @@ def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Pa
 
 def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
-    sometimes = {"shadow-render", "intrusion", "plate_mesh", "plates", "plates_volume", "slicer"}
+    sometimes = {
+        "shadow-render",
+        "intrusion",
+        "plate_mesh",
+        "plates",
+        "plates_volume",
+        "slicer",
+        "tone",
+    }
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
 
 

@@ -15,7 +15,7 @@ from knotfab.batch.tasks import Task
 from knotfab.batch.worker import (
     Record,
     build_parcel,
-    open_stems,
+    open_builders,
     pack_task,
     record_of,
     unpack_result,
@@ -96,8 +96,8 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     worker = get_worker()
     worker.log_event(topic, name)
     key = worker.get_current_task()
-    with open_stems(1, share=1) as stems:
-        building = stems.submit(build_parcel, parcel, stems)
+    with open_builders(1, share=1) as pool:
+        building = pool.submit(build_parcel, parcel, pool)
         while not wait([building], _LOOK_EVERY_S).done:
             task = worker.state.tasks.get(key)
             if task is None or task.state not in ("executing", "long-running"):

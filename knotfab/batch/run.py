@@ -14,12 +14,12 @@ from statistics import median
 
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
-from knotfab.batch.worker import Record, build_apart, open_stems
+from knotfab.batch.worker import Record, build_apart, open_builders
 from knotfab.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
-from knotfab.pool import Workers, count_jobs
+from knotfab.pool import Pool, count_jobs
 from knotfab.progress import Progress
 
 __all__ = ["batch"]
@@ -57,7 +57,7 @@ def batch(
     kept = _keep_records(folder, tasks)
     missing = [task for task in tasks if task.name not in kept]
     records = dict(kept)
-    side_by_side = jobs or count_jobs()
+    side_by_side = min(jobs or count_jobs(), len(missing))
     tally = _Tally(len(missing), side_by_side if cluster is None else None)
     with (
         Progress(options.mode) as progress,
@@ -85,9 +85,12 @@ def batch(
 @contextmanager
 def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
     """A function that builds tasks: on this machine, or on a cluster."""
+    if cluster is None and jobs == 0:  # all is built
+        yield lambda tasks, folder: iter(())
+        return
     if cluster is None:
-        with open_stems(jobs) as stems:
-            yield partial(_build_here, stems, progress)
+        with open_builders(jobs) as pool:
+            yield partial(_build_here, pool, progress)
         return
     from knotfab.batch.cluster import open_cluster
 
@@ -96,15 +99,15 @@ def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterato
 
 
 def _build_here(
-    stems: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
+    pool: Pool, progress: Progress, tasks: Sequence[Task], folder: Path
 ) -> Iterator[tuple[Task, Record]]:
     """Each task in a process of its own."""
 
     def build(task: Task) -> Record:
         with progress.line(task.name):
-            return build_apart(task, folder / task.name, stems)
+            return build_apart(task, folder / task.name, pool)
 
-    futures: dict[Future[Record], Task] = {stems.submit(build, task): task for task in tasks}
+    futures: dict[Future[Record], Task] = {pool.submit(build, task): task for task in tasks}
     for future in as_completed(futures):
         yield futures[future], future.result()
 

@@ -18,13 +18,13 @@ from typing import IO, Any
 
 from knotfab.batch.tasks import Task, content_of
 from knotfab.files.folder import REJECTED, OutputFolder
-from knotfab.pool import ONE_THREAD, Crash, Workers
+from knotfab.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
 
 __all__ = [
     "Record",
     "build_apart",
     "build_parcel",
-    "open_stems",
+    "open_builders",
     "pack_task",
     "read_report",
     "record_of",
@@ -34,37 +34,30 @@ __all__ = [
 
 Record = dict[str, Any]  # name, picture, key, exit_code, seconds, iou, verdict, reported, error
 _ENDINGS = (0, 1, 2, 3, 130)  # the exit codes of the contract; others are none of a build's own
+_ALONE = {**ONE_THREAD, "PYTHONIOENCODING": "utf-8"}  # environment of a build beside others
 _MOST_RUNS = 2  # of a build that is killed, which may have been for want of memory beside another
 
 
-def open_stems(jobs: int, share: int | None = None) -> Workers:
-    """`jobs` processes for `build_apart`, each of which loads once what builds need.
+def open_builders(jobs: int, share: int | None = None) -> Pool:
+    """A pool for `build_apart`: where processes fork, of `jobs` that load once what all builds need.
 
     Args:
-        share: the processes that each of their builds may run side by side.
+        share: the processes that each build may run side by side.
     """
+    if not may_fork():
+        return Pool(jobs, share)
     # -P: modules come from the installation, never from the folder one happens to be in
     command = [sys.executable, "-P", "-m", "knotfab.cli.stem"]
-    return Workers(command, jobs, env={**os.environ, **ONE_THREAD}, share=share)
+    return Workers(command, jobs, env={**os.environ, **_ALONE}, share=share)
 
 
-def build_apart(task: Task, folder: Path, stems: Workers) -> Record:
-    """Build one picture into `folder` in a process of its own, which ends with the stems (`open_stems`)."""
+def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
+    """Build one picture into `folder` in a process of its own, which ends with the pool (`open_builders`)."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
-    environment = {**os.environ, **ONE_THREAD, "KNOTFAB_JOBS": str(stems.share)}
-    environment["PYTHONIOENCODING"] = "utf-8"
-    asked = {
-        "command": [sys.executable, "-P", "-m", "knotfab"],
-        "arguments": ["build", task.picture, *task.arguments, f"--out={folder}", "--quiet"],
-        "environment": environment,
-    }
+    arguments = ["build", task.picture, *task.arguments, f"--out={folder}", "--quiet"]
     for _ in range(_MOST_RUNS):
-        try:
-            answer = stems.answer(asked)
-            code, error = _explain_end(answer["code"], answer["said"])
-        except Crash as crash:
-            code, error = _explain_end(crash.code, crash.said)
+        code, error = _run(arguments, pool)
         if code in _ENDINGS:
             break
     seconds = time.perf_counter() - begun
@@ -72,6 +65,20 @@ def build_apart(task: Task, folder: Path, stems: Workers) -> Record:
     if code == 1 and _stamp(folder / REJECTED / "report.json") != earlier:
         report = read_report(folder / REJECTED)
     return record_of(task, code, seconds, error, report)
+
+
+def _run(arguments: list[str], pool: Pool) -> tuple[int, str]:
+    """Run `knotfab ARGUMENTS` in a process that the pool minds: its exit code and the sentence of its end."""
+    environment = {**os.environ, **_ALONE, "KNOTFAB_JOBS": str(pool.share)}
+    if not isinstance(pool, Workers):
+        command = [sys.executable, "-P", "-m", "knotfab", *arguments]
+        with pool.start(command, stderr=subprocess.PIPE, env=environment) as child:
+            return run_apart(child)
+    try:
+        answer = pool.answer({"arguments": arguments, "environment": environment})
+    except Crash as crash:
+        return _explain_end(crash.code, crash.said)
+    return _explain_end(answer["code"], answer["said"])
 
 
 def run_apart(
@@ -179,7 +186,7 @@ def pack_task(task: Task, shared: Path) -> bytes:
     return parcel.getvalue()
 
 
-def build_parcel(parcel: bytes, stems: Workers) -> tuple[Record, bytes]:
+def build_parcel(parcel: bytes, pool: Pool) -> tuple[Record, bytes]:
     """Build what `pack_task` packed, anywhere; the record, and the folder that came of it, packed.
 
     On a machine that shares the disk the folder is written where it belongs, from the files' own paths where
@@ -197,7 +204,7 @@ def build_parcel(parcel: bytes, stems: Workers) -> tuple[Record, bytes]:
             for path, held in places.items():
                 arguments = [one.replace(f"={path}", f"={here / held}") for one in arguments]
                 source = str(here / held) if source == path else source
-        record = build_apart(Task(name, source, tuple(arguments), (), key), out, stems)
+        record = build_apart(Task(name, source, tuple(arguments), (), key), out, pool)
         error = record["error"].replace(source, picture).replace(f"{here / 'out'}{os.sep}", "")
         record |= {"picture": picture, "error": error}
         result = io.BytesIO()

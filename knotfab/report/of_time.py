@@ -35,7 +35,7 @@ def add_next_step(report: Record) -> None:
     own, better = study["steps"][here], study["steps"][here + 1]
     gain = (1.0 - min(ious)) * (1.0 - better["error"] / own["error"])
     more = sum(
-        report["timings"].get(stage, 0.0) * (better["seconds"][stage] / seconds - 1.0)
+        report["timings"].get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()
     )
     bought = f"+{gain:.4f} IoU".replace("+0.", "+.") if gain > _LEAST_GAIN else "next to nothing"

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
 from functools import cache
 
 __all__ = ["REMEDY", "find_slicer", "read_version"]
@@ -31,9 +32,16 @@ def read_version(program: str) -> tuple[int, int] | None:
     """Its version's first two numbers, as it says them itself; None where it does not."""
     quiet = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     try:
-        said = subprocess.run(
-            [program, "--help"], capture_output=True, env=quiet, timeout=_ANSWERS_IN_S, check=False
-        ).stdout
+        with tempfile.TemporaryDirectory(
+            ignore_cleanup_errors=True
+        ) as home:  # where it keeps things
+            said = subprocess.run(
+                [program, "--help"],
+                capture_output=True,
+                env={**quiet, "HOME": home, "XDG_CONFIG_HOME": home},
+                timeout=_ANSWERS_IN_S,
+                check=False,
+            ).stdout
     except (OSError, subprocess.TimeoutExpired):
         return None
     found = re.search(rb"PrusaSlicer-(\d+)\.(\d+)", said)

@@ -10,7 +10,7 @@ from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPP
 from knotfab.scene.model import Scene
 from knotfab.slicer.find import find_slicer, read_version
 
-__all__ = ["PROFILE", "line_width", "profile", "why_not_sliced", "write_profile"]
+__all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced", "write_profile"]
 
 PROFILE = "slicer.ini"
 
@@ -147,3 +147,9 @@ def write_profile(folder: Path, scene: Scene) -> None:
         found = profile(scene, find_slicer()).items()
         text = "".join(f"{key} = {value}\n" for key, value in found)
         (folder / PROFILE).write_text(text, encoding="utf-8")
+
+
+def read_profile(folder: Path) -> dict[str, str]:
+    """The settings that `write_profile` wrote."""
+    lines = (folder / PROFILE).read_text(encoding="utf-8").splitlines()
+    return dict(line.split(" = ", 1) for line in lines)

@@ -21,7 +21,7 @@ from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import BadGcode, read_gcode
 from knotfab.slicer.known_warnings import read_warnings
 from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
-from knotfab.slicer.profile import PROFILE, profile, why_not_sliced
+from knotfab.slicer.profile import PROFILE, read_profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
 
 __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
@@ -156,7 +156,7 @@ class _Job:
             warnings=tuple([*read_warnings(ended.out), *read_warnings(ended.err)]),
             checks=(reading, *compare_gcode(gcode, shells, self.scene, shift)),
             command=shlex.join(["prusa-slicer", *command]),
-            profile=profile(self.scene, self.program),
+            profile=read_profile(self.folder),
             seconds=time.monotonic() - self.began,
         )
 

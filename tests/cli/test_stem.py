@@ -10,22 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from knotfab.batch.worker import open_stems
-from knotfab.cli.stem import FORKS
-from knotfab.pool import Workers
+from knotfab.batch.worker import open_builders
+from knotfab.pool import Workers, may_fork
 
-pytestmark = pytest.mark.skipif(not FORKS, reason="processes do not fork here")
+pytestmark = pytest.mark.skipif(not may_fork(), reason="processes do not fork here")
 
 
 @pytest.fixture(scope="module")
 def stem() -> Iterator[Workers]:
-    with open_stems(1) as stems:
-        yield stems
+    with open_builders(1) as pool:
+        assert isinstance(pool, Workers)
+        yield pool
 
 
 def ask(stem: Workers, *arguments: str | Path, **environment: str) -> tuple[int, str]:
     asked = {
-        "command": ["false"],  # of processes that do not fork
         "arguments": [str(a) for a in arguments],
         "environment": {**os.environ, **environment},
     }

@@ -18,8 +18,6 @@ PYTHON = sys.executable  # itself, where that which builds run with is played
 PLAYED = """\
     #!{python} -S
     import json, os, pathlib, signal, sys, time
-    if "knotfab.cli.stem" in sys.argv:  # itself, which then runs what is played
-        os.execve({python!r}, [{python!r}, *sys.argv[1:]], {{**os.environ, "KNOTFAB_NO_FORK": "1"}})
     here = pathlib.Path({runs!r})
     CURVES = {curves!r}
     out = pathlib.Path(next(a for a in sys.argv if a.startswith("--out=")).removeprefix("--out="))

@@ -165,6 +165,12 @@ def open_tube() -> Mesh:
     return Mesh(points, np.asarray(swept.regular_faces, dtype=np.int64))
 
 
+def flattened() -> Mesh:
+    """A swept ring pressed into a plane: closed, of genus 1, and without any volume."""
+    mesh = tube(ring(40, 15.0), 3.0)
+    return Mesh(mesh[0] * [1.0, 1.0, 0.0], mesh[1])
+
+
 EIGHT = np.ones((5, 3, 1))
 EIGHT[1, 1] = EIGHT[3, 1] = 0
 PLATE = np.ones((9, 9, 1))
@@ -174,6 +180,7 @@ NO_TUBES = {
     "cube": (cube, "genus 0"),
     "two holes": (lambda: blocks(EIGHT), "genus 2"),
     "open tube": (open_tube, "genus 0"),
+    "flattened": (flattened, "without a line within"),
     "plate with a hole": (lambda: blocks(PLATE), "off one radius"),
 }
 

@@ -98,6 +98,8 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = 0.5 * np.linalg.norm(normal, axis=1)
     volume = abs(float(np.einsum("ij,ij->", corner[:, 0] - corner[0, 0], normal))) / 6
+    if volume <= 0:
+        return None
     radius = 2 * volume / float(area.sum())
     length = float(area.sum()) / (2 * np.pi * radius)
     count = int(np.clip(np.ceil(length / (STEP * radius)), LEAST_POINTS, MOST_POINTS))
@@ -134,13 +136,21 @@ def _find_all(mesh: Mesh, found: Surface) -> tuple[list[CentreLine], dict[int, C
             faults[number] = "an open surface, one wound both ways, or pinched"
         elif genus != 1:
             faults[number] = f"a surface of genus {genus}, and a closed tube's is 1"
-        elif (line := find_centre_line(body)) is None:
+        elif (line := _find_or_none(body)) is None:
             faults[number] = "a surface of genus 1 without a line within"
         elif line.rms > LIMIT:
             faults[number] = line
         else:
             lines.append(line)
     return lines, faults
+
+
+def _find_or_none(body: Mesh) -> CentreLine | None:
+    """Its centre line; None too where faces are so degenerate that no function along it can be solved."""
+    try:
+        return find_centre_line(body)
+    except (ArithmeticError, RuntimeError, np.linalg.LinAlgError):
+        return None
 
 
 def _take_body(mesh: Mesh, found: Surface, number: int) -> Mesh | None:
