@@ -73,7 +73,7 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
         settings.network_depth, settings.network_width, settings.seed, gain=_SLOPE
     ).to(state.device)
     mapped = _Map(network, float(np.abs(state.points).max()), state.device)
-    where = _descend(state, curves, mapped, report)
+    where = sampled = _descend(state, curves, mapped, report)
     for refinement in range(_REFINEMENTS + 1):
         start = curves.at(where)
         rings = polylines_of_sizes(tuple(len(w) for w in where))
@@ -96,7 +96,9 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
                 return
         if refinement < _REFINEMENTS:
             where = finer
-    state.points, state.rings = mapped(joined), rings
+    # no finer than the search had them: what is repaired from here on need not carry what proved nothing
+    state.points = mapped(np.concatenate(curves.at(sampled)))
+    state.rings = polylines_of_sizes(tuple(len(w) for w in sampled))
     state.log.add_margin(0.0)
     state.log.template += (
         "; the invertible network mapped it to where no sampling could be certified"
