@@ -20,7 +20,7 @@ from knotfab.flatten import flatten
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, part_of
 from knotfab.part.flatter import Flattening
-from knotfab.part.write import pose_scene, write_part, write_unbuilt
+from knotfab.part.write import enlarge_knots, pose_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
@@ -88,7 +88,7 @@ class WrittenPiece:
     @property
     def knots(self) -> Knots:
         """As they are in the file."""
-        return self.made.knots if self.part is None else self.part.pose.knots
+        return enlarge_knots(self.made) if self.part is None else self.part.pose.knots
 
     @cached_property
     def verdict(self) -> Record:
@@ -204,7 +204,7 @@ def report_piece(
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
-        report["print"]["setup"] = tell_setup(part.mounted, cameras, piece.knots.radius_mm)
+        report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         add_binding(report, made)
         add_warnings(report, made.result.effects)
         add_advice(report, made)

@@ -16,6 +16,7 @@ from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
+from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.require import require_mount
 
@@ -222,6 +223,7 @@ def _on_a_stand(
         scene.piece.clearance_mm,
         Stiffness(material.young_modulus_mpa, material.density_g_cm3, asked.max_sag_mm),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
+        [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
     )
     bodies = stand_bodies(tubes, stand)
     count = [int((stand.holds == k).sum()) for k in range(len(tubes))]

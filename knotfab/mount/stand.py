@@ -41,6 +41,7 @@ from knotfab.mount.struts import (
     struts,
 )
 from knotfab.scene.camera import Camera
+from knotfab.scene.curved_wall import CurvedWall
 
 __all__ = ["StandMount", "StandSettings", "plan_stand"]
 
@@ -110,6 +111,7 @@ def plan_stand(
     clearance_mm: float,
     stiffness: Stiffness,
     settings: StandSettings,
+    walls: Sequence[CurvedWall] = (),
 ) -> StandMount:
     """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
 
@@ -119,6 +121,7 @@ def plan_stand(
 
     Args:
         cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
+        walls: of the views, those that are round.
 
     Raises:
         SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above it.
@@ -159,6 +162,7 @@ def plan_stand(
         cameras,
         settings.base_thickness_mm,
         settings.tip_deg,
+        walls,
     )
     moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
     return StandMount(

@@ -12,6 +12,7 @@ from knotfab.files.folder import OutputFolder
 from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
+from knotfab.knots import Knots
 from knotfab.mount.coupon import COUPON, plan_coupon
 from knotfab.part.assemble import Part, shrink_of
 from knotfab.part.plates import Plates
@@ -19,7 +20,7 @@ from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
 from knotfab.target.read import Target
 
-__all__ = ["COLOURED", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
+__all__ = ["COLOURED", "enlarge_knots", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
 
 Row = tuple[float, float, float, float]
 
@@ -89,12 +90,20 @@ def write_part(
     _write_scene(folder, scene, targets, suffix)
 
 
+def enlarge_knots(made: Design) -> Knots:
+    """The knots of a design in the scene's axes, larger by what their material will shrink."""
+    return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
+
+
 def write_unbuilt(
     folder: OutputFolder, made: Design, targets: Sequence[Target], suffix: str = ""
 ) -> ResolvedScene:
-    """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene."""
-    scene = made.scene.model_copy(update={"pose": make_pose(np.eye(4))})
-    made.knots.write(folder.file(f"knots{suffix}.json"))
+    """Write knots.json, the pictures and scene.toml of knots without a part; returns that scene.
+
+    The knots are `enlarge_knots`, as a part's would be, and the scene's pose takes them back.
+    """
+    scene = made.scene.model_copy(update={"pose": make_pose(shrink_of(made.scene))})
+    enlarge_knots(made).write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
     return scene
 

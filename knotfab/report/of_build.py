@@ -94,12 +94,18 @@ def report_of(
     verdict: Record,
     progress: Progress,
 ) -> Record:
-    """The report of a build: what was made, and what the validators' `verdict` says of its files."""
+    """The report of a build: what was made, and what the validators' `verdict` says of its files.
+
+    Args:
+        placed: the knots as they are in their file; they are reported as they will have shrunk.
+    """
     from knotfab.geometry.measures import bend_radii, measure_curvature
     from knotfab.geometry.polylines import polylines_of_sizes
+    from knotfab.part.assemble import shrink_of
     from knotfab_validators.tube.thickness import thickness
 
     scene, result = made.scene, made.result
+    placed = placed.moved(shrink_of(scene))
     knots = []
     for knot in placed.knots:
         rings = polylines_of_sizes((len(knot.points),))

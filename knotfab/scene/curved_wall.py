@@ -84,6 +84,15 @@ class CurvedWall:
         )
         return np.column_stack([normal, -(normal * at).sum(axis=1)])
 
+    def room_mm(self, points: Array) -> float:
+        """How near points (n, 3) of the scene come to the wall at most, mm; less than 0 behind it.
+
+        Of a hollow wall that is also how near what lies between them comes.
+        """
+        local = (points - self.foot) @ self.axes.T
+        off = np.hypot(local[:, 0], local[:, 2] - self.radius)
+        return float((np.sign(self.radius) * (abs(self.radius) - off)).min())
+
     @property
     def off_mm(self) -> float:
         """How far the picture of a flat wall lies from that of this one, at most in the frame, mm.

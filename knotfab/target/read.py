@@ -38,7 +38,7 @@ class Target:
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
     mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
     digits, "_" and "-". Of a picture for a round wall the masks are as a flat one has them, once
-    `flattened_s`, the seconds that this took, is set.
+    `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Target:
     original: NDArray[np.bool_] | None = None
     widened: NDArray[np.bool_] | None = None
     line: NDArray[np.float64] | None = None
+    drawing: NDArray[np.bool_] | None = None
     flattened_s: float | None = None
 
     @property
@@ -65,11 +66,12 @@ class Target:
         return self.mask if self.original is None else self.original
 
     def drawing_png(self) -> bytes:
-        """What is drawn, black on white, as a PNG."""
+        """What is drawn, black on white, as the view's own wall has it, as a PNG."""
         from PIL import Image
 
         with io.BytesIO() as file:
-            Image.fromarray(~self.mask).save(file, "PNG")
+            drawn = self.mask if self.drawing is None else self.drawing
+            Image.fromarray(~drawn).save(file, "PNG")
             return file.getvalue()
 
     @property

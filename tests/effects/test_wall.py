@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
 from knotfab.design import walls
 from knotfab.design.walls import flatten_targets
@@ -162,3 +164,26 @@ def test_what_goes_with_a_flat_wall_alone_is_refused() -> None:
     assert written.views[0].wall_radius_mm == -400.0
     with pytest.raises(InputError, match="not 0"):
         parse_scene("[[views]]\nwall_radius_mm = 0.0\n")
+
+
+@pytest.mark.parametrize("radius", [350.0, -300.0])
+def test_how_near_points_come_to_a_round_wall(radius: float) -> None:
+    wall = wall_of(view(radius, wall_tilt_deg=10.0, azimuth_deg=40.0))
+    points, normals = wall.stand(PLACES)
+    for off in (5.0, 0.0, -3.0):
+        assert wall.room_mm(points + off * normals) == pytest.approx(off, abs=1e-9)
+
+
+@pytest.mark.parametrize("radius", [350.0, -300.0, "flat"])
+def test_the_drawing_that_is_written_is_that_of_the_wall_itself(radius: float | str) -> None:
+    """A line of greys is followed on the flat wall, and its picture is compared on the round one."""
+    mask = np.zeros((480, 480), dtype=bool)
+    mask[80:400, 60:84] = mask[80:104, 60:420] = True
+    line = np.array([[72.0, 92.0], [416.0, 92.0], [72.0, 396.0]])
+    drawn = replace(target(mask), line=line)
+    (taken,) = flatten_targets(Scene(), [view(radius)], [drawn])
+    assert (taken.flattened_s is None) == (radius == "flat")
+    assert (taken.mask != mask).any() == (radius != "flat")
+    assert (taken.line != line).any() == (radius != "flat")
+    again = np.asarray(Image.open(io.BytesIO(taken.drawing_png())).convert("L")) < 128
+    assert (again == mask).all()

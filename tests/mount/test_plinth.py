@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rings import camera
+from rings import VIEW, camera
 
 from knotfab.errors import SceneError
-from knotfab.mount.plinth import Slope, Weights, base_for, slope_below
+from knotfab.mount.plinth import WALL_GAP_MM, Base, Slope, Weights, base_for, slope_below
+from knotfab.scene.curved_wall import CurvedWall
 
 AZIMUTHS = (0.0, 90.0)
 
@@ -54,3 +55,25 @@ def test_a_base_in_a_picture_is_refused() -> None:
     base(slope_below(cameras, (-60.0, 60.0, -60.0, 60.0)))
     with pytest.raises(SceneError, match="in a picture"):
         base(slope_below(cameras[:1]))
+
+
+def test_a_base_in_a_hollow_wall_is_refused() -> None:
+    """Beside the picture the wall comes forward: a base that is wide enough stands in it."""
+    feet = np.array([[-75.0, 0.0, -30.0], [75.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
+    weights = Weights(np.array([5000.0]), np.zeros((1, 3)))
+    cameras = [camera()]
+    slope = slope_below(cameras)
+
+    def base(radius: float) -> Base:
+        wall = CurvedWall.of(VIEW.model_copy(update={"wall_radius_mm": radius}))
+        assert wall is not None
+        return base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0, [wall])
+
+    flat = base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0)
+    x, before = flat.corners[:, 0], flat.corners[:, 2] + VIEW.wall_distance_mm
+    # the circle about (0, R) that passes WALL_GAP_MM beside the outermost corner (x, before)
+    least = ((x**2 + before**2 - WALL_GAP_MM**2) / (2 * (before - WALL_GAP_MM))).max()
+    assert base(1.001 * least) == flat and base(-60.0) == flat
+    with pytest.raises(SceneError, match="hollow wall") as told:
+        base(0.999 * least)
+    assert "wall_radius_mm" in told.value.remedy

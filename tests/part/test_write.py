@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import zipfile
 from pathlib import Path
@@ -15,10 +16,15 @@ from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.mount import Mounted
-from knotfab.part.write import make_pose, write_part
+from knotfab.part.assemble import shrink_of
+from knotfab.part.write import enlarge_knots, make_pose, write_part, write_unbuilt
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Material, ResolvedView, Scene
 from knotfab.target.read import Target
+from knotfab_validators.files.scene import read_scene
+
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
 
 
 def rings(count: int) -> Any:
@@ -73,3 +79,24 @@ def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> 
     colours = re.findall('<base [^>]*displaycolor="(#[0-9A-Fa-f]+)"', model)
     assert len(colours) == len(set(colours)) == 8
     assert colours[0].lower().startswith(Scene().material.color)
+
+
+@pytest.mark.parametrize("percent", [0.0, 3.0, 12.5])
+def test_knots_without_a_part_are_as_large_as_their_pose_shrinks_them(
+    tmp_path: Path, percent: float
+) -> None:
+    keys: Any = {"views": (VIEW,), "material": Material(shrinkage_percent=percent)}
+    own = Knots((Knot(20 * np.random.default_rng(0).normal(size=(30, 3))),), 2.0)
+    made: Any = SimpleNamespace(scene=resolve(Scene(**keys)), knots=own)
+    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    with OutputFolder(tmp_path / "out") as folder:
+        write_unbuilt(folder, made, [target])
+        folder.commit()
+    pose = read_scene(tmp_path / "out" / "scene.toml").pose  # rigid, less what shrinks
+    assert pose is not None and np.array(pose) == pytest.approx(np.eye(4))
+    told = json.loads((tmp_path / "out" / "knots.json").read_text())
+    left = 1 - percent / 100
+    assert left * np.array(told["knots"][0]["points"]) == pytest.approx(own.points)
+    assert left * told["radius_mm"] == pytest.approx(2.0)
+    alike = enlarge_knots(made).moved(shrink_of(made.scene))
+    assert alike.knots[0].length_mm == pytest.approx(own.knots[0].length_mm)

@@ -13,6 +13,8 @@ from validator_parts import PlainView, circle, tube
 from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.knots import read_knots
+from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
@@ -64,3 +66,37 @@ def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
         fails(write(tmp_path, 1.0, 1.0, 1.0))
     with pytest.raises(BadFile, match="shrinks the part"):
         fails(write(tmp_path, 1 / LEFT, 1 / LEFT, 0.98))
+
+
+def test_projection_and_receiver_take_the_coordinates_of_the_file(tmp_path: Path) -> None:
+    folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)
+    files = [folder / name for name in ("part.stl", "knots.json", "scene.toml")]
+    (view,) = validate(*files, skip=("shadow-render",), only="shadows").views
+    seen = view_geometry(VIEW, 256, 256)
+    scene = np.random.default_rng(0).uniform(-40, 40, (30, 3))
+    own = (scene - POSE[:3, 3]) @ POSE[:3, :3] / LEFT
+    pixels, w = seen.project(scene)
+    told = np.column_stack([own, np.ones(30)]) @ np.array(view["projection"]).T
+    np.testing.assert_allclose(told, np.column_stack([pixels * w[:, None], w]), atol=1e-7)
+    plane = np.array(view["receiver"])
+    assert np.linalg.norm(plane[:3]) == pytest.approx(1.0)
+    before = scene @ seen.receiver[:3] + seen.receiver[3]
+    np.testing.assert_allclose(LEFT * (own @ plane[:3] + plane[3]), before)
+
+
+def test_places_are_in_the_file(tmp_path: Path) -> None:
+    """The bend decides at a vertex of knots.json, the part's size at a vertex of part.stl."""
+    folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)
+    scene = folder / "scene.toml"
+    limits = '[printer]\nname = "small"\nbuild_volume_mm = [9.0, 9.0, 9.0]\n'
+    told = scene.read_text().replace("[material]\n", "[material]\nmin_bend_radius_mm = 40.0\n")
+    scene.write_text(limits + told)
+    files = [folder / name for name in ("part.stl", "knots.json")]
+    checks = validate(*files, scene, skip=("shadow-render",), only="geometry").checks
+    found = {check.name: check for check in checks}
+    (knot,) = read_knots(files[1]).polygons
+    surface = read_mesh(files[0]).vertices
+    for name, points in (("bend", knot), ("build_volume", surface)):
+        assert found[name].status == "fail" and found[name].at, name
+        for place in found[name].at:
+            assert np.linalg.norm(points - place, axis=1).min() < 1e-4, name

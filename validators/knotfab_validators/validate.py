@@ -8,7 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from knotfab_validators.check import Check
+import numpy as np
+
+from knotfab_validators.check import Check, places
 from knotfab_validators.clock import time_stage
 from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
@@ -18,6 +20,7 @@ from knotfab_validators.files.plates import read_plates
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.names import PLATES, PRINTING
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
@@ -27,6 +30,8 @@ __all__ = ["Verdict", "validate"]
 
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
+
+AS_PRINTED = {*PRINTING, *PLATES, "build_volume"}  # checks of the part before it shrinks
 
 
 def validate(
@@ -61,9 +66,10 @@ def validate(
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
-    printed = mesh
+    printed, lines, left = mesh, curves, 1.0
     if setting is not None and setting.material.shrinkage_percent > 0:
-        mesh, curves = _shrink(mesh, curves, setting.material.shrinks_to)
+        left = setting.material.shrinks_to
+        mesh, curves = _shrink(mesh, curves, left)
     checks = []
     if only != "shadows":
         checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed)
@@ -81,12 +87,12 @@ def validate(
         folder = Path(scene).parent
         found, views = verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
         checks += found
-    checks = [_leave_out(c) if c.name in skip else c for c in checks]
+    checks = [_leave_out(c) if c.name in skip else _in_file(c, left) for c in checks]
     drawn = False
     if failures is not None:
         with time_stage(seconds, "failures"):
             try:
-                drawn = draw_failures(Path(failures), checks, mesh, curves)
+                drawn = draw_failures(Path(failures), checks, printed, lines)
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
     return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
@@ -106,6 +112,13 @@ def _shrink(
             radius_mm=None if radius is None else share * radius,
         )
     return mesh, curves
+
+
+def _in_file(check: Check, left: float) -> Check:
+    """A check with its places in the file, of which the material leaves a share of every length."""
+    if left == 1.0 or check.name in AS_PRINTED:
+        return check
+    return replace(check, at=places(np.array(place) / left for place in check.at))
 
 
 def _leave_out(check: Check) -> Check:

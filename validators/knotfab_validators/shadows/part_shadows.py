@@ -143,7 +143,8 @@ def verify_shadows(
                         scene.effects.tolerance_px,
                     )
             points = np.concatenate(polygons) if polygons is not None else vertices
-            views.append(_report(view, found, geometry, pose, depth_ratio(points, geometry)))
+            ratio, left = depth_ratio(points, geometry), scene.material.shrinks_to
+            views.append(_report(view, found, geometry, pose, ratio, left))
             if wall is not None:
                 views[-1]["wall"] = wall
             if view.name in drawn:
@@ -218,9 +219,18 @@ def verify_shadows(
 
 
 def _report(
-    view: Any, found: VerifiedView, geometry: ViewGeometry, pose: Array, depth: float
+    view: Any,
+    found: VerifiedView,
+    geometry: ViewGeometry,
+    pose: Array,
+    depth: float,
+    left: float = 1.0,
 ) -> dict[str, Any]:
-    """The report's keys of a view; `projection` and `receiver` in part coordinates."""
+    """The report's keys of a view; `projection` and `receiver` in the coordinates of the part's file.
+
+    Args:
+        pose: of the part that has shrunk. left: the share that is left then of every length in the file.
+    """
     own = geometry.in_part(pose)
     fine_mm = geometry.resample(found.frame).pixel_mm
     return {
@@ -229,8 +239,8 @@ def _report(
         "picture": view.picture,
         "width": geometry.width,
         "height": geometry.height,
-        "projection": own.projection.tolist(),
-        "receiver": own.receiver.tolist(),
+        "projection": (own.projection * [left, left, left, 1.0]).tolist(),
+        "receiver": (own.receiver / [1.0, 1.0, 1.0, left]).tolist(),
         "iou": found.whole.iou,
         "iou_frame": found.framed.iou,
         "iou_tube": found.tube.iou if found.tube is not None else None,
