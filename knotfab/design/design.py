@@ -163,7 +163,7 @@ def design_knots(
         # what a free view turns in the end, or what sparser strands replaced, led to no such knots
         history=() if unmet or settings.free_view else tuple(history.states),
     )
-    return price_design(made, question, start, unmet, progress, device)
+    return price_design(made, question, start, unmet, progress, device, budget)
 
 
 def _for_lines(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
@@ -192,6 +192,7 @@ def price_design(
     unmet: SearchResult | None,
     progress: Progress,
     device: str = "cpu",
+    budget: Budget | None = None,
 ) -> Design:
     """The design with the prices of its limits, where they cost the pictures their IoU.
 
@@ -199,9 +200,13 @@ def price_design(
         question: seen from where the search ended.
         start: of the short searches without a limit; None: as of a search for this question.
         unmet: what the pictures' own filling came to, where that met not every limit.
+        budget: where none of it is left, no price is asked.
     """
     if unmet is None and made.result.iou_estimate >= made.scene.accuracy.iou_floor:
         return made
+    vertices = sum(len(knot.points) for knot in made.knots.knots)
+    if budget is not None and budget.search_s(vertices) <= 0.0:
+        return replace(made, unmet=None if unmet is None else unmet.feasibility)
     with progress.stage("limits"):
         if start is None:
             try:

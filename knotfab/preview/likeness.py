@@ -26,6 +26,7 @@ _LEAST_PX, _MOST_PX = 256, 1024  # of its longer side there
 _SOLID = 0.5  # radii of outline to the area, below which most of it is wider than two tubes
 _COVERED = 1.0 / 3.0  # of a piece or a hole, below which it is lost
 _SHARED = 0.25  # of a piece, below which it merely touches what is drawn
+_SCREEN = 0.5  # of the ink, above which what specks of holes there are together is a screen
 _SPECK = 0.5  # radii: the side of a square as large as what nobody misses
 _LEAST_IOU = 0.55  # the verdict asks for 0.6, and a search may find a better union than these
 _DRAWN = 0.9  # IoU of an opening that is a remedy
@@ -84,10 +85,13 @@ def opened_share(mask: Mask, radius_px: float) -> float:
 def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
     """What of a drawing's pieces and holes is left as its strokes are widened to the tube's shadow.
 
-    Such a drawing is judged by its widened strokes, so by its topology alone.
+    Such a drawing is judged by its widened strokes, so by its topology alone. It is compared as fine as it
+    is: sampled, a stroke of a px or two falls to dashes. A screen of the finest meshes is no drawing, and
+    its meshes no specks.
     """
-    seen, scale = _resample(asked, radius_px)
-    found = _Features(seen, radius_px * scale).compare(_resample(widened, radius_px)[0])
+    _, holes = holes_of(asked)
+    screen = holes[holes < (_SPECK * radius_px) ** 2].sum() > _SCREEN * asked.sum()
+    found = _Features(asked, 0.0 if screen else radius_px).compare(widened)
     return replace(found, iou=1.0)
 
 

@@ -8,19 +8,26 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from knotfab.scene.settings import PRESETS
+
 __all__ = ["add_next_step", "tell_time"]
 
 Record = dict[str, Any]
 
 _MEASURED = Path(__file__).with_name("next_step.json")
 _SHARE = 0.07  # of the whole, below which a stage is not worth a word
+_WORK = (
+    *("method", "coarse_px", "fine_px"),
+    *("coarse_iterations", "fine_iterations", "settle_iterations"),
+)
 _LEAST_GAIN = 5e-5  # of IoU, that a sentence can say
 
 
 def add_next_step(report: Record) -> None:
     """Add `next_step` to a report, where its build took the settings of an accuracy that has a better one.
 
-    An estimate: the stages take as many times longer as they did on the pictures that were measured, and the
+    It has none with a budget, nor where the search had other iterations or pixels than the accuracy's. An
+    estimate: the stages take as many times longer as they did on the pictures that were measured, and the
     error shrinks as theirs did.
     """
     settings, views = report["settings"], report["views"]
@@ -30,6 +37,8 @@ def add_next_step(report: Record) -> None:
     study = _study()
     names = [step["accuracy"] for step in study["steps"]]
     if settings["accuracy"] not in names[:-1]:
+        return
+    if not _as_preset(settings, 1 if "sequence" in settings else len(views)):
         return
     here = names.index(settings["accuracy"])
     own, better = study["steps"][here], study["steps"][here + 1]
@@ -46,6 +55,13 @@ def add_next_step(report: Record) -> None:
         "sentence": f"--accuracy {better['accuracy']} would bring about {bought} for about {more:.0f} s more "
         f"(an estimate by {study['pictures']} pictures, measured {study['measured']}).",
     }
+
+
+def _as_preset(settings: Record, views: int) -> bool:
+    """Whether a search had the iterations and pixels of its accuracy's preset, for so many views at once."""
+    preset = PRESETS[settings["accuracy"]]
+    preset = preset.scaled(views) if views > 1 else preset
+    return all(settings["search"][key] == getattr(preset, key) for key in _WORK)
 
 
 def tell_time(timings: Mapping[str, float]) -> str:

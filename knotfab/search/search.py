@@ -25,6 +25,9 @@ from knotfab.search.state import SearchState, begin, resample_state, run_phase
 __all__ = ["search"]
 
 _SEEN_EVERY = 10  # iterations between measurements of the IoU that is reported
+_APPROACH_ITERATIONS = (
+    80  # of each of them: no setting, for those of a time budget are not known yet
+)
 _APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
 
 
@@ -153,7 +156,7 @@ def _approach(state: SearchState) -> None:
     state.terms += (Chamfer.of(state.problem.views, state.radius, state.device),)
     for rate in _APPROACH_RATES:
         walk = FlowSettings(
-            iterations=state.settings.coarse_iterations,
+            iterations=_APPROACH_ITERATIONS,
             rate=rate,
             rate_end=0.3 * rate,
             smoothing=4.0,

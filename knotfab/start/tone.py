@@ -22,6 +22,7 @@ _LINE_PX = 10.0  # to a line's width in the drawing
 _STEP = 0.125  # widths between points of the line
 _NEAR = 10  # neighbours that a tour may be led to
 _WHITE = 0.1  # what is lighter has no points
+_LEAST = 8  # points of a line
 _SEED = 1
 _RELAXED = 40  # small moves that round the tour off
 _SMOOTH = 0.35  # pitches
@@ -49,9 +50,9 @@ def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
     count = round(float((cells**2).sum()) * area / step**2)
     line = np.empty((0, 2))
     for _ in range(2):  # the second with as many points as make up the length
-        if count < 8:
+        points = spread_points(cells**2, count) * cell if count >= _LEAST else np.empty((0, 2))
+        if len(points) == 0:
             return np.zeros(size, dtype=bool), np.empty((0, 2))
-        points = spread_points(cells**2, count) * cell
         line = _round_off(points[shortest_tour(points)], width, pitch)
         length = float(np.hypot(*(np.roll(line, -1, axis=0) - line).T).sum())
         count = round(count * (wanted / length) ** 2)
@@ -62,11 +63,14 @@ def draw_tones(darkness: Array, width: float, gap: float) -> tuple[Mask, Array]:
 def spread_points(density: Array, count: int) -> Array:
     """(n, 2) points, x and y in cells, as dense as asked for and evenly spread, n at most `count`.
 
-    Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002).
+    Lloyd's method with the density as weight (Secord, "Weighted Voronoi stippling", NPAR 2002). There are
+    none where all of it is pale.
     """
     from scipy.spatial import cKDTree
 
     rows, columns = np.nonzero(density > _WHITE**2)
+    if len(rows) == 0:
+        return np.empty((0, 2))
     weight = density[rows, columns]
     cells = np.column_stack([columns, rows]) + 0.5
     rng = np.random.default_rng(_SEED)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from knotfab.design import design
 from knotfab.design.budget import Budget, require_budget, spare
-from knotfab.design.design import design_knots
+from knotfab.design.design import design_knots, price_design
 from knotfab.errors import InputError
+from knotfab.progress import Progress
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.target.read import read_target
@@ -49,6 +53,21 @@ def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
 def test_what_follows_the_search_is_kept_back() -> None:
     budget = Budget(time.perf_counter() + 20.0, after_s=4.0, after_vertex_s=0.001)
     assert budget.search_s(2000) == pytest.approx(14.0, abs=0.5)
+
+
+def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    monkeypatch.setattr(design, "price_limits", lambda *_: asked.append(True) or ())
+    knots = SimpleNamespace(radius_mm=2.0, knots=[SimpleNamespace(points=np.zeros((9, 3)))])
+    made = design.Design(None, knots, None, None, 1.0, PRESETS["draft"])  # type: ignore[arg-type]
+    unmet: Any = SimpleNamespace(feasible=False, feasibility="broken", iou_estimate=0.5)
+    question: Any = SimpleNamespace(problem=None, roomy=lambda: None)
+    made = replace(made, result=unmet)
+    for left, prices in ((-1.0, 0), (60.0, 1)):
+        budget = Budget(time.perf_counter() + left)
+        start: Any = object()
+        found = price_design(made, question, start, unmet, Progress("quiet"), budget=budget)
+        assert found.unmet == unmet.feasibility and len(asked) == prices
 
 
 def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:

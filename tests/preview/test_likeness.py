@@ -15,7 +15,12 @@ from examples.hard_cases.pictures import hard_pictures
 from knotfab.arrays import Mask
 from knotfab.errors import SceneError
 from knotfab.preview import survey as module
-from knotfab.preview.likeness import estimate_likeness, opened_share, recognisable_radius
+from knotfab.preview.likeness import (
+    compare_lines,
+    estimate_likeness,
+    opened_share,
+    recognisable_radius,
+)
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import require_drawable, survey
 from knotfab.scene.model import Accuracy, Piece, Scene, View
@@ -65,6 +70,51 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
     found = estimate_likeness(mask, 0.8 * radius)
     assert found is None or found.recognisable
     assert opened_share(mask, 0.8 * radius) > 0.6  # of few pixels
+
+
+def strokes(side: int, width: int) -> Mask:
+    """A closed curve in five lobes, so many px wide."""
+    t = np.linspace(0, 2 * np.pi, 20 * side)
+    out = side * (0.3 + 0.08 * np.cos(5 * t))
+    mask = np.zeros((side, side), dtype=bool)
+    for k in range(width * width):
+        at = [(side / 2 + out * f(t)).astype(int) for f in (np.sin, np.cos)]
+        mask[at[0] + k // width, at[1] + k % width] = True
+    return mask
+
+
+def widen(mask: Mask, radius: float) -> Mask:
+    return np.asarray(ndimage.distance_transform_edt(~mask) <= radius)
+
+
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_a_stroke_of_few_px_is_one_stroke_to_every_radius(width: int) -> None:
+    mask = strokes(2048, width)
+    for radius in (8.0, 12.0, 20.0, 40.0):
+        found = compare_lines(mask, widen(mask, radius), radius)
+        assert found.recognisable and found.changes == 0, radius
+
+
+@given(apart=st.integers(8, 40), width=st.integers(1, 4), across=st.booleans())
+@settings(deadline=None, max_examples=6)
+def test_lines_closer_than_the_tube_is_wide_are_no_drawing(
+    apart: int, width: int, across: bool
+) -> None:
+    mask = np.zeros((600, 600), dtype=bool)
+    inner = mask[16:-16, 16:-16]
+    for k in range(width):
+        inner[k::apart] = True
+        if across:
+            inner[:, k::apart] = True
+    radius = 0.6 * apart
+    assert not compare_lines(mask, widen(mask, radius), radius).recognisable
+
+
+def test_the_finest_meshes_are_no_specks() -> None:
+    mask = strokes(512, 2)
+    mask[40:-40:8, 40:-40] = mask[40:-40, 40:-40:8] = True
+    for radius in (12.0, 20.0, 40.0):
+        assert not compare_lines(mask, widen(mask, radius), radius).recognisable
 
 
 def test_noise_is_refused_without_a_polygon_being_opened(

@@ -8,9 +8,12 @@ from typing import Any
 import pytest
 
 from knotfab.report.of_time import _study, add_next_step, tell_time
+from knotfab.scene.settings import PRESETS
 
 
 def report(accuracy: str, **settings: Any) -> dict[str, Any]:
+    preset = PRESETS.get(accuracy, PRESETS["standard"])
+    settings = {"search": preset.scaled(2).model_dump(), **settings}
     return {
         "views": [{"iou": 0.98}, {"iou": 0.99, "iou_drawn": 0.96}],
         "timings": {"search": 10.0, "verify": 5.0, "picture": 0.1, "total": 15.1},
@@ -38,6 +41,20 @@ def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
     for told in (report(best), report("draft", time_budget_s=10.0), report("unheard of")):
         add_next_step(told)
         assert "next_step" not in told
+
+
+@pytest.mark.parametrize(
+    "key", ["coarse_px", "fine_px", "coarse_iterations", "fine_iterations", "settle_iterations"]
+)
+def test_nothing_is_promised_to_a_search_of_other_iterations_or_pixels(key: str) -> None:
+    told = report("standard")
+    told["settings"]["search"][key] -= 1
+    add_next_step(told)
+    assert "next_step" not in told
+    again = report("standard", search={**PRESETS["standard"].model_dump(), key: 96})
+    again["views"] = again["views"][:1]
+    add_next_step(again)
+    assert "next_step" not in again
 
 
 def test_the_stages_that_took_most_are_named_the_longest_first() -> None:

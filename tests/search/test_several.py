@@ -30,9 +30,11 @@ from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Accuracy, Mount, Piece, ResolvedView, Scene, View
 from knotfab.scene.settings import PRESETS
+from knotfab.search import search as search_module
 from knotfab.search.chamfer import TENSION, Chamfer
 from knotfab.search.objective import Term, Weights
 from knotfab.search.spill import Spill
+from knotfab.search.state import begin
 from knotfab.start.deep import deep_curves
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.sheet import laid_on, rows_of, sheet_of
@@ -385,6 +387,24 @@ def test_a_circle_start_is_simple_as_one_view_sees_it_and_bends_to_the_others() 
     side = curve @ problem.views[1].axes.T
     slopes = np.polyfit(side[:, 1], side[:, 0], 1)[0]
     assert slopes == pytest.approx(1 / np.tan(np.deg2rad(40.0)), rel=0.25)
+
+
+def test_a_far_start_is_brought_near_alike_whatever_iterations_a_budget_came_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walked: list[list[int]] = []
+    monkeypatch.setattr(search_module, "resample_state", lambda *_: None)
+    monkeypatch.setattr(
+        search_module, "run_phase", lambda _, phase: walked[-1].append(phase.walk.iterations)
+    )
+    problem = ask_views([DISC, SQUARE], 0.0, 90.0)
+    circle = QUICK.model_copy(update={"network_start": "circle"})
+    start = make_start(problem, 7.0, circle)
+    for count in (1, 57, 400):
+        walked.append([])
+        few = circle.model_copy(update={"coarse_iterations": count})
+        search_module._approach(begin(problem, start, 7.0, few))
+    assert walked[0] and walked[0] == walked[1] == walked[2]
 
 
 def test_the_chamfer_pull_has_the_slope_that_it_says() -> None:

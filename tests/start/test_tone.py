@@ -78,6 +78,13 @@ def test_a_white_picture_has_no_line() -> None:
     assert not mask.any() and len(line) == 0
 
 
+@pytest.mark.parametrize("pale", [0.001, 0.05, 0.0999])
+def test_a_picture_that_is_pale_all_over_has_no_line(pale: float) -> None:
+    assert spread_points(np.full((300, 300), pale**2), 900).shape == (0, 2)
+    mask, line = draw_tones(np.full((1500, 1500), pale), WIDTH, GAP)
+    assert not mask.any() and line.shape == (0, 2)
+
+
 def test_greys_are_for_one_picture() -> None:
     scene = resolve(Scene(views=(View(tone="lines"), View(name="side", tone="lines"))))
     target = Target("x", np.eye(20, dtype=bool), b"", 20, 20)
