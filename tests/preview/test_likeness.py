@@ -90,7 +90,7 @@ def widen(mask: Mask, radius: float) -> Mask:
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_a_stroke_of_few_px_is_one_stroke_to_every_radius(width: int) -> None:
     mask = strokes(2048, width)
-    for radius in (8.0, 12.0, 20.0, 40.0):
+    for radius in (8.0, 40.0):
         found = compare_lines(mask, widen(mask, radius), radius)
         assert found.recognisable and found.changes == 0, radius
 
