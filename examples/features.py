@@ -36,7 +36,7 @@ fine_iterations = 20
 settle_iterations = 25
 depth_candidates = 4
 radius_candidates = 4
-network_iterations = 20
+network_iterations = 40
 network_depth = 4
 network_width = 32
 """
