@@ -18,9 +18,9 @@ from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
 from knotfab.flatten import flatten
 from knotfab.knots import Knots
-from knotfab.part.assemble import Part, part_of
+from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
-from knotfab.part.write import enlarge_knots, pose_scene, write_part, write_unbuilt
+from knotfab.part.write import pose_scene, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup

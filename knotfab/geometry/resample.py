@@ -9,7 +9,7 @@ from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.geometry.sampling import arc_lengths
+from knotfab.geometry.sampling import arc_lengths, number_runs
 
 __all__ = ["resample", "subdivide"]
 
@@ -72,9 +72,7 @@ def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, P
     for part in rings.split(points):
         edge = np.roll(part, -1, axis=0) - part
         pieces = np.maximum(1, np.round(np.linalg.norm(edge, axis=1) / edge_mm)).astype(int)
-        first = np.repeat(np.arange(len(part)), pieces)
-        share = (np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[
-            first
-        ]
+        first, number = number_runs(pieces)
+        share = number / pieces[first]
         fresh.append(part[first] + share[:, None] * edge[first])
     return np.concatenate(fresh), polylines_of_sizes(tuple(len(p) for p in fresh))

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Indices
 
-__all__ = ["arc_lengths", "pair_nearby", "sample_evenly"]
+__all__ = ["arc_lengths", "number_runs", "pair_nearby", "sample_evenly"]
 
 
 def arc_lengths(points: Array) -> Array:
@@ -36,6 +36,12 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
     at = np.arange(count) * (arc[-1] / count)
     closed = np.concatenate([points, points[:1]])
     return np.stack([np.interp(at, arc, column) for column in closed.T], axis=1)
+
+
+def number_runs(counts: Indices) -> tuple[Indices, Indices]:
+    """Of runs of so many members each, (n,): which run each member is of, and its number in it."""
+    run = np.repeat(np.arange(len(counts)), counts)
+    return run, np.arange(len(run)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def pair_nearby(curves: Sequence[Array], reach: float) -> tuple[Indices, Array]:

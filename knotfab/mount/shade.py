@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from knotfab.arrays import Array, Mask
+from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import Camera
@@ -198,8 +199,7 @@ class ViewShadow:
 
         length = np.linalg.norm(end - start, axis=1)
         pieces = np.maximum(np.ceil(length / (SAMPLE_RADII * radius)), 1).astype(np.int64)
-        which = np.repeat(np.arange(len(pieces)), pieces + 1)
-        number = np.arange(len(which)) - np.repeat(np.cumsum(pieces + 1) - pieces - 1, pieces + 1)
+        which, number = number_runs(pieces + 1)
         t = number / pieces[which]
         place = start[which] + t[:, None] * (end - start)[which]
         uv, half = self._seen(place, radius[which])

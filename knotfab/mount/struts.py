@@ -9,6 +9,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.geometry.neighbours import segment_distance
+from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 
 __all__ = [
@@ -261,8 +262,8 @@ def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tup
 
 def beside_on_rings(counts: Indices) -> Indices:
     """(2, n) of samples on rings of so many each: the one before and the one after on the same ring."""
-    first = np.repeat(np.cumsum(counts) - counts, counts)
-    place, around = np.arange(int(counts.sum())) - first, np.repeat(counts, counts)
+    ring, place = number_runs(counts)
+    first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])
 
 

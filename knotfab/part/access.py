@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
 from knotfab.geometry.overhang import Rules
+from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
 
 __all__ = ["TOOLS_MM", "Access", "measure_access"]
@@ -147,22 +148,16 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
     a, b, c = (corners[every, (longest + k) % 3] for k in range(3))
     length = edges[every, longest]
     rows = np.ceil(double / length / SPACING_MM).astype(np.int64)
-    face, number = _runs(rows)
+    face, number = number_runs(rows)
     bottom, top = number / rows[face], (number + 1) / rows[face]
     up = np.where(rows[face] == 1, 1 / 3, (bottom + top) / 2)
     count = np.ceil(length[face] * (1 - up) / SPACING_MM).astype(np.int64)
     strip = double[face] / 2 * ((1 - bottom) ** 2 - (1 - top) ** 2)
-    row, number = _runs(count)
+    row, number = number_runs(count)
     face, up = face[row], up[row, None]
     along = ((number + 0.5) / count[row])[:, None] * (1 - up)
     points = a[face] + along * (b[face] - a[face]) + up * (c[face] - a[face])
     return points, (across / double[:, None])[face], (strip / count)[row]
-
-
-def _runs(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For runs of so many (n,) members: the run of each member, and its number in it."""
-    run = np.repeat(np.arange(len(count)), count)
-    return run, np.arange(len(run)) - np.repeat(count.cumsum() - count, count)
 
 
 def _thin(points: Array) -> Array:

@@ -14,6 +14,7 @@ from knotfab.design.design import Design
 from knotfab.errors import SceneError
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep, tube_manifold
+from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import clean_body
 from knotfab.part.plates import Plates, lay_on_plates
@@ -24,7 +25,7 @@ from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
-__all__ = ["Part", "part_of", "rules_of", "shrink_of"]
+__all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
@@ -103,8 +104,7 @@ def _choose_poses(
     shrink = shrink_of(made.scene)
     knots, bodies = made.knots, mounted.bodies
     if shrink[0, 0] != 1.0:  # what is printed is larger by what it will shrink
-        grow = np.diag(1 / np.diag(shrink))
-        knots, bodies = knots.moved(grow), [(grow[0, 0] * v, f) for v, f in bodies]
+        knots, bodies = enlarge_knots(made), [(1 / shrink[0, 0] * v, f) for v, f in bodies]
     room = printer.build_volume_mm if printing else _ANY_SIZE
     try:
         whole = choose_pose(knots, bodies, room, frame, mounted.upright, rules, mounted.fixed_mm)
@@ -137,6 +137,11 @@ def _choose_poses(
 def shrink_of(scene: Scene) -> Array:
     """(4, 4) what the material does to a part once it is printed; the identity where nothing is asked."""
     return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
+
+
+def enlarge_knots(made: Design) -> Knots:
+    """The knots of a design in the scene's axes, larger by what their material will shrink."""
+    return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 
 def rules_of(scene: Scene) -> Rules:

@@ -12,15 +12,14 @@ from knotfab.files.folder import OutputFolder
 from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
-from knotfab.knots import Knots
 from knotfab.mount.coupon import COUPON, plan_coupon
-from knotfab.part.assemble import Part, shrink_of
+from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.plates import Plates
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
 from knotfab.target.read import Target
 
-__all__ = ["COLOURED", "enlarge_knots", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
+__all__ = ["COLOURED", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
 
 Row = tuple[float, float, float, float]
 
@@ -88,11 +87,6 @@ def write_part(
         write_3mf(folder.file(COUPON), bodies, f"{title}, coupon")
     part.pose.knots.write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
-
-
-def enlarge_knots(made: Design) -> Knots:
-    """The knots of a design in the scene's axes, larger by what their material will shrink."""
-    return made.knots.moved(np.diag(1 / np.diag(shrink_of(made.scene))))
 
 
 def write_unbuilt(

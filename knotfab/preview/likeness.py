@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
-from knotfab.target.masks import holes_of, pieces_of
+from knotfab.target.masks import holes_of, mask_iou, pieces_of
 from knotfab.target.thicken import thicken
 
 __all__ = ["Likeness", "compare_lines", "estimate_likeness", "opened_share", "recognisable_radius"]
@@ -175,8 +175,9 @@ class _Features:
         piece = pairs // count - 1
         shared = kept[piece] & (pixels >= _SHARED * areas[piece])
         joined = int(shared.sum()) - len(np.unique(pairs[shared] % count))
-        iou = float((drawn & self._mask).sum() / (drawn | self._mask).sum())
-        return Likeness(iou, lost + max(joined, 0), len(areas) + len(self._holes[1]))
+        return Likeness(
+            mask_iou(drawn, self._mask), lost + max(joined, 0), len(areas) + len(self._holes[1])
+        )
 
 
 def _drop_specks(

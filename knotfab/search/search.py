@@ -25,9 +25,8 @@ from knotfab.search.state import SearchState, begin, resample_state, run_phase
 __all__ = ["search"]
 
 _SEEN_EVERY = 10  # iterations between measurements of the IoU that is reported
-_APPROACH_ITERATIONS = (
-    80  # of each of them: no setting, for those of a time budget are not known yet
-)
+# of each of them: no setting, for those of a time budget are not known yet
+_APPROACH_ITERATIONS = 80
 _APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
 
 

@@ -7,7 +7,13 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Mask
 
-__all__ = ["drop_specks", "holes_of", "keep_largest", "pieces_of", "smooth"]
+__all__ = ["drop_specks", "holes_of", "keep_largest", "mask_iou", "pieces_of", "smooth"]
+
+
+def mask_iou(one: Mask, other: Mask) -> float:
+    """Intersection over union of two masks (H, W) of one grid; 1 where both are empty."""
+    union = int((one | other).sum())
+    return float((one & other).sum() / union) if union else 1.0
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

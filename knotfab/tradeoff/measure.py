@@ -31,6 +31,7 @@ from knotfab.render.picture import seen_in
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
+from knotfab.target.masks import mask_iou
 
 __all__ = [
     "YARDSTICK_PX",
@@ -118,12 +119,7 @@ def find_shadows(problem: Problem, knots: Knots, device: str = "cpu") -> list[tu
 
 def true_iou(problem: Problem, knots: Knots, device: str = "cpu") -> float:
     """IoU of the round tube's silhouette, at 1024 px, with the picture that it draws worst."""
-    return min(_iou(*masks) for masks in find_shadows(problem, knots, device))
-
-
-def _iou(seen: Mask, wanted: Mask) -> float:
-    union = int((seen | wanted).sum())
-    return float((seen & wanted).sum() / union) if union else 1.0
+    return min(mask_iou(*masks) for masks in find_shadows(problem, knots, device))
 
 
 def outline_error_px(seen: Mask, wanted: Mask, slit_px: float = 0.0) -> float:
@@ -192,7 +188,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
 def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     """The run with what its knots are worth, in the view that they draw worst."""
     shadows = find_shadows(problem, knots, device)
-    number = min(range(len(shadows)), key=lambda k: _iou(*shadows[k]))
+    number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
     slit_px = _SLIT * knots.radius_mm * drawn.magnification / (drawn.longer_mm / YARDSTICK_PX)
     lengths = [knot.length_mm for knot in knots.knots]
@@ -206,7 +202,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
         )
     return replace(
         run,
-        iou=_iou(*worst),
+        iou=mask_iou(*worst),
         outline_px=outline_error_px(*worst, slit_px),
         curvature=float(np.average(bends, weights=lengths)),
         legible=legible,

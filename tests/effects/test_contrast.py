@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from lit_designs import design_under, view
 
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
-from knotfab.effects.survey import survey
 from knotfab.errors import InputError
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import Material, Mount, ResolvedView, Room
+from knotfab.scene.model import Material, Room
 
 WHITE = Material(color="#ffffff")
 POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))
-
-
-def view(**keys: Any) -> ResolvedView:
-    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
-    return ResolvedView.model_validate({**frame, **keys})
 
 
 def light(world: World | None = None, **keys: Any) -> Contrast:
@@ -93,25 +87,12 @@ def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:
     assert CONTRAST.magnitude(context) == 0.0
 
 
-def made_with(world: World) -> Any:
-    context = EffectContext((view(),), POINTS, 2.0, 0.25, world)
-    result = SimpleNamespace(effects=survey(context, {}))
-    scene = SimpleNamespace(
-        views=(view(),),
-        placing=world.placing,
-        room=world.room,
-        material=world.material,
-        printer=world.printer,
-        mount=Mount(),
-    )
-    knots = SimpleNamespace(points=POINTS, radius_mm=2.0)
-    return SimpleNamespace(result=result, scene=scene, knots=knots)
-
-
 def test_it_is_told_where_it_is_called_for_and_else_runs_no_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    bright, dark = made_with(World(room=Room(ambient=0.4))), made_with(World())
+    bright, dark = (
+        design_under(world, POINTS) for world in (World(room=Room(ambient=0.4)), World())
+    )
     report: dict[str, Any] = {"views": [{"name": "front"}]}
     add_contrast(report["views"], bright)
     tell_contrast(report)

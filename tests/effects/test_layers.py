@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lit_designs import view
 
 from examples.parting import shift_bound_and_truth
 from knotfab.effects.base import EffectContext, World
@@ -13,11 +14,6 @@ from knotfab.effects.layers import LAYERS
 from knotfab.scene.model import Printer, ResolvedView
 
 PX = 180 / 1024
-
-
-def view(**keys: Any) -> ResolvedView:
-    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
-    return ResolvedView.model_validate({**frame, **keys})
 
 
 def magnitude(seen: ResolvedView, points: Any, radius: float, up: Any, layer: float = 0.2) -> float:

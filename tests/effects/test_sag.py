@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from lit_designs import design_under, view
 
 from examples.parting import shift_bound_and_truth
 from knotfab.effects import sag
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.sag import SAG, measure_sag
-from knotfab.effects.survey import survey
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.report.of_effects import add_sag, judge_made
-from knotfab.scene.model import Mount, ResolvedView
 
 T = 2 * np.pi * np.arange(200) / 200
 RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
 FLAT = RING * [1, 1, 0]
-
-
-def view(**keys: Any) -> ResolvedView:
-    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
-    return ResolvedView.model_validate({**frame, **keys})
 
 
 def test_it_bounds_the_truth_and_closely() -> None:
@@ -40,24 +33,6 @@ def test_without_a_mount_nothing_sags() -> None:
     assert sagging == pytest.approx(0.2 * 600 / (500 - 15 - 2) / (180 / 1024), rel=0.01)
 
 
-def made_of() -> Any:
-    context = EffectContext((view(),), FLAT, 2.0, 0.25)
-    w = World()
-    return SimpleNamespace(
-        result=SimpleNamespace(effects=survey(context, {})),
-        settings=SimpleNamespace(tolerance_px=0.25),
-        scene=SimpleNamespace(
-            views=(view(),),
-            placing=w.placing,
-            room=w.room,
-            material=w.material,
-            printer=w.printer,
-            mount=Mount(),
-        ),
-        knots=SimpleNamespace(points=FLAT, radius_mm=2.0, knots=[SimpleNamespace(points=FLAT)]),
-    )
-
-
 def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -68,7 +43,7 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     rows, columns = np.mgrid[:180, :180] - 89.5
     mask |= abs(np.hypot(rows, columns) - 60) < 2.4  # of the flat ring
     views: list[dict[str, Any]] = [{}]
-    made = made_of()
+    made = design_under(World(), FLAT)
     judge_made(made, made.scene, down, None)
     add_sag(views, made, down, [mask])
     sagged = views[0]["sag"]
@@ -84,7 +59,7 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     monkeypatch.setattr(sag, "measure_sag", explode)
     views = [{}]
     for moves in (0.01 * down, None):
-        made = made_of()
+        made = design_under(World(), FLAT)
         judge_made(made, made.scene, moves, None)
         add_sag(views, made, moves, [mask])
     assert views == [{}]

@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 from typing import Any
 
+import lit_designs
 import numpy as np
 import pytest
 import shapely
@@ -26,8 +27,7 @@ PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 
 
 def view(radius: float | str, **keys: Any) -> ResolvedView:
-    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
-    return ResolvedView.model_validate({**frame, "wall_radius_mm": radius, **keys})
+    return lit_designs.view(wall_radius_mm=radius, **keys)
 
 
 def wall_of(seen: ResolvedView) -> CurvedWall:

@@ -16,8 +16,8 @@ from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.mount import Mounted
-from knotfab.part.assemble import shrink_of
-from knotfab.part.write import enlarge_knots, make_pose, write_part, write_unbuilt
+from knotfab.part.assemble import enlarge_knots, shrink_of
+from knotfab.part.write import make_pose, write_part, write_unbuilt
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Material, ResolvedView, Scene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from knotfab.knots import Knot, Knots
-from knotfab.part.write import enlarge_knots
+from knotfab.part.assemble import enlarge_knots
 from knotfab.progress import Progress
 from knotfab.report.of_build import report_of
 from knotfab.request import Request

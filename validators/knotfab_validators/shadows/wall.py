@@ -12,9 +12,8 @@ from knotfab_validators.shadows.view import ViewGeometry
 
 __all__ = ["bends", "find_wall"]
 
-WALL_TOLERANCES = (
-    1.0  # a wall that puts the picture less far from a flat one's place is taken as flat
-)
+# a wall that puts the picture less far from a flat one's place is taken as flat
+WALL_TOLERANCES = 1.0
 PLACES = 129  # across and up the frame
 
 

@@ -1,0 +1,35 @@
+"""Designs that were never searched: a view, its world and some points, which is all that effects ask for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from knotfab.arrays import Array
+from knotfab.effects.base import EffectContext, World
+from knotfab.effects.survey import survey
+from knotfab.scene.model import Mount, ResolvedView
+
+
+def view(**keys: Any) -> ResolvedView:
+    frame = {"frame_width_mm": 180.0, "frame_height_mm": 180.0}
+    return ResolvedView.model_validate({**frame, **keys})
+
+
+def design_under(world: World, points: Array) -> Any:
+    """Of a tube of 2 mm radius about points (n, 3), looked at with a tolerance of a quarter of a pixel."""
+    scene = SimpleNamespace(
+        views=(view(),),
+        placing=world.placing,
+        room=world.room,
+        material=world.material,
+        printer=world.printer,
+        mount=Mount(),
+    )
+    effects = survey(EffectContext((view(),), points, 2.0, 0.25, world), {})
+    return SimpleNamespace(
+        result=SimpleNamespace(effects=effects),
+        settings=SimpleNamespace(tolerance_px=0.25),
+        scene=scene,
+        knots=SimpleNamespace(points=points, radius_mm=2.0, knots=[SimpleNamespace(points=points)]),
+    )
