@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
@@ -124,7 +126,11 @@ class Workers(Pool):
     """`jobs` processes that answer a line of JSON with a line of JSON; a request goes to one that is free.
 
     They are started at once, so that they load what they need while nobody asks yet. One that ended is
-    replaced when it is asked again.
+    replaced when it is asked again. An answer repeats what the request says under "asked".
+
+    Args:
+        lent: a process of the parent's that answers such requests (`lend`), instead of the first; it stays
+            the parent's to end. One that ends instead of answering is replaced by one of their own.
 
     Raises (from `answer`, and from `result` of what `ask` returns):
         Crash: the process ended without an answer.
@@ -136,13 +142,25 @@ class Workers(Pool):
         jobs: int = 1,
         env: Mapping[str, str] | None = None,
         share: int | None = None,
+        lent: subprocess.Popen[str] | None = None,
     ) -> None:
         super().__init__(jobs, share)
-        self._command, self._env = command, env
-        self._free: SimpleQueue[tuple[subprocess.Popen[str], IO[bytes]]] = SimpleQueue()
+        self._command, self._env, self._lent = command, env, lent
+        self._count = jobs
+        self._free: SimpleQueue[tuple[subprocess.Popen[str], IO[bytes] | None]] = SimpleQueue()
         self._said: list[IO[bytes]] = []
-        for _ in range(jobs):
+        if lent is not None:
+            self._free.put((lent, None))
+        for _ in range(jobs - (lent is not None)):
             self._free.put(self._begin())
+
+    def lend(self) -> subprocess.Popen[str]:
+        """A process for the `Workers` of one that is forked now; this one asks it nothing meanwhile."""
+        process, said = self._free.get()
+        if process.poll() is not None:
+            process, said = self._begin()
+        self._free.put((process, said))
+        return process
 
     def _begin(self) -> tuple[subprocess.Popen[str], IO[bytes]]:
         """Start a process; what it writes to standard error is in the file beside it."""
@@ -159,6 +177,11 @@ class Workers(Pool):
         return process, said
 
     def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        if self._lent is not None and self._free.qsize() < self._count:
+            # nobody waits for it any more; the parent will replace it
+            with contextlib.suppress(OSError):
+                os.kill(self._lent.pid, signal.SIGTERM)
         super().__exit__()
         for process in self._processes:
             with contextlib.suppress(OSError):  # what it did not read any more; EINVAL on Windows
@@ -173,22 +196,35 @@ class Workers(Pool):
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Hand over a request, and wait for a free process and its answer."""
         process, said = self._free.get()
-        if process.poll() is not None and not self.ended.is_set():
-            process, said = self._begin()
         try:
-            assert process.stdin is not None and process.stdout is not None
-            line = ""
-            with contextlib.suppress(OSError):
-                process.stdin.write(json.dumps(request) + "\n")
-                process.stdin.flush()
-                line = process.stdout.readline()
-            try:
-                answer: dict[str, Any] = json.loads(line)
-            except ValueError:
+            answer = _ask(process, request) if said is None else None
+            if answer is not None:
+                return answer
+            if not self.ended.is_set() and (said is None or process.poll() is not None):
+                process, said = self._begin()
+            if said is None:
+                raise Crash(-signal.SIGTERM, "")
+            answer = _ask(process, request)
+            if answer is None:
                 code = process.wait()
                 said.seek(0)
                 lines = said.read().decode("utf-8", "replace").strip().splitlines()
-                raise Crash(code, (lines or [""])[-1].strip()) from None
+                raise Crash(code, (lines or [""])[-1].strip())
             return answer
         finally:
             self._free.put((process, said))
+
+
+def _ask(process: subprocess.Popen[str], request: dict[str, Any]) -> dict[str, Any] | None:
+    """Its answer; None where it ended instead. What it still says to somebody who is gone is passed over."""
+    assert process.stdin is not None and process.stdout is not None
+    asked = f"{os.getpid()}-{threading.get_ident()}-{time.monotonic_ns()}"
+    with contextlib.suppress(OSError):
+        process.stdin.write(json.dumps({**request, "asked": asked}) + "\n")
+        process.stdin.flush()
+        for line in iter(process.stdout.readline, ""):
+            with contextlib.suppress(ValueError):
+                answer: dict[str, Any] = json.loads(line)
+                if answer.pop("asked", None) == asked:
+                    return answer
+    return None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,7 +17,7 @@ from knotfab import pool
 from knotfab.pool import Crash, Pool, Workers, count_cores, count_jobs, measure_memory_gb
 
 SLEEP = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
-# answers with what was asked and who it is; "die" and "wait" are commands
+# answers with what was wanted and who it is; "die" and "wait" are commands
 ECHO = """
 import json, os, sys, time
 for line in sys.stdin:
@@ -24,7 +26,8 @@ for line in sys.stdin:
         print("no more memory", file=sys.stderr)
         os._exit(7)
     time.sleep(asked.get("wait", 0))
-    print(json.dumps({"asked": asked, "pid": os.getpid()}), flush=True)
+    token = asked.pop("asked")
+    print(json.dumps({"wanted": asked, "pid": os.getpid(), "asked": token}), flush=True)
 """
 ANSWER = [sys.executable, "-S", "-c", ECHO]
 
@@ -51,7 +54,7 @@ def test_workers_share_the_requests_and_each_gets_its_own_answer() -> None:
     with Workers(ANSWER, 2) as workers:
         answers = [workers.ask({"k": k, "wait": 0.05}) for k in range(6)]
         found = [answer.result() for answer in answers]
-    assert [one["asked"]["k"] for one in found] == list(range(6))
+    assert [one["wanted"]["k"] for one in found] == list(range(6))
     assert len({one["pid"] for one in found}) == 2
 
 
@@ -61,7 +64,52 @@ def test_a_worker_that_dies_says_how_and_is_replaced() -> None:
             with pytest.raises(Crash, match="no more memory") as caught:
                 workers.ask({"die": True}).result()
             assert caught.value.code == 7
-            assert workers.ask({"k": 1}).result()["asked"] == {"k": 1}
+            assert workers.ask({"k": 1}).result()["wanted"] == {"k": 1}
+
+
+def test_a_lent_worker_answers_and_stays_its_owners() -> None:
+    with Workers(ANSWER) as owner:
+        lent = owner.lend()
+        for k in range(2):
+            with Workers(ANSWER, lent=lent) as workers:
+                assert workers.ask({"k": k}).result()["pid"] == lent.pid
+        assert lent.poll() is None and owner.answer({"k": 2})["pid"] == lent.pid
+
+
+def test_what_a_lent_worker_says_to_somebody_who_is_gone_is_nobody_elses() -> None:
+    """A verdict on another's files would be a false one."""
+    with Workers(ANSWER) as owner:
+        lent = owner.lend()
+        assert lent.stdin is not None
+        for stale in ({"k": "stale", "asked": "by one that was killed"}, {"asked": None}):
+            lent.stdin.write(json.dumps(stale) + "\n")
+        lent.stdin.flush()
+        with Workers(ANSWER, lent=lent) as workers:
+            assert workers.answer({"k": 1})["wanted"] == {"k": 1}
+
+
+def test_a_lent_worker_that_dies_is_replaced_by_one_of_their_own() -> None:
+    with Workers(ANSWER) as owner:
+        lent = owner.lend()
+        with Workers(ANSWER, lent=lent) as workers:
+            with pytest.raises(Crash, match="no more memory") as caught:
+                workers.answer({"die": True})  # the lent one, and then their own
+            assert caught.value.code == 7 and lent.wait(10) == 7
+            assert workers.answer({"k": 1})["wanted"] == {"k": 1}
+        assert owner.lend().pid != lent.pid
+
+
+def test_leaving_ends_a_lent_worker_that_nobody_waits_for_any_more() -> None:
+    with Workers(ANSWER) as owner:
+        lent = owner.lend()
+        with Workers(ANSWER, lent=lent) as workers:
+            waiting = workers.ask({"wait": 60})
+            while workers._free.qsize():
+                time.sleep(0.01)
+        with pytest.raises(Crash):
+            waiting.result()
+        assert lent.wait(10) == -signal.SIGTERM
+        assert owner.answer({"k": 1})["wanted"] == {"k": 1}
 
 
 def test_as_many_as_cores_and_memory_allow(monkeypatch: pytest.MonkeyPatch) -> None:

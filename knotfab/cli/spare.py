@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import sys
 import time
 
 
 def load() -> None:
-    """Load what every build needs."""
-    import knotfab.pipeline
-    import knotfab.preview.survey  # noqa: F401
+    """Load what every build needs, to the drawing of its part."""
+    for name in (
+        "knotfab.pipeline",
+        "knotfab.preview.survey",
+        "trimesh",
+        "pyvista",
+        "pyvista.plotting",
+    ):
+        importlib.import_module(name)
 
 
 def wait_for_call() -> None:

@@ -1,7 +1,11 @@
 """A process that has loaded what builds need, and forks one for each call: many builds load it once.
 
-Request, a line of JSON on standard input: {"arguments": [...], "environment": {...}}, those of `knotfab`.
-Answer: {"code", "said"}: the exit code, negative a signal's number, and what went to standard error.
+Beside it stand validators, a process of their own as ever, that verify the parts of its builds one after the
+other.
+
+Request, a line of JSON on standard input: {"arguments": [...], "environment": {...}}, those of `knotfab`, and
+"asked": whatever tells it from others.
+Answer: {"code", "said", "asked"}: the exit code, negative a signal's number, and what went to standard error.
 """
 
 from __future__ import annotations
@@ -19,6 +23,8 @@ from collections.abc import Mapping, Sequence
 from typing import IO
 
 from knotfab.cli.spare import load
+from knotfab.pool import Workers
+from knotfab.verify.verifier import borrow, stand_by
 
 _ENDS_WITH_PARENT = 1  # Linux, prctl: the signal that is sent when the parent ends
 
@@ -27,7 +33,13 @@ def main() -> None:
     """Build what is asked, one after the other, until nothing more is; asked to end, end the build first."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    load()
+    with stand_by() as validators:
+        load()
+        _answer_calls(validators, answers)
+
+
+def _answer_calls(validators: Workers, answers: IO[str]) -> None:
+    """Fork a build for each line of standard input, and wait for it."""
     running: list[int] = []
     asked_to_end: list[int] = []
 
@@ -41,12 +53,14 @@ def main() -> None:
     signal.signal(signal.SIGTERM, end)
     for line in iter(sys.stdin.readline, ""):
         asked = json.loads(line)
+        lent = validators.lend()
         with tempfile.TemporaryFile() as said:
             # until it is known whom to pass it to
             signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM,))
             pid = os.fork()
             if pid == 0:
                 os.close(answers.fileno())
+                borrow(lent)
                 _become(asked["arguments"], asked["environment"], said)
             running.append(pid)
             signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
@@ -54,7 +68,8 @@ def main() -> None:
             running.clear()
             said.seek(0)
             heard = said.read().decode("utf-8", "replace")
-        answer = {"code": os.waitstatus_to_exitcode(status), "said": heard}
+        code = os.waitstatus_to_exitcode(status)
+        answer = {"code": code, "said": heard, "asked": asked["asked"]}
         print(json.dumps(answer), file=answers, flush=True)
         if asked_to_end:
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import sys
 from collections.abc import Collection
 from concurrent.futures import Future
@@ -14,10 +15,13 @@ from knotfab.errors import InputError, MachineError
 from knotfab.pool import Crash, Workers, count_jobs
 from knotfab.verify.checks import exit_code
 
-__all__ = ["Answer", "Files", "Verifier", "explain_unreadable"]
+__all__ = ["Answer", "Files", "Verifier", "borrow", "explain_unreadable", "stand_by"]
 
 NO_GRAPHICS = "--no-graphics"
+# -P: modules come from the installation, never from the folder one happens to be in
+_COMMAND = [sys.executable, "-P", "-m", "knotfab_validators"]
 Half = Literal["geometry", "shadows"]
+_lent: subprocess.Popen[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,12 @@ class Verifier:
         self._workers: dict[Half, Workers] = {}
 
     def __enter__(self) -> Verifier:
-        # -P: modules come from the installation, never from the folder one happens to be in
-        command = [sys.executable, "-P", "-m", "knotfab_validators"]
+        lent = _lent
         # the shadows' first: they have more to load
         for half in sorted(self._arguments, reverse=True):
-            self._workers[half] = Workers([*command, *self._arguments[half]], self._jobs)
+            command = [*_COMMAND, *self._arguments[half]]
+            self._workers[half] = Workers(command, self._jobs, lent=lent)
+            lent = None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -114,6 +119,17 @@ class Answer:
             "seconds": {k: v for answer in answers for k, v in answer["seconds"].items()},
             "picture": _draw_failures(self.files, checks),
         }
+
+
+def stand_by() -> Workers:
+    """Validators that outlive the builds of forked processes, which are lent them (`borrow`)."""
+    return Workers([*_COMMAND, NO_GRAPHICS])  # those come when a shadow is to be rendered
+
+
+def borrow(validators: subprocess.Popen[str]) -> None:
+    """Ask these, which are the parent's, instead of starting own ones."""
+    global _lent
+    _lent = validators
 
 
 def _take(half: Future[dict[str, Any]]) -> dict[str, Any]:

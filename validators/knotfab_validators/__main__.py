@@ -4,9 +4,9 @@ Everything slow to load is loaded while the first request is still awaited, so t
 process early; and a graphics library that crashes takes only this process with it.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
-"only": "geometry", "shadows" or null}.
+"only": "geometry", "shadows" or null, "asked": whatever tells it from others}.
 Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for
-bad files.
+bad files; and "asked", as it was.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ def main() -> None:
         _warm_up()
     for line in sys.stdin:
         if line.strip():
-            print(json.dumps(_answer(json.loads(line))), file=answers, flush=True)
+            request = json.loads(line)
+            answer = {**_answer(request), "asked": request.get("asked")}
+            print(json.dumps(answer), file=answers, flush=True)
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
