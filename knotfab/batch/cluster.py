@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+import threading
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
@@ -21,7 +22,7 @@ from knotfab.batch.worker import (
     unpack_result,
 )
 from knotfab.errors import InputError, MachineError, needs_extra
-from knotfab.pool import JOB_GB
+from knotfab.pool import JOB_GB, Pool
 from knotfab.progress import Progress
 
 __all__ = ["open_cluster"]
@@ -30,6 +31,8 @@ _MEMORY = "MEMORY"  # a worker started with --resources MEMORY=8e9 is given as m
 _RETRIES = 3  # of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
+_KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next
+_idle: list[Pool] = []  # of this worker
 
 
 @contextmanager
@@ -89,6 +92,31 @@ def open_cluster(
         yield build
 
 
+@contextmanager
+def _keep_builders() -> Iterator[Pool]:
+    """What builds one picture: what built the one before on this worker, if that was lately, has loaded."""
+    try:
+        pool = _idle.pop()
+    except IndexError:
+        pool = open_builders(1, share=1)
+    try:
+        yield pool
+    except BaseException:
+        pool.__exit__()
+        raise
+    _idle.append(pool)
+    leaving = threading.Timer(_KEPT_S, _end_idle, (pool,))
+    leaving.daemon = True
+    leaving.start()
+
+
+def _end_idle(pool: Pool) -> None:
+    """Unless it builds again."""
+    with contextlib.suppress(ValueError):
+        _idle.remove(pool)
+        pool.__exit__()
+
+
 def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:
     """Build a parcel on the worker that runs this; the build ends when nobody waits for it any more."""
     from distributed import get_worker
@@ -96,7 +124,7 @@ def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, byte
     worker = get_worker()
     worker.log_event(topic, name)
     key = worker.get_current_task()
-    with open_builders(1, share=1) as pool:
+    with _keep_builders() as pool:
         building = pool.submit(build_parcel, parcel, pool)
         while not wait([building], _LOOK_EVERY_S).done:
             task = worker.state.tasks.get(key)

@@ -17,6 +17,7 @@ import pytest
 from command import knotfab
 from played_builds import count, draw, write_player
 
+from knotfab.batch import cluster as worker_side
 from knotfab.batch.run import batch
 from knotfab.batch.worker import pack_task
 from knotfab.options import BuildOptions
@@ -51,6 +52,23 @@ def test_an_address_where_nobody_listens_is_refused(
     assert done.code == 2 and done.err.count("\n") == 1
     assert "--cluster tcp://127.0.0.1:1: no Dask scheduler answers there. Start one" in done.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_worker_keeps_its_builders_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until it has had nothing to build for some time, or a build ended otherwise than by itself."""
+    monkeypatch.setenv("KNOTFAB_NO_FORK", "1")
+    monkeypatch.setattr(worker_side, "_idle", [])
+    with worker_side._keep_builders() as first, worker_side._keep_builders() as beside:
+        assert first is not beside
+    with pytest.raises(RuntimeError), worker_side._keep_builders() as again:
+        assert again in (first, beside)
+        raise RuntimeError
+    assert again.ended.is_set() and again not in worker_side._idle
+    (other,) = worker_side._idle
+    monkeypatch.setattr(worker_side, "_KEPT_S", 0.01)
+    with worker_side._keep_builders() as last:
+        assert last is other and not last.ended.is_set()
+    assert last.ended.wait(20) and not worker_side._idle
 
 
 def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
