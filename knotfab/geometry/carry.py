@@ -24,6 +24,9 @@ __all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
 
+_STRAIGHT = (
+    1 / 64
+)  # shortest share of a motion along straight lines: there one step is mostly enough
 _SKIP = 6  # as in the flow: pairs nearer along the curve are always tested
 
 
@@ -90,11 +93,13 @@ def certify_same_type(
     new: Sequence[Array],
     new_where: Parameters,
     periods: Sequence[float],
-) -> Certificate:
+) -> Carried:
     """Whether closed polygons whose vertices have parameters are isotopic by the motion that these give.
 
     Both are cut at all parameters of either, which changes neither, and each point goes straight to
-    the one of the same parameter.
+    the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (One step
+    alone says nothing of a corner that a smooth curve rounds: there the ends of an edge go as far as the
+    edge is long, however short it is.)
     """
     start, end = [], []
     for p, at_p, q, at_q, period in zip(old, old_where, new, new_where, periods, strict=True):
@@ -106,7 +111,7 @@ def certify_same_type(
     rings = polylines_of_sizes(tuple(len(p) for p in start))
     points = np.concatenate(start)
     step = np.concatenate(end) - points
-    return _verdict(points, step, rings)
+    return carry(points, rings, lambda at, share: points + share * step, np.inf, _STRAIGHT, 1.0)
 
 
 def _reach(points: Array, rings: Polylines, step: Array) -> float:

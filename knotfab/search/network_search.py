@@ -10,6 +10,7 @@ import torch
 
 from knotfab.arrays import Array
 from knotfab.geometry.carry import (
+    Carried,
     Curves,
     Parameters,
     carry,
@@ -64,7 +65,8 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     The curves are smooth ones through the start's vertices. Adam descends the objective of the flow; its
     rate follows from how far the vertices are to go in one step, so that it suits any depth and width.
     At the end the polygons are carried from the start to where they are in certified steps
-    (`geometry.carry`); where that fails with the samples at hand, with twice as many.
+    (`geometry.carry`); where that fails with the samples at hand, with twice as many. Where no sampling
+    can be carried all the way, the knots stay where the furthest came to, and are certified there.
     """
     template = state.rings.split(state.points)
     curves = Curves.through(template)
@@ -73,35 +75,27 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
         settings.network_depth, settings.network_width, settings.seed, gain=_SLOPE
     ).to(state.device)
     mapped = _Map(network, float(np.abs(state.points).max()), state.device)
-    where = sampled = _descend(state, curves, mapped, report)
+    where = _descend(state, curves, mapped, report)
+    best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
+    rings, doublings = polylines_of_sizes(tuple(len(part) for part in template)), 0
     for refinement in range(_REFINEMENTS + 1):
         start = curves.at(where)
-        rings = polylines_of_sizes(tuple(len(w) for w in where))
-        joined = np.concatenate(start)
         begun = certify_same_type(template, curves.knots, start, where, curves.periods)
-        finer = refine_parameters(where, curves.periods)
-        coarse, fine = rings.split(mapped(joined)), mapped.images(curves, finer)
-        ended = certify_same_type(coarse, where, fine, finer, curves.periods)
-        if begun.valid and ended.valid:
-            way = carry(joined, rings, mapped, _EDGE * state.radius)
-            if way.reached == 1.0:
-                state.points, state.rings = way.points, rings
-                state.log.accepted += way.steps
-                for margin in (begun.margin, ended.margin, way.least_margin):
-                    state.log.add_margin(margin)
-                state.log.template += (
-                    f"; carried along the invertible network in {way.steps} steps, with "
-                    f"{refinement} doublings of its samples"
-                )
-                return
-        if refinement < _REFINEMENTS:
-            where = finer
-    # no finer than the search had them: what is repaired from here on need not carry what proved nothing
-    state.points = mapped(np.concatenate(curves.at(sampled)))
-    state.rings = polylines_of_sizes(tuple(len(w) for w in sampled))
-    state.log.add_margin(0.0)
+        if begun.reached == 1.0:
+            sampled = polylines_of_sizes(tuple(len(w) for w in where))
+            way = carry(np.concatenate(start), sampled, mapped, _EDGE * state.radius)
+            if way.reached > best.reached:
+                margin = min(begun.least_margin, way.least_margin)
+                best, rings, doublings = replace(way, least_margin=margin), sampled, refinement
+        if best.reached == 1.0:
+            break
+        where = refine_parameters(where, curves.periods)
+    state.points, state.rings = best.points, rings
+    state.log.accepted += best.steps
+    state.log.add_margin(best.least_margin)
     state.log.template += (
-        "; the invertible network mapped it to where no sampling could be certified"
+        f"; carried along the invertible network in {best.steps} steps, with {doublings} doublings of its "
+        "samples" + ("" if best.reached == 1.0 else f", {best.reached:.1%} of the way")
     )
 
 

@@ -1,5 +1,6 @@
 """The network's search: samples whose type is proved, honest refusals, and pictures that get better."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -98,9 +99,8 @@ def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -
     def agrees(count: int) -> bool:
         where = (np.linspace(0, curves.periods[0], count, endpoint=False),)
         finer = refine_parameters(where, curves.periods)
-        return certify_same_type(
-            curves.at(where), where, curves.at(finer), finer, curves.periods
-        ).valid
+        motion = curves.at(where), where, curves.at(finer), finer, curves.periods
+        return certify_same_type(*motion).reached == 1
 
     assert agrees(60)
     assert not agrees(5)  # cannot be knotted: a trefoil takes six edges
@@ -109,10 +109,26 @@ def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -
 def test_a_trefoil_and_its_mirror_do_not_agree() -> None:
     where, periods = (np.arange(90.0),), (90.0,)
     one, other = [_trefoil(90)], [_trefoil(90, mirror=True)]
-    assert certify_same_type(one, where, one, where, periods).valid
-    verdict = certify_same_type(one, where, other, where, periods)
-    assert not verdict.valid
-    assert "pass through" in verdict.reason
+    assert certify_same_type(one, where, one, where, periods).reached == 1
+    stuck = certify_same_type(one, where, other, where, periods)
+    assert 0.4 < stuck.reached < 0.5  # flat half way
+
+
+@pytest.mark.parametrize("turn_deg", [60, 120, 150])
+def test_a_sharp_corner_is_rounded_in_several_certified_steps(turn_deg: float) -> None:
+    # by one step the ends of its shortest edges would go further than those are long
+    run, turn = np.arange(6.0)[:, None], np.radians(turn_deg)
+    before = -run[::-1] * [1, 0, 0]
+    after = run[1:] * [np.cos(turn), np.sin(turn), 0]
+    ends = after[-1], before[0]
+    back = [ends[0] + [0, 2, 2], (ends[0] + ends[1]) / 2 + [0, 3, 4], ends[1] + [-2, 1, 2]]
+    corner = np.concatenate([before, after, back])
+    curves = Curves.through([corner])
+    where = (np.linspace(0, curves.periods[0], 900, endpoint=False),)
+    way = certify_same_type([corner], curves.knots, curves.at(where), where, curves.periods)
+    assert way.reached == 1
+    assert way.least_margin > 0
+    assert way.steps > 1
 
 
 def test_carrying_proves_a_motion_and_refuses_a_crossing() -> None:
@@ -194,24 +210,30 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
 
 
 @pytest.mark.slow
-def test_what_cannot_be_proved_is_not_called_certified(
-    problem: Problem, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("share", [0.7, 0.0])
+def test_what_cannot_be_carried_all_the_way_stays_where_it_is_certified(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch, share: float
 ) -> None:
-    tried: list[int] = []
+    tried: list[np.ndarray] = []
 
-    def stuck(points: np.ndarray, *_: object) -> Carried:
-        tried.append(len(points))
-        return Carried(points, 0.7, 12, 3, 0.1)
+    def stuck(
+        points: np.ndarray, _: object, path: Callable[..., np.ndarray], *__: object
+    ) -> Carried:
+        tried.append(path(points, share))
+        return Carried(tried[-1], share, 12, 3, 0.1)
 
     monkeypatch.setattr(network_search, "carry", stuck)
     short = QUICK.model_copy(update={"network_iterations": 3})
     result = _search(problem, short)[0]
-    assert not result.log.certified
-    assert "no sampling could be certified" in result.log.template
-    assert len(tried) >= 2
-    assert [b / a for a, b in pairwise(tried)] == [2.0] * (len(tried) - 1)
+    assert result.log.certified
+    counts = [len(points) for points in tried]
+    assert [b / a for a, b in pairwise(counts)] == [2.0] * 5
+    if share > 0:
+        assert "70.0% of the way" in result.log.template
+    else:  # nothing could be carried: the start, whose type is known
+        assert "0.0% of the way" in result.log.template
     # repairs would carry all that proved nothing
-    assert sum(len(k.points) for k in result.knots.knots) <= 2 * min(tried)
+    assert sum(len(k.points) for k in result.knots.knots) <= 2 * counts[0]
 
 
 def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
