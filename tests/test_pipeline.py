@@ -8,6 +8,7 @@ import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -343,15 +344,17 @@ def test_shadow_leaves_nothing_where_it_cannot_write(good: Good, tmp_path: Path)
 # --- builds that do not pass ---
 
 
-def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(good: Good, tmp_path: Path) -> None:
-    scene = tmp_path / "scene" / "scene.toml"
-    shutil.copytree(good.folder, scene.parent)
-    text = scene.read_text(encoding="utf-8")
-    scene.write_text(re.sub(r"iou_floor = .*", "iou_floor = 0.9999", text), encoding="utf-8")
+def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
+    good: Good, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = good.design.scene
+    strict = asked.accuracy.model_copy(update={"iou_floor": 0.9999})
+    stricter = replace(good.design, scene=asked.model_copy(update={"accuracy": strict}))
+    monkeypatch.setattr(building, "design_knots", lambda *arguments: stricter)
     out = tmp_path / "out"
     shutil.copytree(good.folder, out)
     before = contents(out)
-    call = ["build", "--scene", scene, "--out", out, "--print", "--skip", "slicer", "--verbose"]
+    call = ["build", "text:♥", "--out", out, "--print", "--skip", "slicer", "--verbose"]
     done = knotfab(*call)
     assert done.code == 1
     assert (

@@ -161,6 +161,7 @@ class Chain:
         """The frames, each final as it comes; the one with the most ink comes first."""
         common, frame = self._recall(self._first) or self._begin()
         self._settle(common)
+        self._why = frame.made.result.log.template
         yield self._add(common, frame)
         count = len(self._targets)
         for number in (*range(self._first + 1, count), *range(self._first - 1, -1, -1)):
@@ -271,6 +272,7 @@ class Chain:
             common.settings,
             longest * max(1.0, areas[number] / areas[first]),
             list_ties(number, self._known, self._outlines),
+            self._why,
             self._device,
         )
         done = len(self._known)

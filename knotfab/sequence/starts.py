@@ -120,7 +120,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Following:
-    """What it takes to search one more frame, `number`: the knots known, as searched and as finished."""
+    """What it takes to search one more frame, `number`: the knots known, as searched and as finished.
+
+    `why`: the type of the first of them, and so of all, is known.
+    """
 
     number: int
     known: Mapping[int, Knots]
@@ -131,6 +134,7 @@ class Following:
     settings: SearchSettings
     taut_mm: float
     ties: tuple[Tie, ...]
+    why: str
     device: str = "cpu"
 
     def search(
@@ -165,7 +169,8 @@ class Following:
             report,
             attempt.still,
         )
-        found.result.log.template = f"the knot of frame {attempt.origin + 1}"
+        log = found.result.log
+        log.template = f"the knot of frame {attempt.origin + 1}; of the first one: {self.why}"
         return Trial(attempt, found, self._finish(found, attempt) if found.sound else None)
 
     def _finish(self, found: FrameResult, attempt: Attempt) -> FrameResult:

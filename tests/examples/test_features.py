@@ -20,6 +20,7 @@ ELSEWHERE = {
     "region mesh": "tests/limits/test_region_mesh.py",
     "time budget": "tests/design/test_free_view.py",
     "limit prices": "tests/examples/test_hard_cases_values.py",
+    "sparser fallback": "tests/test_pipeline.py",
     "wire plan": "tests/wire/test_plan.py",
     "view found along (free view)": "tests/design/test_free_view.py",
 }

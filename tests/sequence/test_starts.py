@@ -107,7 +107,9 @@ def _search(
     ties = (Tie(2, 3.0), Tie(0, 5.0, loop=True))
     settings = SearchSettings(fine_iterations=10)
     rings = polylines_of_sizes((4,))
-    following = Following(3, known, fine, (problem,) * 4, rings, 2.0, settings, 100.0, ties)
+    following = Following(
+        3, known, fine, (problem,) * 4, rings, 2.0, settings, 100.0, ties, "simple"
+    )
     return following.search(attempts, lambda *_: None), follow.asked
 
 
@@ -116,7 +118,7 @@ def test_the_first_trial_that_serves_is_taken(monkeypatch: pytest.MonkeyPatch) -
     trial, asked = _search(monkeypatch, follow, list_attempts(1, 2, closes=True, same=False))
     assert asked == [(1, True, False, False)]
     assert trial.attempt == Attempt(1) and trial.ended is not None
-    assert trial.found.result.log.template == "the knot of frame 2"
+    assert trial.found.result.log.template == "the knot of frame 2; of the first one: simple"
 
 
 def test_closing_is_given_up_before_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
