@@ -360,7 +360,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     assert (
         done.out.startswith("fail") and "shadow" in done.out and str(out / "rejected") in done.out
     )
-    assert re.search(r"^search: \d+\.\d\d s$", done.err, re.MULTILINE)
+    assert re.search(r"^part: \d+\.\d\d s$", done.err, re.MULTILINE)
     after = contents(out)
     rejected = {k.removeprefix("rejected/"): v for k, v in after.items() if "rejected/" in k}
     assert {k: v for k, v in after.items() if "rejected/" not in k} == before
