@@ -443,7 +443,7 @@ def test_a_verifier_that_dies_is_a_lack_of_this_machine(
     crashing = tmp_path / "python"
     crashing.write_text(f"#!/bin/sh\nulimit -c 0\n{script}\n")
     crashing.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(crashing))
+    monkeypatch.setattr("knotfab.verify.verifier._COMMAND", [str(crashing)])
     knots = tmp_path / "knots.json"
     knots.write_text("{}")
     said = refuse(3, "validate", "--knots", knots)

@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
+from subprocess import Popen
 from typing import Any
 
 import pytest
@@ -43,7 +44,9 @@ def keep_validators() -> Iterator[None]:
     """Meanwhile, children go from one verifier to the next."""
     spare: defaultdict[tuple[object, ...], list[_Kept]] = defaultdict(list)
 
-    def take(command: Sequence[str], jobs: int = 1) -> _Kept:
+    def take(command: Sequence[str], jobs: int = 1, lent: Popen[str] | None = None) -> Workers:
+        if lent is not None:
+            return Workers(command, jobs, lent=lent)
         told = {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}
         waiting = spare[os.getcwd(), jobs, *command, *sorted(told.items())]
         return waiting.pop() if waiting else _Kept(command, jobs, waiting)
