@@ -31,7 +31,7 @@ def main() -> None:
         except KnotfabError as error:
             told = error.what, error.why, error.remedy
             answer = {"refused": [type(error).__name__, *told]}
-        print(json.dumps(answer), file=answers, flush=True)
+        print(json.dumps({**answer, "asked": asked["asked"]}), file=answers, flush=True)
 
 
 if __name__ == "__main__":
