@@ -25,7 +25,7 @@ from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 
 FRAME_MM, RADIUS_MM = 90.0, 2.5  # small parts are soon sliced and verified
-QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 40, "fine_iterations": 40}
+QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 25, "fine_iterations": 25}
 
 
 def _scene(**keys: object) -> Scene:
