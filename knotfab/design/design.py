@@ -8,7 +8,7 @@ from pathlib import Path
 
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.candidates import line_radius
-from knotfab.design.fineness import VERIFIED_PX, fine_enough
+from knotfab.design.fineness import fine_enough
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
 from knotfab.design.prices import LimitPrice, price_limits
@@ -20,6 +20,7 @@ from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
+from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.model import (
     ResolvedAccuracy,
     ResolvedMaterial,

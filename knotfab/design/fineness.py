@@ -7,9 +7,7 @@ import numpy as np
 from knotfab.geometry.tube import sides_for
 from knotfab.scene.settings import SearchSettings
 
-__all__ = ["VERIFIED_PX", "fine_enough"]
-
-VERIFIED_PX = 1024  # the validators' picture, along its longer side
+__all__ = ["fine_enough"]
 
 
 def fine_enough(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.drawing.pages import Box
+from knotfab.geometry.meshes import as_manifold
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,11 +136,9 @@ def project_outlines(bodies: Sequence[tuple[Array, NDArray[np.int32]]], axes: Ar
     Outer outlines turn counter-clockwise, those of holes clockwise; corners within 0.02 mm of a
     straight line are left out.
     """
-    from manifold3d import CrossSection, Manifold, Mesh64
+    from manifold3d import CrossSection
 
     flat = CrossSection()
     for vertices, faces in bodies:
-        turned = np.ascontiguousarray(vertices @ axes.T, dtype=np.float64)
-        solid = Manifold(Mesh64(turned, np.ascontiguousarray(faces, dtype=np.uint64)))
-        flat += solid.project()
+        flat += as_manifold((vertices @ axes.T, faces)).project()
     return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.02).to_polygons()]

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import VERIFIED_PX, camera_of
 from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
 
 __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "World", "decide"]
-
-VERIFIED_PX = 1024  # on the longer side of the frame: the pixels in which magnitudes are told
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,40 @@
-"""Several closed surfaces as one mesh, and back again."""
+"""Several closed surfaces as one mesh, and back again; meshes as solids that can be united."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Mesh", "join_meshes", "split_shells"]
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["Mesh", "as_manifold", "as_mesh", "join_meshes", "split_shells"]
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 """Vertices (n, 3) mm and faces (m, 3)."""
+
+
+def as_manifold(mesh: Mesh) -> Manifold:
+    """A watertight mesh as a solid of manifold3d, in double precision."""
+    from manifold3d import Manifold, Mesh64
+
+    vertices, faces = mesh
+    return Manifold(
+        Mesh64(
+            np.ascontiguousarray(vertices, dtype=np.float64),
+            np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+    )
+
+
+def as_mesh(solid: Manifold) -> Mesh:
+    """The surface of a solid."""
+    mesh = solid.to_mesh64()
+    vertices = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
+    return vertices, np.array(mesh.tri_verts, dtype=np.int32)
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import as_manifold
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -117,14 +118,9 @@ def tube_manifold(
     Raises:
         SceneError: the mesh is no such solid.
     """
-    from manifold3d import Error, Manifold, Mesh64
+    from manifold3d import Error
 
-    solid = Manifold(
-        Mesh64(
-            np.ascontiguousarray(vertices, dtype=np.float64),
-            np.ascontiguousarray(faces, dtype=np.uint64),
-        )
-    )
+    solid = as_manifold((vertices, faces))
     remedy = "Rebuild with a thinner tube or more samples"
     if solid.status() != Error.NoError:
         raise SceneError("the tube's mesh", f"it is not closed ({solid.status().name})", remedy)

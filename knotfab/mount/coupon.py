@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import as_manifold, as_mesh
 from knotfab.mount.mount import Mounted
-from knotfab.mount.solids import as_manifold
 
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 
@@ -53,13 +53,11 @@ class Coupon:
         strip = as_manifold(fit_strip(self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
         cone = peg(self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2, sink_mm=SINK_MM)
         standing = as_manifold(cone).translate((room / 2, 0.0, self.thickness_mm))
-        whole = (strip + standing).to_mesh64()
-        vertices = np.array(whole.vert_properties[:, :3], dtype=np.float64)
+        vertices, faces = as_mesh(strip + standing)
         pin, pin_faces = fit_pin(self.pin_mm, self.depth_mm, KNOB_MM)
         above = vertices[:, 1].max() - pin[:, 1].min() + APART_MM
         pin = pin + [vertices[:, 0].mean(), above, 0.0]
         low = np.minimum(vertices.min(axis=0), pin.min(axis=0))
-        faces = np.array(whole.tri_verts, dtype=np.int32)
         return [(vertices - low, faces), (pin - low, pin_faces)]
 
     def to_dict(self) -> dict[str, Any]:

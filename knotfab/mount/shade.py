@@ -15,12 +15,11 @@ from knotfab.arrays import Array, Mask
 from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
-from knotfab.scene.camera import Camera
+from knotfab.scene.camera import VERIFIED_PX, Camera
 
 __all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
 
 
-LONGER_PX = 1024  # of the frame; the shadow is verified on as many
 SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
 HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
@@ -76,7 +75,7 @@ class Shadows:
 
 
 class ViewShadow:
-    """The dark pixels of one view's frame, at `LONGER_PX`, and what more of it a mount darkens.
+    """The dark pixels of one view's frame, at `VERIFIED_PX`, and what more of it a mount darkens.
 
     Below the frame nothing is picture and all counts as dark; beside and above it all is light.
 
@@ -87,7 +86,7 @@ class ViewShadow:
     """
 
     def __init__(self, knots: Knots, camera: Camera, target: Mask) -> None:
-        scale = LONGER_PX / max(camera.width, camera.height)
+        scale = VERIFIED_PX / max(camera.width, camera.height)
         width, height = (max(1, round(scale * n)) for n in (camera.width, camera.height))
         self.camera = camera.resized(width, height)
         rows = ((np.arange(height) + 0.5) * target.shape[0] / height).astype(np.int64)

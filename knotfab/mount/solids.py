@@ -1,33 +1,18 @@
-"""Solids of a mount, ready to be united: meshes as manifolds, and round members between two points."""
+"""Round members between two points, as solids ready to be united."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import as_manifold
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["as_manifold", "frame_along", "strut_solid"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
-
-
-def as_manifold(mesh: Mesh) -> Manifold:
-    """A watertight mesh (vertices mm, faces) in double precision."""
-    from manifold3d import Manifold, Mesh64
-
-    vertices, faces = mesh
-    return Manifold(
-        Mesh64(
-            np.ascontiguousarray(vertices, dtype=np.float64),
-            np.ascontiguousarray(faces, dtype=np.uint64),
-        )
-    )
+__all__ = ["frame_along", "strut_solid"]
 
 
 def frame_along(axis: Array, helper: Array | None = None) -> Array:

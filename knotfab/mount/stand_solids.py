@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import as_manifold, as_mesh
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
-from knotfab.mount.solids import as_manifold, frame_along, strut_solid
+from knotfab.mount.solids import frame_along, strut_solid
 from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import GROUND, ROOT_SHARE
 
@@ -44,13 +45,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
             f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
             "Use --mount none, or report this scene",
         )
-    merged = solid.to_mesh64()
-    return [
-        (
-            np.array(merged.vert_properties[:, :3], dtype=np.float64),
-            np.array(merged.tri_verts, dtype=np.int32),
-        )
-    ]
+    return [as_mesh(solid)]
 
 
 def _member_solids(mount: StandMount) -> list[Manifold]:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
-from knotfab.mount.solids import as_manifold, frame_along, strut_solid
+from knotfab.mount.solids import frame_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with
 from knotfab.scene.camera import Camera
@@ -239,13 +240,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     for number, group in enumerate(groups):
         solid = Manifold.batch_boolean(group, OpType.Add)
         _require_predicted(solid, number, len(tubes), mount)
-        merged = solid.to_mesh64()
-        bodies.append(
-            (
-                np.array(merged.vert_properties[:, :3], dtype=np.float64),
-                np.array(merged.tri_verts, dtype=np.int32),
-            )
-        )
+        bodies.append(as_mesh(solid))
     return bodies
 
 

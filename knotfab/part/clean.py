@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import as_manifold, as_mesh
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -30,7 +31,7 @@ def clean_body(body: Mesh) -> Mesh:
     Args:
         body: a closed mesh in print coordinates.
     """
-    solid = _manifold(body)
+    solid = as_manifold(body)
     rounded = body
     for tolerance in TOLERANCES_MM:
         rounded = _round_solid(solid.simplify(tolerance))
@@ -39,21 +40,9 @@ def clean_body(body: Mesh) -> Mesh:
     return rounded
 
 
-def _manifold(body: Mesh) -> Manifold:
-    from manifold3d import Manifold, Mesh64
-
-    return Manifold(
-        Mesh64(
-            np.ascontiguousarray(body[0], dtype=np.float64),
-            np.ascontiguousarray(body[1], dtype=np.uint64),
-        )
-    )
-
-
 def _round_solid(solid: Manifold) -> Mesh:
-    mesh = solid.to_mesh64()
-    vertices = np.asarray(mesh.vert_properties[:, :3]).astype(np.float32).astype(np.float64)
-    return vertices, np.array(mesh.tri_verts, dtype=np.int32)
+    vertices, faces = as_mesh(solid)
+    return vertices.astype(np.float32).astype(np.float64), faces
 
 
 def _is_clean(body: Mesh) -> bool:

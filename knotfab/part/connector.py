@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import as_manifold, as_mesh
 from knotfab.part.cut import CLEARANCE_MM, Cut
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def cut_body(
     """
     from manifold3d import Manifold, OpType
 
-    solid = _manifold(body)
+    solid = as_manifold(body)
     slices = [
         _place(
             Manifold.cylinder(KERF_MM, radius + 0.45 * gap_mm, -1, SIDES, True),
@@ -92,7 +93,7 @@ def cut_body(
                 f"piece {number + 1} is not one ball with its pin and hole",
                 "Use a larger printer or a smaller frame, or report this scene",
             )
-        pieces.append(Piece(_mesh(part), own))
+        pieces.append(Piece(as_mesh(part), own))
     return pieces
 
 
@@ -125,7 +126,7 @@ def _in_order(
     starts = np.array([cut.vertex for cut in cuts])
     order: dict[int, Manifold] = {}
     for part in parts:
-        vertices = np.asarray(part.to_mesh64().vert_properties[:, :3])
+        vertices, _ = as_mesh(part)
         away, nearest = tree.query(vertices[:: max(1, len(vertices) // 500)])
         nearest = nearest[away <= 1.1 * radius]
         stretch = (np.searchsorted(starts, nearest, side="right") - 1) % len(cuts)
@@ -139,22 +140,3 @@ def _place(solid: Manifold, point: Array, axis: Array) -> Manifold:
     x = np.cross(other, axis)
     x /= np.linalg.norm(x)
     return solid.transform(np.column_stack([x, np.cross(axis, x), axis, point]))
-
-
-def _manifold(body: Mesh) -> Manifold:
-    from manifold3d import Manifold, Mesh64
-
-    return Manifold(
-        Mesh64(
-            np.ascontiguousarray(body[0], dtype=np.float64),
-            np.ascontiguousarray(body[1], dtype=np.uint64),
-        )
-    )
-
-
-def _mesh(solid: Manifold) -> Mesh:
-    mesh = solid.to_mesh64()
-    return (
-        np.array(mesh.vert_properties[:, :3], dtype=np.float64),
-        np.array(mesh.tri_verts, dtype=np.int32),
-    )

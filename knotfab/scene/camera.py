@@ -9,7 +9,11 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.scene.model import Region, ResolvedView, View
 
-__all__ = ["Camera", "camera_of", "view_axes"]
+__all__ = ["VERIFIED_PX", "Camera", "camera_of", "view_axes"]
+
+VERIFIED_PX = (
+    1024  # on the longer side of a frame: where shadows are verified and magnitudes are told
+)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import as_mesh
 from knotfab.geometry.tube import sweep, tube_manifold
 from knotfab.knots import Knot, Knots
 
@@ -127,13 +128,9 @@ def build_zoetrope(
             "Use the parts of the single frames",
         )
     box = np.array(whole.bounding_box())
-    mesh = whole.translate(tuple(-box[:3])).to_mesh64()
     size = box[3:] - box[:3]
     return Zoetrope(
-        (
-            np.array(mesh.vert_properties[:, :3], dtype=np.float64),
-            np.array(mesh.tri_verts, dtype=np.int32),
-        ),
+        as_mesh(whole.translate(tuple(-box[:3]))),
         scale,
         scale * radius,
         scale * clearance_mm,

@@ -110,7 +110,6 @@ class Bench:
         self._clock, self._limit_s, self._begun = clock, limit_s, clock()
         self._runs: dict[Request, Run] = {}
         self._lasted: list[float] = []
-        self.measured_now = 0
         self.left_out: dict[Request, None] = {}
 
     def measure(self, points: Sequence[Point], pictures: int) -> list[Measured]:
@@ -137,7 +136,6 @@ class Bench:
             self._runs[request] = run
             told = {"picture": self.studies[request.picture].name}
             self._journal.add(self._key(request), run, **told, turn=request.turn)
-            self.measured_now += 1
             now = self._clock()
             self._lasted.append(now - last)
             last = now

@@ -28,13 +28,13 @@ from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.progress import Progress
 from knotfab.render.picture import seen_in
+from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
 from knotfab.target.masks import mask_iou
 
 __all__ = [
-    "YARDSTICK_PX",
     "Run",
     "Study",
     "facet_error_px",
@@ -45,7 +45,6 @@ __all__ = [
     "warm_up",
 ]
 
-YARDSTICK_PX = 1024  # longer side of the picture on which every point is judged
 _ASIDE_DEG = 45.0
 _SHOWN_PX = 160  # longer side of the small pictures
 _SLIT = 0.5  # tube radii: gaps between strands that are no wider have no outline
@@ -111,7 +110,7 @@ def find_shadows(problem: Problem, knots: Knots, device: str = "cpu") -> list[tu
     rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
     found = []
     for view in problem.views:
-        image = view.image_at(knots.radius_mm, YARDSTICK_PX, device)
+        image = view.image_at(knots.radius_mm, VERIFIED_PX, device)
         seen = seen_in(knots.points, rings, image.frame, image.target, knots.radius_mm)
         found.append((seen.cpu().numpy(), (image.target > 0.5).cpu().numpy()))
     return found
@@ -147,7 +146,7 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
     """
     stands_out = radius * (2 * np.pi / sides) ** 2 / 12
     views = (v.view for v in problem.views)
-    return max(stands_out * v.magnification / (v.longer_mm / YARDSTICK_PX) for v in views)
+    return max(stands_out * v.magnification / (v.longer_mm / VERIFIED_PX) for v in views)
 
 
 def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
@@ -190,7 +189,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
-    slit_px = _SLIT * knots.radius_mm * drawn.magnification / (drawn.longer_mm / YARDSTICK_PX)
+    slit_px = _SLIT * knots.radius_mm * drawn.magnification / (drawn.longer_mm / VERIFIED_PX)
     lengths = [knot.length_mm for knot in knots.knots]
     bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
     legible = None
