@@ -347,4 +347,3 @@ def _measure_residual(
     square = corners.mean(axis=1) / 4 + 0.75 * off[len(mesh.vertices) :] ** 2
     rms, worst = float(np.sqrt(area @ square / area.sum())), int(off.argmax())
     return CentreLine(line[::THIN], radii[::THIN], rms, float(off[worst]), points[worst])
-
