@@ -155,6 +155,13 @@ def test_the_command_writes_a_picture_and_says_the_same(
     assert list(out.parent.iterdir()) == [out]
 
 
+def test_what_nobody_would_know_is_said_with_its_reason(tmp_path: Path) -> None:
+    scene = Scene(views=(View(lines="off"),))
+    target = read_target(lines(tmp_path / "thin.png", width=3))
+    (line,) = [t for t in describe(survey(scene, [target])) if "Nobody" in t]
+    assert re.search(r"its IoU would be about 0\.[1-4]", line) and "0 of its" not in line
+
+
 def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     thin = read_target(lines(tmp_path / "thin.png", width=3))
     asked = resolve(Scene())
