@@ -106,7 +106,7 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
     Raises:
         InputError: as for `prepare_build`.
     """
-    call = _read_call(pictures, options, Progress("quiet"))
+    call = _read_call(pictures, options, Progress("quiet"), glance=True)
     from knotfab.preview.survey import survey
 
     return survey(call.scene, call.targets, options.sequence)
@@ -122,8 +122,10 @@ class _Call:
     targets: tuple[Target, ...]
 
 
-def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progress) -> _Call:
-    """The scene with the options over it, and the pictures."""
+def _read_call(
+    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: bool = False
+) -> _Call:
+    """The scene with the options over it, and the pictures, large ones shrunk where they are glanced at."""
     scene, folder = read_scene(options)
     check_names(scene)
     sources = _sources(pictures, scene, options.scene)
@@ -142,7 +144,9 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
         else:
-            targets = read_targets(sources, scene.views, base=base, font=options.font)
+            targets = read_targets(
+                sources, scene.views, base=base, font=options.font, glance=glance
+            )
     if options.size is not None:
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):

@@ -32,6 +32,15 @@ __all__ = [
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _SLIM = 1.25  # times the tube's shadow: thinner strokes are drawn along their lines
 _ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
+# why only one picture is drawn along its lines
+_ASIDE = (
+    "it is for one picture: strands that run there and back along a line hide behind each other from one "
+    "light alone, and stand side by side in every other"
+)
+_MEETING = (
+    "it is for one picture: a sequence is one knot that moves from frame to frame, and where strokes meet "
+    "or part on the way strands would have to be cut and joined anew"
+)
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
@@ -159,8 +168,8 @@ def widen_targets(
     if not one and any(view.lines == "on" for view in scene.views):
         raise InputError(
             "--lines on",
-            "it is for one picture, and there are several",
-            "Leave it out; --thicken auto widens thin strokes",
+            _MEETING if sequence else _ASIDE,
+            "Leave it out, widen thin strokes (--thicken auto), or build one picture",
         )
     for view, target in zip(framed.views, targets, strict=False):
         width: float | str = view.thicken_mm
@@ -246,7 +255,8 @@ def widen(view: View, target: Target) -> Target:
         rule += "; drawn along its centre lines by one tube each"
     if (mask != target.mask).any():
         rule += (
-            f"; strokes widened to {view.thicken_mm:g} mm, {width:.1f} px, by which it is judged"
+            f"; strokes widened to {view.thicken_mm:g} mm, {width * target.shrunk:.1f} px, by which it "
+            "is judged"
         )
     widened = mask if target.original is None else thicken(target.asked, width)
     return replace(target, mask=mask, original=target.asked, widened=widened, rule=rule)

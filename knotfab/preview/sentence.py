@@ -36,11 +36,11 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
         text = f"  One tube of {found.radius_mm:.2f} mm radius runs along each of its strokes"
         return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
     if seen.likeness is not None and not seen.recognisable:
-        gone = f"{seen.likeness.changes} of its {count(seen.likeness.features, 'piece')} and holes"
-        return (
-            f"  Nobody would know it in the shadow of any tube that can be printed: {gone} would be "
-            "lost or run together."
-        )
+        gone = f"its IoU would be about {seen.likeness.iou:.2f}"
+        if seen.likeness.changes:
+            which = f"{seen.likeness.changes} of its {count(seen.likeness.features, 'piece')}"
+            gone = f"{which} and holes would be lost or run together"
+        return f"  Nobody would know it in the shadow of any tube that can be printed: {gone}."
     radius = min(seen.losses, key=lambda r: abs(r - found.radius_mm))
     lost = seen.losses[radius]
     text = f"  A tube of {radius:.2f} mm radius loses "
@@ -54,12 +54,13 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
 
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
     """Its size, its place, and the tube that it would need."""
-    scale = seen.wall_mm_per_px
-    x, y = loss.at
+    scale, px = seen.wall_mm_per_px, seen.target.shrunk
+    x, y = (c * px for c in loss.at)
     need = 0.5 * loss.thickness / seen.px_per_mm
     return (
-        f"{loss.extent * scale:.1f} mm ({loss.extent:.0f} px) long and {loss.thickness * scale:.1f} mm "
-        f"({loss.thickness:.0f} px) thick at ({x:.0f}, {y:.0f}) px, which needs a radius of {need:.2f} mm"
+        f"{loss.extent * scale:.1f} mm ({loss.extent * px:.0f} px) long and "
+        f"{loss.thickness * scale:.1f} mm ({loss.thickness * px:.0f} px) thick at "
+        f"({x:.0f}, {y:.0f}) px, which needs a radius of {need:.2f} mm"
     )
 
 
@@ -93,9 +94,9 @@ def list_figures(found: Survey) -> dict[str, Any]:
                 "tube_radius_mm": radius,
                 "lost": [
                     {
-                        "at_px": [round(c, 1) for c in loss.at],
-                        "length_px": round(loss.extent, 1),
-                        "thickness_px": round(loss.thickness, 1),
+                        "at_px": [round(c * seen.target.shrunk, 1) for c in loss.at],
+                        "length_px": round(loss.extent * seen.target.shrunk, 1),
+                        "thickness_px": round(loss.thickness * seen.target.shrunk, 1),
                         "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),
                         "thickness_mm": round(loss.thickness * seen.wall_mm_per_px, 2),
                         "needed_radius_mm": round(0.5 * loss.thickness / seen.px_per_mm, 3),

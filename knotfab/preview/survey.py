@@ -44,7 +44,8 @@ _MOST_FRAMES = 24  # of a sequence that are looked at
 class ViewSurvey:
     """One picture: its silhouette in px, and what it takes to draw it. Radii in mm of the piece.
 
-    `feasible_mm`: the thickest tube that draws it well, None where none does that can be printed.
+    `feasible_mm`: the thickest tube that fills it well, None where none does that can be printed, or where it
+    is drawn along its lines.
     `losses`: for each candidate radius what it loses, in px of the picture. `together`: the share of its
     strokes, as wide as the tube along them, that run together; 0 where areas are filled. `likeness`: what
     the thinnest of these tubes could draw at best, None where that need not be asked; where nobody would know
@@ -152,7 +153,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
             else estimate_likeness(target.mask, min(tried) * px)
         )
         hopeless = likeness is not None and not likeness.recognisable
-        if not hopeless:
+        if not (hopeless or lines):
             feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
         found.append(
             ViewSurvey(

@@ -70,6 +70,12 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     near = away < reading.threshold**2 * away[opaque].max()
     if clear is not None and away[opaque].max() == 0:
         near = opaque
+    if not (near & opaque).any():
+        raise InputError(
+            what,
+            f"nothing in it is near {reading.ink}",
+            "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
+        )
     return near & opaque, f"what differs from {reading.ink} by less than {share}"
 
 
@@ -103,11 +109,20 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
 
 
 def _tell_colours(colours: Levels, mask: Mask) -> str:
-    """What colours the ink is of, where it is of several: a person may want one of them alone."""
+    """What colours the ink is of, where it is of several: a person may want one of them alone.
+
+    Those of soft edges are none: they are nowhere 3 px thick.
+    """
+    from scipy import ndimage
+
     if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
         return ""
     found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
     told = [k for k, share in enumerate(found.shares) if share >= _WORTH_SAYING]
+    if len(told) < 2:
+        return ""
+    kinds = found.label(colours)
+    told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
     if len(told) < 2:
         return ""
     words = [f"{_hex(found.colours[k])} ({found.shares[k]:.0%})" for k in told[:4]]

@@ -29,6 +29,7 @@ __all__ = [
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
+_GLANCE = 1280  # px of a longer side that tell what a tube makes of a picture; a verdict takes 1024
 MARGIN = 0.06  # clear space about a drawing in parts of the frame's longer side
 
 # What Pillow calls each format that is read, and the suffixes its files carry, the usual one first.
@@ -109,6 +110,19 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
                 "Copy or export the file again.",
             ) from error
     return upright, kind
+
+
+def shrink_factor(image: Image.Image) -> int:
+    """How many px across may become one where a picture is only glanced at."""
+    deep = image.mode.startswith(("I", "F"))  # which Pillow does not reduce
+    return 1 if deep else -(-max(image.size) // _GLANCE)
+
+
+def shrink(image: Image.Image, factor: int) -> Image.Image:
+    """The means of squares of px."""
+    if image.mode not in ("L", "LA", "RGB", "RGBA"):
+        image = image.convert("RGBA" if image.has_transparency_data else "RGB")
+    return image.reduce(factor)
 
 
 def count_frames(data: bytes) -> int:

@@ -39,6 +39,7 @@ class Target:
     mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
     digits, "_" and "-". Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
+    `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Target:
     line: NDArray[np.float64] | None = None
     drawing: NDArray[np.bool_] | None = None
     flattened_s: float | None = None
+    shrunk: int = 1
 
     @property
     def judged(self) -> NDArray[np.bool_]:
@@ -133,6 +135,7 @@ def read_target(
     *,
     base: Path | None = None,
     font: str | None = None,
+    glance: bool = False,
 ) -> Target:
     """Read a picture and take its silhouette.
 
@@ -143,6 +146,7 @@ def read_target(
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
         font: of `text:`, a family's name or a font file.
+        glance: whether a large picture may be read shrunk.
 
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
@@ -151,7 +155,7 @@ def read_target(
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         return _take_target(
-            text.render_text(content, font), what, name_picture(source), "", reading
+            text.render_text(content, font), what, name_picture(source), "", reading, glance
         )
     path = Path(source).expanduser()
     if base is not None:
@@ -160,8 +164,8 @@ def read_target(
     suffix = path.suffix.lower()
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
-        return _take_target(svg.render_svg(data, what), what, name, "", reading)
-    return _take_target(data, what, name, suffix, reading)
+        return _take_target(svg.render_svg(data, what), what, name, "", reading, glance)
+    return _take_target(data, what, name, suffix, reading, glance)
 
 
 def read_targets(
@@ -170,12 +174,13 @@ def read_targets(
     *,
     base: Path | None = None,
     font: str | None = None,
+    glance: bool = False,
 ) -> tuple[Target, ...]:
     """Read the pictures of all views, in their order.
 
     Args:
         sources: as `read_target` takes them. views: how each is read.
-        base, font: as `read_target` takes them.
+        base, font, glance: as `read_target` takes them.
 
     Raises:
         InputError: one cannot be read, or there are not as many as views.
@@ -187,13 +192,23 @@ def read_targets(
             "Give one picture for each [[views]] of the scene, in their order",
         )
     return tuple(
-        read_target(source, view, base=base, font=font)
+        read_target(source, view, base=base, font=font, glance=glance)
         for source, view in zip(sources, views, strict=True)
     )
 
 
-def _take_target(data: bytes, what: str, name: str, suffix: str, reading: Reading) -> Target:
+def _take_target(
+    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool
+) -> Target:
     image, kind = raster.decode(data, what)
+    shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
+    if shrunk > 1:
+        image = raster.shrink(image, shrunk)
+        keys = {
+            "speck_px": round(reading.speck_px / shrunk**2),
+            "smooth_px": reading.smooth_px / shrunk,
+        }
+        reading = reading.model_copy(update=keys)
     mask, rule, box = raster.silhouette(image, what, reading)
     frames = raster.count_frames(data) if kind in _MOVING else 1
     if frames > 1:
@@ -206,4 +221,4 @@ def _take_target(data: bytes, what: str, name: str, suffix: str, reading: Readin
     height, width = mask.shape
     usual = raster.SUFFIXES[kind]
     kept = suffix if suffix in usual else usual[0]
-    return Target(name, mask, data, width, height, kept, rule, box, original)
+    return Target(name, mask, data, width, height, kept, rule, box, original, shrunk=shrunk)

@@ -155,6 +155,13 @@ def test_the_command_writes_a_picture_and_says_the_same(
     assert list(out.parent.iterdir()) == [out]
 
 
+def test_what_nobody_would_know_is_said_with_its_reason(tmp_path: Path) -> None:
+    scene = Scene(views=(View(lines="off"),))
+    target = read_target(lines(tmp_path / "thin.png", width=3))
+    (line,) = [t for t in describe(survey(scene, [target])) if "Nobody" in t]
+    assert re.search(r"its IoU would be about 0\.[1-4]", line) and "0 of its" not in line
+
+
 def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     thin = read_target(lines(tmp_path / "thin.png", width=3))
     asked = resolve(Scene())
@@ -192,5 +199,24 @@ def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
 def test_several_pictures_are_not_drawn_along_lines(tmp_path: Path) -> None:
     target = read_target(lines(tmp_path / "thin.png", width=3))
     scene = Scene(views=(View(name="a", lines="on"), View(name="b", azimuth_deg=90.0)))
-    with pytest.raises(InputError, match="one picture"):
+    with pytest.raises(InputError, match=r"one picture: strands .* side by side"):
         widen_targets(resolve(scene), (target, target))
+    with pytest.raises(InputError, match=r"one picture: a sequence .* cut and joined"):
+        widen_targets(resolve(Scene(views=scene.views[:1])), (target, target), sequence=True)
+
+
+def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
+    """It is read shrunk, and its px are those of the picture."""
+    image = Image.open(lines(tmp_path / "a.png", width=6, body=True))
+    image.resize((3 * SIDE, 3 * SIDE)).convert("P").save(tmp_path / "large.png")
+    found = [read_target(tmp_path / "large.png", glance=glance) for glance in (False, True)]
+    assert [t.mask.shape[0] * t.shrunk for t in found] == [3 * SIDE] * 2
+    assert found[1].shrunk == 2
+    whole, glanced = (
+        list_figures(survey(Scene(), [t]))["views"][0]["radii"][0]["lost"][0] for t in found
+    )
+    assert glanced["at_px"] == pytest.approx(whole["at_px"], abs=9)
+    for key in ("length_px", "thickness_px"):
+        assert glanced[key] == pytest.approx(whole[key], abs=3)
+    for key in ("length_mm", "thickness_mm", "needed_radius_mm"):
+        assert glanced[key] == pytest.approx(whole[key], abs=0.25)

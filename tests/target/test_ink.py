@@ -137,6 +137,13 @@ def test_ink_of_several_colours_is_told(tmp_path: Path) -> None:
     face = read(tmp_path, painted(WHITE, (BADGE, YELLOW), (EYES, BLACK)))
     assert "--ink" in face.rule and "#000000" in face.rule
     assert "--ink" not in read(tmp_path, painted(WHITE, (BADGE, YELLOW))).rule
+    soft = painted(WHITE, (BADGE, BLACK)).filter(ImageFilter.GaussianBlur(0.8))
+    assert "--ink" not in read(tmp_path, soft).rule  # greys of its edge
+
+
+def test_a_colour_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nothing in it is near #0000ff"):
+        read(tmp_path, painted(WHITE, (BADGE, YELLOW)), ink="#0000ff")
 
 
 def test_dark_and_light_ink_where_the_rest_is_clear(tmp_path: Path) -> None:
@@ -230,4 +237,5 @@ def test_both_readers_agree_on_anything(tmp_path: Path, ink: str) -> None:
         try:
             read(tmp_path, image, ink=ink, invert=k % 2 == 1, **keys)
         except InputError as error:
-            assert "shape" in error.why or "covers" in error.why or ink == "alpha"
+            known = ("shape", "covers", "nothing in it is near")
+            assert any(w in error.why for w in known) or ink == "alpha"

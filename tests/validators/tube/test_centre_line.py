@@ -102,6 +102,26 @@ def test_a_decimated_tube_is_found() -> None:
     assert thickness(curves.polygons, curves.closed).value == pytest.approx(there, rel=0.05)
 
 
+def rosette(radius: float, step: float, lobes: int = 7, outwards: float = 170.0) -> Array:
+    """Arcs of one radius, by turns to the left and to the right, as in knots that bend as they may."""
+    left, right = np.radians(outwards), np.radians(outwards - 360.0 / lobes)
+    bends = [np.repeat(s, round(turn * radius / step)) for s, turn in ((1, left), (-1, right))]
+    turns = [b * t / len(b) for b, t in zip(bends, (left, right), strict=True)]
+    heading = np.cumsum(np.tile(np.concatenate(turns), lobes))
+    edges = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+    return np.asarray(radius * right / len(turns[1]) * np.cumsum(edges, axis=0))
+
+
+def test_bends_that_set_in_at_once_keep_their_radius() -> None:
+    """Cut off, the short waves of such a line make its other bends a quarter tighter."""
+    points = rosette(12.3, 4.4)
+    curves = found(Mesh(*tube(points, 10.0, 32)))
+    assert curves.radius_mm == pytest.approx(10.0, rel=0.01)
+    there = thickness((points,), (True,))
+    assert there.bend_decides
+    assert thickness(curves.polygons, curves.closed).value == pytest.approx(there.value, rel=0.1)
+
+
 def test_a_tube_of_varying_radius_has_a_line_and_no_radius() -> None:
     points = SIZE * torus_knot(2, 3, 200)
     vertices, faces = tube(points, 1.0, 16)

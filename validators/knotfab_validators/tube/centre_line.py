@@ -18,11 +18,14 @@ from knotfab_validators.geometry.torus import CircleFunction, circle_functions
 __all__ = ["CentreLine", "check_centre_lines", "find_centre_line"]
 
 LIMIT = 0.15  # rms residual, of the radius: a hexagon's is 0.05, a square's 0.11
-STEP = 0.25  # radii between the points of a centre line
-SHORTEST = 3.0  # radii: shorter waves of a centre line are smoothed away
-LEAST_POINTS, MOST_POINTS = 24, 20_000
+STEP = 0.25  # radii between the points at which a centre line is fitted
+THIN = 3  # a line is every third of them: over less, the turns of facets pass for bends
+FACETS = 3.0  # sides of faces: shorter waves are smoothed away, for they may be those of the faces
+SHORTEST, LONGEST = 1.2, 3.0  # radii: between which that is kept
+LEAST_POINTS, MOST_POINTS = 72, 20_000
 MOST_FACES = 1_500_000  # of a mesh: more take minutes
 MOST_BODIES = 200
+LEAST_SLOPE = 0.2  # how much slower than the points their feet may move along the line
 ROUNDS = 6  # of the fit; it converges in three or four
 PROBES = 24  # points of a line that must lie in the tube
 EVEN = 0.1  # of the radius: tubes of one thickness differ by less
@@ -103,6 +106,7 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     radius = 2 * volume / float(area.sum())
     length = float(area.sum()) / (2 * np.pi * radius)
     count = int(np.clip(np.ceil(length / (STEP * radius)), LEAST_POINTS, MOST_POINTS))
+    count += -count % THIN
     for function in circle_functions(mesh):
         ring, points, weight = _cut_rings(mesh, function, count)
         line = _centroids(ring, points, weight, count)
@@ -112,16 +116,15 @@ def find_centre_line(mesh: Mesh) -> CentreLine | None:
     else:
         return None
     place = ring.astype(np.float64)
+    # curvature that sets in at once, as in bends as tight as may be, overshoots without its short waves
+    longest = float(np.median(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(1)))
+    wave = float(np.clip(FACETS * longest, SHORTEST * radius, LONGEST * radius))
     for _ in range(ROUNDS):
-        line, place = _space_evenly(_smooth(line, radius), place)
+        line, place = _space_evenly(_smooth(line, wave), place)
         line = _recentre(line, points, weight, place)
-    line, place = _space_evenly(_smooth(line, radius), place)
+    line, place = _space_evenly(_smooth(line, wave), place)
     far, at = _distances(line, points, place)
-    total = np.bincount(at, weight, count)
-    radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)
-    filled = np.flatnonzero(total)
-    radii = np.interp(np.arange(count), filled, radii[filled], period=count)
-    radii = _smooth(radii[:, None], radius, line)[:, 0]
+    radii = _mean_radii(far, at, weight, line, wave)
     return _measure_residual(mesh, area, function, line, radii, (ring, place))
 
 
@@ -207,17 +210,27 @@ def _centroids(ring: Ints, points: Array, weight: Array, count: int) -> Array:
     return np.stack([np.bincount(ring, weight * x, count) / total for x in points.T], axis=1)
 
 
-def _smooth(values: Array, radius: float, line: Array | None = None) -> Array:
-    """Values (n, k) of an even closed line (by default its points) without waves of a few radii.
+def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -> Array:
+    """The mean distance (n,) of what is next to each point of a line, smoothed."""
+    count = len(line)
+    total = np.bincount(at, weight, count)
+    radii = np.bincount(at, weight * far, count) / np.maximum(total, 1e-300)
+    filled = np.flatnonzero(total)
+    radii = np.interp(np.arange(count), filled, radii[filled], period=count)
+    return _smooth(radii[:, None], wave, line)[:, 0]
+
+
+def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
+    """Values (n, k) of an even closed line (by default its points) without waves shorter than this, mm.
 
     Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w
-    keeps 1 / (1 + (`SHORTEST` radii / w)^6) of itself.
+    keeps 1 / (1 + (`shortest` / w)^6) of itself.
     """
     points = values if line is None else line
     step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean()
     count = len(values)
     wave = np.sin(np.pi * np.fft.rfftfreq(count))
-    cut = np.sin(np.pi * min(0.5, step / (SHORTEST * radius)))
+    cut = np.sin(np.pi * min(0.5, step / shortest))
     spectrum = np.fft.rfft(values, axis=0) / (1 + (wave / cut) ** 6)[:, None]
     return np.asarray(np.fft.irfft(spectrum, count, axis=0))
 
@@ -246,21 +259,29 @@ def _frames(line: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
-    """Points from the line's point next to their feet: its number (k,), two coordinates across (k, 2).
+    """Points from their feet on the line: the number of its point next to it (k,), two coordinates across.
 
-    `place` (k,) is about where along the line the feet are; it is made right.
+    Between its points the line is taken as the parabola with the curvature there: chords would put
+    a bend as tight as the tube half a hundredth of the radius off, and make waves of it. `place` (k,) is
+    about where along the line the feet are; it is made right.
     """
     count = len(line)
     tangent, normal, other, step = _frames(line)
+    bend = (np.roll(line, -1, axis=0) + np.roll(line, 1, axis=0) - 2 * line) / step**2
     for _ in range(3):
         at = np.round(place).astype(np.int64) % count
         gap = points - line[at]
-        ahead = np.einsum("ij,ij->i", gap, tangent[at]) / step
+        # Newton's step; inside a bend as tight as the tube all points' feet run together
+        slope = np.maximum(1 - np.einsum("ij,ij->i", gap, bend[at]), LEAST_SLOPE)
+        ahead = np.einsum("ij,ij->i", gap, tangent[at]) / (step * slope)
         place += np.clip(np.round(place) + ahead - place, -2.0, 2.0)
     at = np.round(place).astype(np.int64) % count
-    gap = points - line[at]
-    across = [np.einsum("ij,ij->i", gap, side[at]) for side in (normal, other)]
-    return at, np.stack(across, axis=1)
+    along = (step * np.clip(place - np.round(place), -0.5, 0.5))[:, None]
+    gap = points - line[at] - along * tangent[at] - 0.5 * along**2 * bend[at]
+    across = np.stack([np.einsum("ij,ij->i", gap, side[at]) for side in (normal, other)], axis=1)
+    # the foot's plane is turned against that of the line's point, and lengths are the same in both
+    far = np.maximum(np.linalg.norm(across, axis=1), 1e-300)
+    return at, across * (np.linalg.norm(gap, axis=1) / far)[:, None]
 
 
 def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
@@ -324,7 +345,5 @@ def _measure_residual(
     off = np.abs(far / radii[at] - 1)
     corners = off[: len(mesh.vertices)][mesh.faces] ** 2
     square = corners.mean(axis=1) / 4 + 0.75 * off[len(mesh.vertices) :] ** 2
-    worst = int(off.argmax())
-    return CentreLine(
-        line, radii, float(np.sqrt(area @ square / area.sum())), float(off[worst]), points[worst]
-    )
+    rms, worst = float(np.sqrt(area @ square / area.sum())), int(off.argmax())
+    return CentreLine(line[::THIN], radii[::THIN], rms, float(off[worst]), points[worst])
