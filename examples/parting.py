@@ -24,53 +24,62 @@ Array = NDArray[np.float64]
 
 
 def bounds_and_truths(
-    rng: np.random.Generator, ways: int = 150, *, turns: bool = True
+    rng: np.random.Generator, ways: int = 150, *, turns: bool = True, bent: bool = False
 ) -> tuple[Array, Array]:
     """(3,) bounds and (3,) truths, mm: of lamp, piece and wall, the wall tilted by up to 30 degrees.
 
     `turns`: whether the piece stands free; one that does not hangs on the wall, and leans with it.
+    `bent`: before a wall that is round.
 
     Moved by the whole amount in `ways` directions; all round the tube about random points.
     """
-    view, points, radius, camera = random_scene(rng)
+    view, points, radius, camera = random_scene(rng, bent=bent)
     placing = Placing(
         lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3), tilt_deg=rng.uniform(0.2, 3)
     )
     all_round = directions(ways)
     surface = (points[:, None] + radius * directions(15)).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    was = cast(surface, camera.eye, camera)
+    was = cast(surface, camera.eye, camera, view)
     lamp = max(
-        parted(was, cast(surface, camera.eye + placing.lamp_mm * way, camera)) for way in all_round
+        parted(was, cast(surface, camera.eye + placing.lamp_mm * way, camera, view))
+        for way in all_round
     )
     angle = np.radians(placing.turn_deg)
     turn = max(
         parted(
-            was, cast(middle + (surface - middle) @ turn_about(way, angle).T, camera.eye, camera)
+            was,
+            cast(middle + (surface - middle) @ turn_about(way, angle).T, camera.eye, camera, view),
         )
         for way in all_round
     )
-    lean, steady = np.radians(placing.tilt_deg), camera.corner
+    lean = np.radians(placing.tilt_deg)
     normal = camera.receiver[:3]
     about = [way - (way @ normal) * normal for way in all_round]
     turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
-    tilt = max(parted(was, _leaning(surface, camera, steady, by, turns)) for by in turned)
+    tilt = max(parted(was, _leaning(surface, camera, view, by, turns)) for by in turned)
     bounds = parting_mm(view, points, radius, World(placing=placing, turns=turns))
     return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
 
 
-def _leaning(surface: Array, camera: Camera, steady: Array, by: Array, turns: bool) -> Array:
-    """(n, 2) shadows on the wall turned about a place, and the piece with it unless it `turns` freely."""
+def _leaning(surface: Array, camera: Camera, view: ResolvedView, by: Array, turns: bool) -> Array:
+    """(n, 2) shadows on the wall turned about its middle, the piece with it unless it `turns` freely."""
+    steady = camera.corner
 
     def turn(points: Array) -> Array:
         return np.asarray(steady + (points - steady) @ by.T)
 
     leaning = Camera(camera.eye, turn(camera.corner), by @ camera.du, by @ camera.dv, 1, 1)
-    return cast(surface if turns else turn(surface), camera.eye, leaning)
+    return cast(surface if turns else turn(surface), camera.eye, leaning, view)
 
 
-def random_scene(rng: np.random.Generator) -> tuple[ResolvedView, Array, float, Camera]:
-    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius."""
+def random_scene(
+    rng: np.random.Generator, *, bent: bool = False
+) -> tuple[ResolvedView, Array, float, Camera]:
+    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius.
+
+    `bent`: of a wall that is round, hollow or bulging, on which light falls at 70 degrees at most.
+    """
     while True:
         view = ResolvedView(
             frame_width_mm=180.0,
@@ -83,22 +92,36 @@ def random_scene(rng: np.random.Generator) -> tuple[ResolvedView, Array, float, 
         room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
         points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
         camera = camera_of(view, 1, 1)
-        if (points @ camera.receiver[:3] + camera.receiver[3]).min() > radius:
+        height = points @ camera.receiver[:3] + camera.receiver[3]
+        if bent:
+            high = view.light_distance_mm + view.wall_distance_mm
+            size = rng.uniform(0.6, 3) * high if rng.random() < 0.5 else -rng.uniform(150, 1500)
+            view = view.model_copy(update={"wall_radius_mm": float(size)})
+            across = cast(points, camera.eye, camera)[:, 0]
+            if np.abs(across).max() > 0.9 * abs(size):
+                continue
+            height -= size - np.sign(size) * np.sqrt(size**2 - across**2)
+            ray = np.arctan2(across, high)
+            if np.degrees(np.abs(ray - np.arcsin(across / size)).max()) > 70:
+                continue
+        if height.min() > radius:
             return view, points, radius, camera
 
 
-def shift_bound_and_truth(rng: np.random.Generator, effect: str) -> tuple[float, float]:
+def shift_bound_and_truth(
+    rng: np.random.Generator, effect: str, *, bent: bool = False
+) -> tuple[float, float]:
     """The magnitude of "sag" or "layers" in a random scene, and what moving the surface for real shifts, px.
 
     The mount lets every point sag by about 0.3 mm its own way; the layers are 0.05 to 0.4 mm high and lie
     in any direction.
     """
-    view, points, radius, camera = random_scene(rng)
+    view, points, radius, camera = random_scene(rng, bent=bent)
     surface, px = points[:, None] + radius * directions(60), view.longer_mm / VERIFIED_PX
-    was = cast(surface.reshape(-1, 3), camera.eye, camera)
+    was = cast(surface.reshape(-1, 3), camera.eye, camera, view)
 
     def shift(moves: Array) -> float:
-        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera)
+        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera, view)
         return float(np.linalg.norm(now - was, axis=1).max()) / px
 
     if effect == "sag":
@@ -125,13 +148,28 @@ def turn_about(axis: Array, angle: float) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
 
 
-def cast(points: Array, lamp: Array, camera: Camera) -> Array:
-    """(n, 2) shadows of points (n, 3) on the wall, mm in its own axes."""
+def cast(points: Array, lamp: Array, camera: Camera, view: ResolvedView | None = None) -> Array:
+    """(n, 2) shadows of points (n, 3) on the wall, mm in its own axes; on a round one of `view` unrolled.
+
+    A round wall touches the flat one along its up through the frame's middle.
+    """
     normal, offset = camera.receiver[:3], camera.receiver[3]
-    height, reach = points @ normal + offset, lamp @ normal + offset
-    spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
     axes = np.stack([camera.du, -camera.dv])
-    return np.asarray(spots @ (axes / np.linalg.norm(axes, axis=1)[:, None]).T)
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    if view is None or isinstance(view.wall_radius_mm, str):
+        height, reach = points @ normal + offset, lamp @ normal + offset
+        spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
+        return np.asarray(spots @ axes.T)
+    radius, frame = view.wall_radius_mm, np.stack([*axes, normal])
+    start, way = frame @ (lamp - camera.corner), (points - lamp) @ frame.T
+    # a circle about (0, radius), across and before the wall: the last crossing of a hollow wall, the first
+    # of a column
+    from_middle = start[[0, 2]] - [0.0, radius]
+    a, b = (way[:, [0, 2]] ** 2).sum(axis=1), way[:, [0, 2]] @ from_middle
+    root = np.sqrt(b * b - a * (from_middle @ from_middle - radius**2))
+    spots = start + way * ((np.sign(radius) * root - b) / a)[:, None]
+    arc = radius * np.arctan2(spots[:, 0] / radius, 1 - spots[:, 2] / radius)
+    return np.column_stack([arc, spots[:, 1]])
 
 
 def parted(was: Array, now: Array) -> float:

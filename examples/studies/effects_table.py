@@ -143,19 +143,22 @@ def print_bounds(scenes: int) -> None:
         rng = np.random.default_rng(KINDS.index(kind))
         pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
         tell(f"penumbra, {kind}", pairs[:, 0] / pairs[:, 1])
-    rng = np.random.default_rng(0)
-    pairs = np.array([bounds_and_truths(rng) for _ in range(scenes)])
-    for n, what in enumerate(("lamp", "turn", "tilt")):
-        tell(f"misplacement, {what}", pairs[:, 0, n] / pairs[:, 1, n])
+    for bent, wall in ((False, ""), (True, ", round")):
+        rng = np.random.default_rng(0)
+        pairs = np.array([bounds_and_truths(rng, bent=bent) for _ in range(scenes)])
+        for n, what in enumerate(("lamp", "turn", "tilt")):
+            tell(f"misplaced {what}{wall}", pairs[:, 0, n] / pairs[:, 1, n])
     rng = np.random.default_rng(1)
     pairs = np.array([bounds_and_truths(rng, turns=False) for _ in range(scenes)])
-    tell("misplacement, hung", pairs[:, 0, 2] / pairs[:, 1, 2])
+    tell("misplaced tilt, hung", pairs[:, 0, 2] / pairs[:, 1, 2])
     others: dict[str, Callable[[np.random.Generator], tuple[float, float]]] = {
         "wall": wall_and_truth,
         "contrast, fall-off": uneven_and_truth,
         "contrast, bounce": bounce_and_truth,
         "sag": lambda rng: shift_bound_and_truth(rng, "sag"),
+        "sag, round wall": lambda rng: shift_bound_and_truth(rng, "sag", bent=True),
         "layers": lambda rng: shift_bound_and_truth(rng, "layers"),
+        "layers, round wall": lambda rng: shift_bound_and_truth(rng, "layers", bent=True),
     }
     for what, measure in others.items():
         rng = np.random.default_rng(0)

@@ -3,13 +3,14 @@
 `python -m examples.studies.lamp_table [--accuracy NAME] [--lamp MM] [NAME ...]`: the project's own pictures
 under one lamp, the effect `penumbra` off and on in the search; the shadows of both are averaged over that
 lamp by the validators. For each: brightness error, IoU at half light, IoU of the point's shadow, legibility
-at 45 degrees and CPU seconds of radius, depth and search; then the means.
+at 45 degrees and CPU seconds of depth and search; then the means.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image
@@ -18,13 +19,17 @@ from examples.measurement import read_question
 from examples.pictures import pictures
 from examples.studies.grace_table import read
 from knotfab.design.design import choose_tube
+from knotfab.effects.penumbra import PENUMBRA
 from knotfab.geometry.meshes import join_meshes
 from knotfab.geometry.tube import sweep
+from knotfab.knots import Knots
+from knotfab.problem import TargetView
 from knotfab.progress import Progress
-from knotfab.scene.model import Scene, Switch, Switches, View
-from knotfab.scene.settings import PRESETS
+from knotfab.scene.model import Scene, View
+from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import stretch_mask
+from knotfab.start.start import make_start
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.penumbra import measure_penumbra
@@ -35,28 +40,38 @@ HEADINGS = ("error", "half light", "point", "leg45", "s")
 PIXELS = 512
 
 
-def look(image: Image.Image, accuracy: str, lamp_mm: float, penumbra: Switch) -> list[float]:
-    """One piece: the figures of `HEADINGS`."""
-    scene = Scene(views=(View(light_diameter_mm=lamp_mm),), effects=Switches(penumbra=penumbra))
-    settings, asked = PRESETS[accuracy], read_question(image, scene)
-    begun = time.process_time()
-    question, radius, start, _ = choose_tube(asked, settings, Progress("quiet"))
-    knots = search(question.problem, start, radius, settings).knots
-    spent = time.process_time() - begun
-    view, mask = question.problem.views[0].view, question.problem.views[0].mask
+def compare(image: Image.Image, accuracy: str, lamp_mm: float) -> list[list[float]]:
+    """Two pieces of one tube, the effect off and on: the figures of `HEADINGS` of each."""
+    settings = PRESETS[accuracy]
+    scene = Scene(views=(View(light_diameter_mm=lamp_mm),))
+    question, radius, _, _ = choose_tube(read_question(image, scene), settings, Progress("quiet"))
+    found = []
+    for switch in ("off", "auto"):
+        problem = replace(question.problem, switches={PENUMBRA.name: switch})
+        begun = time.process_time()
+        start = make_start(problem, radius, settings)
+        knots = search(problem, start, radius, settings).knots
+        spent = time.process_time() - begun
+        found.append([*look(problem.views[0], knots, settings), spent])
+    return found
+
+
+def look(target: TargetView, knots: Knots, settings: SearchSettings) -> list[float]:
+    """The figures of `HEADINGS` but for the seconds."""
+    view, mask = target.view, target.mask
     vertices, faces = join_meshes(
-        [sweep(k.points, radius, settings.mesh_sides) for k in knots.knots]
+        [sweep(k.points, knots.radius_mm, settings.mesh_sides) for k in knots.knots]
     )
     frame = working_frame(mask.shape[1], mask.shape[0], PIXELS)
     seen = view_geometry(view, mask.shape[1], mask.shape[0]).resample(frame)
-    target = padded_mask(mask, frame)
+    wanted = padded_mask(mask, frame)
     with SilhouetteRenderer(vertices, faces.astype(np.int64)) as renderer:
         sharp = renderer.render(seen)
         soft = measure_penumbra(
-            renderer, vertices, seen, target, sharp, frame, view, settings.tolerance_px
+            renderer, vertices, seen, wanted, sharp, frame, view, settings.tolerance_px
         )
     legible = read(knots, view.light_distance_mm, stretch_mask(mask), 45.0)
-    return [soft.brightness_error, soft.iou, overlap(sharp, target).iou, legible, spent]
+    return [soft.brightness_error, soft.iou, overlap(sharp, wanted).iou, legible]
 
 
 def main() -> None:
@@ -71,7 +86,7 @@ def main() -> None:
     for name, image in pictures().items():
         if asked.names and name not in asked.names:
             continue
-        off, on = (look(image, asked.accuracy, asked.lamp, how) for how in ("off", "auto"))
+        off, on = compare(image, asked.accuracy, asked.lamp)
         every.append([off, on])
         print(
             f"{name:<12}" + "".join(f"{a:>13.4f} ->{b:7.4f}" for a, b in zip(off, on, strict=True)),

@@ -12,6 +12,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.scene.camera import VERIFIED_PX, camera_of
+from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
 
 __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "World", "decide"]
@@ -41,13 +42,14 @@ class World:
 class OnWall:
     """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`.
 
-    `middle` (3,): of the frame, in the same.
+    Of a wall that is round those of the flat one that touches it. `middle` (3,): of the frame, in the same.
     """
 
     axes: Array
     foot: Array  # of the wall's axes, in the scene
     lamp: Array
     middle: Array
+    round: CurvedWall | None
 
     @staticmethod
     def of(view: ResolvedView) -> OnWall:
@@ -56,7 +58,8 @@ class OnWall:
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         foot = -camera.receiver[3] * camera.receiver[:3]
-        return OnWall(axes, foot, axes @ (camera.eye - foot), axes @ (camera.corner - foot))
+        lamp, middle = axes @ (camera.eye - foot), axes @ (camera.corner - foot)
+        return OnWall(axes, foot, lamp, middle, CurvedWall.of(view))
 
     def place(self, points: Array) -> Array:
         """(3, n) points (n, 3) of the scene in the wall's axes."""
@@ -67,6 +70,27 @@ class OnWall:
         lamp = self.lamp if lamp is None else lamp
         slopes = (places[:2] - lamp[:2, None]) / (lamp[2] - places[2])
         return np.asarray(lamp[:2, None] + lamp[2] * slopes)
+
+    def touching(self, places: Array) -> tuple[Array, Array, Array]:
+        """Where places (3, n) cast their shadows: points (3, n) of the wall, (2, n) of it unrolled.
+
+        Between them its right, up and normal there, (3, 3, n) rows of columns, all in the wall's axes. What
+        casts none on a column, beside it, is taken to the flat wall.
+        """
+        flat = self.cast(places)
+        turn = np.zeros(flat.shape[1])
+        points, unrolled = np.stack([*flat, turn]), flat
+        if self.round is not None:
+            radius, line = self.round.radius, self.middle[:2] - [0.0, self.round.frame_mm[2]]
+            arc, up = self.round.unroll(flat.T - line).T
+            met = np.isfinite(arc)
+            turn = np.where(met, arc / radius, 0.0)
+            bent = [line[0] + radius * np.sin(turn), line[1] + up, radius * (1 - np.cos(turn))]
+            points = np.where(met, bent, points)
+            unrolled = np.where(met, [line[0] + arc, line[1] + up], flat)
+        sine, cosine, none = np.sin(turn), np.cos(turn), np.zeros_like(turn)
+        axes = [[cosine, none, sine], [none, none + 1, none], [-sine, none, cosine]]
+        return points, np.array(axes), unrolled
 
 
 @dataclass(frozen=True)

@@ -29,44 +29,52 @@ def magnitude(context: EffectContext) -> float:
 class _Field:
     """Where points cast their shadows, and how these move: to first order, exact for the directions.
 
-    On the plane of the wall, in its axes (right, up, normal to the lamp). A point x at height h, the lamp
-    l at height H, w = (x - l) / (H - h) along the plane. The lamp off by e moves the shadow s by
+    In the axes (right, up, normal to the lamp) of the plane that touches the wall where a point's shadow
+    falls: a flat wall itself. A point at height h, the lamp at height H, w how far the ray to the point goes
+    along the plane over how far it comes down. The lamp off by e moves the shadow by
 
         -h / (H - h + e_n) (e_t + e_n w),
 
-    the point off by u by H / (H - h) (u_t + u_n w): similar triangles. A wall that is tilted so that it rises
-    by g s at s moves it by -g s (s - l) / H; with a piece that hangs on it, as the lamp turned the other way.
-    `shadows` (2, n); `moves` (8, 2, n): by 1 mm of the lamp along each axis, 1 radian of the piece about
-    each axis through its middle, and 1 radian of the wall about lines through the frame's.
+    the point off by u by H / (H - h) (u_t + u_n w): similar triangles; the wall itself, by d where the shadow
+    falls, by -d_t - d_n w. With a piece that hangs on it, it leans as the lamp turned the other way.
+    `shadows` (2, n), of the wall unrolled; `moves` (8, 2, n): by 1 mm of the lamp along each axis, 1 radian
+    of the piece about each axis through its middle, and 1 radian of the wall about lines through the frame's.
+    `high`, `below`, `slopes` (n,): H, H - h and the length of w.
     """
 
     shadows: Array
     moves: Array
+    high: Array
+    below: Array
+    slopes: Array
 
     @staticmethod
     def of(points: Array, wall: OnWall, middle: Array, turns: bool) -> _Field:
         """Of points (3, n) in the wall's axes, of a piece about `middle` that `turns` or hangs there."""
-        lamp = wall.lamp
-        h, high = points[2], lamp[2]
-        along, up = (points[:2] - lamp[:2, None]) / (high - h)
-        shadows = lamp[:2, None] + high * np.stack([along, up])
-        x, y, z = points - middle[:, None]
+        feet, axes, shadows = wall.touching(points)
+
+        def local(vectors: Array) -> Array:
+            """(3, n) vectors in each point's own axes."""
+            return np.asarray(np.einsum("ijn,jn->in", axes, vectors))
+
+        ray, high = local(points - wall.lamp[:, None]), local(wall.lamp[:, None] - feet)[2]
+        below = -ray[2]
+        w = ray[:2] / below
         moves = np.zeros((8, 2, points.shape[1]))
-        moves[0, 0] = moves[1, 1] = back = -h / (high - h)
-        moves[2] = back * along, back * up
-        # axis times place along the plane, and along the normal times w
-        moves[3] = y * along, y * up - z
-        moves[4] = z - x * along, -x * up
-        moves[5] = -y, x
-        moves[3:6] *= high / (high - h)
+        for number, axis in enumerate(np.eye(3)):
+            lamp = axes[:, number]
+            moves[number] = (below - high) / below * (lamp[:2] + lamp[2] * w)
+            point = local(np.cross(axis, (points - middle[:, None]).T).T)
+            moves[3 + number] = high / below * (point[:2] + point[2] * w)
         if turns:
-            rises = (shadows - wall.middle[:2, None])[::-1]
-            moves[6], moves[7] = (-rise * np.stack([along, up]) for rise in rises)
+            for number, line in ((6, (1.0, 0.0, 0.0)), (7, (0.0, -1.0, 0.0))):
+                itself = local(np.cross(line, (feet - wall.middle[:, None]).T).T)
+                moves[number] = -itself[:2] - itself[2] * w
         else:
-            away = lamp - wall.middle
-            moves[6] = high * moves[1] - away[1] * moves[2]
-            moves[7] = high * moves[0] - away[0] * moves[2]
-        return _Field(shadows, moves)
+            away = wall.lamp - wall.middle
+            moves[6] = away[2] * moves[1] - away[1] * moves[2]
+            moves[7] = away[2] * moves[0] - away[0] * moves[2]
+        return _Field(shadows, moves, high, below, np.linalg.norm(w, axis=0))
 
 
 class Parting(NamedTuple):
@@ -92,8 +100,9 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
         return Parting(0.0, 0.0, 0.0)
     wall, placing = OnWall.of(view), world.placing
     lamp, local = wall.lamp, wall.place(points)
-    clear = float(lamp[2] - local[2].max() - radius)
     middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
+    field = _Field.of(local, wall, middle, world.turns)
+    clear = float(field.below.min() - radius)
     far = float(np.linalg.norm(local - middle[:, None], axis=0).max()) + radius
     off = placing.lamp_mm
     angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
@@ -101,7 +110,6 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     aside = 0.0 if world.turns else lean * float(np.linalg.norm(lamp - wall.middle))  # the lamp's
     if clear <= max(off, angle * far, aside):
         return Parting(np.inf, np.inf, np.inf)  # it may be moved into the lamp
-    field = _Field.of(local, wall, middle, world.turns)
     centre, shift = field.shadows.mean(axis=1), field.moves.mean(axis=2)[:, :, None]
     spread = field.shadows - centre[:, None]
     size = max(float((spread**2).sum()), 1e-12)
@@ -126,24 +134,32 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
         steep = np.sqrt(sum(_largest(d) ** 2 for d in slopes))
         return float((size[some] + steep).max())
 
-    grown = float(lamp[2]) / clear
+    def bent(of: slice, by: float) -> float:
+        """What a round wall adds where shadows are moved along it: it leaves the plane that touches it."""
+        if wall.round is None:
+            return 0.0
+        way = by * _largest(field.moves[of]) * (1 + field.slopes * radius / clear)
+        return float((way**2 * field.slopes).max()) / abs(wall.round.radius)
+
+    grown = float(field.high.max()) / clear
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
     by_lamp = largest(slice(0, 3))
     tilted = 0.0
     if lean > 0 and world.turns:
-        steepest = float(np.linalg.norm(local[:2] - lamp[:2, None], axis=0).max() + radius) / clear
+        steepest = float((field.slopes * field.below).max() + radius) / clear
         reach = float(np.linalg.norm(field.shadows - wall.middle[:2, None], axis=0).max())
         reach += grown * radius * (1 + steepest)
         if lean * steepest >= 1:
             return Parting(np.inf, np.inf, np.inf)  # the wall may be turned into a ray
         further = steepest**2 / (1 - lean * steepest) + 0.5  # along the rays, and along the wall
-        tilted = lean * largest(slice(6, 8)) + lean**2 * reach * further
+        tilted = lean * largest(slice(6, 8)) + lean**2 * reach * further + bent(slice(6, 8), lean)
     elif lean > 0:
-        bent = 0.5 * lean * aside * by_lamp  # the lamp goes round, not straight
-        tilted = (lean * largest(slice(6, 8)) + bent) * (1 + aside / (clear - aside)) ** 2
+        around = 0.5 * lean * aside * by_lamp  # the lamp goes round, not straight
+        tilted = (lean * largest(slice(6, 8)) + around) * (1 + aside / (clear - aside)) ** 2
+    nearer = (1 + off / (clear - off)) ** 2
     return Parting(
-        off * by_lamp * (1 + off / (clear - off)) ** 2,
-        angle * largest(slice(3, 6)) + second,
+        (off * by_lamp + bent(slice(0, 3), off)) * nearer,
+        angle * largest(slice(3, 6)) + second + bent(slice(3, 6), angle),
         tilted,
     )
 

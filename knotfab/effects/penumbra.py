@@ -22,11 +22,11 @@ _LOWERED = 0.5  # share of the way to the wall that strands of the outline are l
 _FULL_PX = 32.0  # of blur above the threshold, from which on it is that
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
-_SMOOTH = 8.0  # along the curve, in tube radii: strands cannot change depth at once
+_SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once
 # what a disc's blur b adds along an edge: b times the mean |x| in it
 _ABS_BLUR = 4 / (3 * np.pi) / 2
 _MOST = 400  # points whose surroundings are looked at
-_WEIGHT = 1.0  # of the brightness error, against legibility
+_WEIGHT = 8.0  # of the brightness error, against legibility
 
 
 def magnitude(context: EffectContext) -> float:

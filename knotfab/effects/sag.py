@@ -31,16 +31,25 @@ def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) ->
         H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall,
 
     aside: similar triangles. On the tube's surface h is larger by r, and w by r / (H - h - r) (1 + |w|), at
-    most.
+    most. A round wall is taken for the plane that touches it where the point's shadow falls; where the
+    surface's falls, and is shifted to, that leans by as much as they lie aside over the wall's radius.
     """
     wall = OnWall.of(view)
     place, move = wall.place(points), wall.axes @ moves.T
-    below = np.maximum(wall.lamp[2] - place[2], 1e-9)
-    across = (place[:2] - wall.lamp[:2, None]) / below
+    foot, axes, _ = wall.touching(place)
+    ray, move = (np.einsum("ijn,jn->in", axes, v) for v in (place - wall.lamp[:, None], move))
+    high = np.einsum("jn,jn->n", axes[2], wall.lamp[:, None] - foot)
+    below = np.maximum(-ray[2], 1e-9)
+    across = ray[:2] / below
     near = np.maximum(below - radius - np.abs(move[2]), 1e-9)
     shift = np.linalg.norm(move[:2] + move[2] * across, axis=0)
-    leaning = np.abs(move[2]) * radius / near * (1 + np.linalg.norm(across, axis=0))
-    return np.asarray(wall.lamp[2] / near * (shift + leaning))
+    slope = np.linalg.norm(across, axis=0)
+    leaning = np.abs(move[2]) * radius / near * (1 + slope)
+    found = high / near * (shift + leaning)
+    if wall.round is not None:
+        aside = found + high / near * radius * np.hypot(1, slope)
+        found = found * (1 + slope * aside / abs(wall.round.radius)) ** 2
+    return np.asarray(found)
 
 
 def measure_sag(

@@ -26,6 +26,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
     from knotfab_validators.shadows.pictures import write_shadow
     from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
     from knotfab_validators.shadows.view import view_geometry
+    from knotfab_validators.shadows.wall import receive
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
@@ -42,7 +43,8 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        geometry = view_geometry(named[0], width, height).resample(frame)
+        whole, _ = receive(view_geometry(named[0], width, height), setting.effects)
+        geometry = whole.resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         out.parent.mkdir(parents=True, exist_ok=True)

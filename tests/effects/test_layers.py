@@ -21,9 +21,10 @@ def magnitude(seen: ResolvedView, points: Any, radius: float, up: Any, layer: fl
     return LAYERS.magnitude(EffectContext((seen,), points, radius, 0.25, world, None, up))
 
 
-def test_it_bounds_the_shift_and_closely() -> None:
+@pytest.mark.parametrize("bent", [False, True])
+def test_it_bounds_the_shift_and_closely(bent: bool) -> None:
     rng = np.random.default_rng(6)
-    ratios = [np.divide(*shift_bound_and_truth(rng, "layers")) for _ in range(100)]
+    ratios = [np.divide(*shift_bound_and_truth(rng, "layers", bent=bent)) for _ in range(100)]
     assert min(ratios) >= 1.0 and np.median(ratios) <= 1.1
 
 

@@ -17,10 +17,11 @@ def placed(**keys: float) -> World:
     return World(placing=Placing(**keys))
 
 
-@pytest.mark.parametrize("turns", [True, False])
-def test_it_bounds_the_truth_and_closely(turns: bool) -> None:
+@pytest.mark.parametrize(("turns", "bent"), [(True, False), (False, False), (True, True)])
+def test_it_bounds_the_truth_and_closely(turns: bool, bent: bool) -> None:
     rng = np.random.default_rng(3)
-    pairs = np.array([bounds_and_truths(rng, ways=60, turns=turns) for _ in range(12)])
+    scenes = [bounds_and_truths(rng, ways=60, turns=turns, bent=bent) for _ in range(12)]
+    pairs = np.array(scenes)
     bounds, truths = pairs[:, :, [0, 1, 2] if turns else [0, 2]].swapaxes(0, 1)
     assert (bounds >= truths).all() and (np.median(bounds / truths, axis=0) <= 1.1).all()
     assert turns or (pairs[:, 0, 1] == 0).all()

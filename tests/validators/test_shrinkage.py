@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +101,8 @@ def test_places_are_in_the_file(tmp_path: Path) -> None:
         assert found[name].status == "fail" and found[name].at, name
         for place in found[name].at:
             assert np.linalg.norm(points - place, axis=1).min() < 1e-4, name
+    said = re.search(r"\((.*)\) mm", found["bend"].detail)  # in its sentence too
+    assert said is not None
+    np.testing.assert_allclose(
+        [float(x) for x in said[1].split(",")], found["bend"].at[0], atol=0.011
+    )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from typing import Any, Literal
 
@@ -18,6 +19,7 @@ __all__ = [
     "at_least",
     "at_most",
     "places",
+    "rescale",
     "skip_check",
     "spot",
     "worst_apart",
@@ -30,6 +32,10 @@ Status = Literal["pass", "fail", "skipped"]
 
 MOST_PLACES = 20  # of one check; a picture with more of them shows nothing
 MOST_COMPARED = 2000
+
+
+# what `spot` writes, but of the scene
+_SPOT = re.compile(r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) mm(?! of the scene)")
 
 
 @dataclass(frozen=True)
@@ -121,6 +127,19 @@ def places(points: Iterable[Sequence[float] | Array]) -> tuple[Place, ...]:
 def spot(point: Sequence[float] | Array) -> str:
     """A place (3,), mm, as it stands in a sentence."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
+
+
+def rescale(check: Check, share: float) -> Check:
+    """The same check with its places, those in its sentence too, at `share` of their coordinates.
+
+    Not in its sentence where that says that they are those of the scene.
+    """
+
+    def place(found: re.Match[str]) -> str:
+        return spot([share * float(x) for x in found.groups()])
+
+    at = places(share * np.array(place) for place in check.at)
+    return replace(check, at=at, detail=_SPOT.sub(place, check.detail))
 
 
 def worst_apart(values: Array, points: Array, apart: float, above: float) -> Ints:

@@ -8,9 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from knotfab_validators.check import Check, places
+from knotfab_validators.check import Check, rescale
 from knotfab_validators.clock import time_stage
 from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
@@ -118,7 +116,7 @@ def _in_file(check: Check, left: float) -> Check:
     """A check with its places in the file, of which the material leaves a share of every length."""
     if left == 1.0 or check.name in AS_PRINTED:
         return check
-    return replace(check, at=places(np.array(place) / left for place in check.at))
+    return rescale(check, 1 / left)
 
 
 def _leave_out(check: Check) -> Check:

@@ -25,7 +25,7 @@ from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.tube_field import outline_error, tube_field
 from knotfab_validators.shadows.verify_view import count_stray
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-from knotfab_validators.shadows.wall import bends, find_wall
+from knotfab_validators.shadows.wall import find_wall, receive
 
 RADII = [350.0, -130.0]
 PIXELS = 256
@@ -123,8 +123,12 @@ def test_it_is_looked_at_where_it_matters() -> None:
     far, near = (find_wall(geometry(radius)) for radius in (1e6, 400.0))
     assert far is not None and near is not None
     assert far["off_px"] < 0.05 and near["off_px"] > 5
-    assert bends(Effects(), 0.3) and not bends(Effects(), 0.2)
-    assert bends(Effects(wall="on"), 0.0) and not bends(Effects(wall="off"), 99.0)
+    for seen, effects in ((geometry(1e6), Effects()), (geometry(400.0), Effects(wall="off"))):
+        received, wall = receive(seen, effects)
+        assert received.cylinder is None and wall is None
+    for seen, effects in ((geometry(400.0), Effects()), (geometry(1e6), Effects(wall="on"))):
+        received, wall = receive(seen, effects)
+        assert received is seen and wall == find_wall(seen)
     scene = parse_scene({"views": [{"wall_radius_mm": -200.0}], "effects": {"wall": "off"}})
     assert (scene.views[0].wall_radius_mm, scene.effects.wall) == (-200.0, "off")
     for wrong in (0, "round"):

@@ -33,7 +33,7 @@ from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.tone import Tone, check_tone, measure_tone
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-from knotfab_validators.shadows.wall import bends, find_wall
+from knotfab_validators.shadows.wall import receive
 
 __all__ = ["SKIP_RENDER", "verify_shadows"]
 
@@ -84,10 +84,8 @@ def verify_shadows(
                     target = read_silhouette(folder / f"picture-{view.name}-lines.png")
                 else:
                     target = read_silhouette(folder / view.picture, view.reading)
-                geometry = view_geometry(view, target.shape[1], target.shape[0])
-                wall = find_wall(geometry)
-                if wall is not None and not bends(scene.effects, wall["off_px"]):
-                    geometry, wall = geometry.flat, None
+                size = target.shape[1], target.shape[0]
+                geometry, wall = receive(view_geometry(view, *size), scene.effects)
                 wide = None
                 if view.thicken_mm is not None and not toned:
                     wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)

@@ -10,7 +10,7 @@ from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.frame import LONGER_SIDE
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["bends", "find_wall"]
+__all__ = ["find_wall", "receive"]
 
 # a wall that puts the picture less far from a flat one's place is taken as flat
 WALL_TOLERANCES = 1.0
@@ -34,8 +34,15 @@ def find_wall(geometry: ViewGeometry) -> dict[str, Any] | None:
     return {"radius_mm": geometry.cylinder.radius, "off_px": most, "samples": 1}
 
 
-def bends(effects: Effects, off_px: float) -> bool:
-    """Whether shadows are cast on the round wall: the scene says so, or a flat one is off by a tolerance."""
-    if effects.wall != "auto":
-        return effects.wall == "on"
-    return off_px > WALL_TOLERANCES * effects.tolerance_px
+def receive(geometry: ViewGeometry, effects: Effects) -> tuple[ViewGeometry, dict[str, Any] | None]:
+    """The view on the wall that its shadows are cast on, and what `find_wall` says of that.
+
+    A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
+    """
+    wall = find_wall(geometry)
+    if wall is None:
+        return geometry, None
+    bends = effects.wall == "on"
+    if effects.wall == "auto":
+        bends = wall["off_px"] > WALL_TOLERANCES * effects.tolerance_px
+    return (geometry, wall) if bends else (geometry.flat, None)
