@@ -65,8 +65,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             if request.printing:
                 write_profile(folder.work, made.scene)
             piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
-            # decoration, so a lack of graphics is no error
-            if piece.part is not None and "shadow-render" not in request.skip:
+            if piece.part is not None:
                 with progress.stage("verify"):
                     _draw(piece.part, piece.scene, folder.file("part.png"))
             report = report_piece(piece, folder, request, progress)
