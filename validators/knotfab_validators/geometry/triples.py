@@ -5,7 +5,7 @@ from __future__ import annotations
 from knotfab_validators.arrays import Array
 from knotfab_validators.compiled import compiled
 
-__all__ = ["corner_of", "cross", "dot", "minus", "nearest_parameters", "step"]
+__all__ = ["corner_of", "cross", "dot", "from_segment", "minus", "nearest_parameters", "step"]
 
 Triple = tuple[float, float, float]
 
@@ -42,6 +42,16 @@ def cross(p: Triple, q: Triple) -> Triple:
 def step(p: Triple, far: float, along: Triple) -> Triple:
     """p + far * along."""
     return p[0] + far * along[0], p[1] + far * along[1], p[2] + far * along[2]
+
+
+@compiled
+def from_segment(p: Triple, a: Triple, b: Triple) -> float:
+    """The distance of p from the segment a b, as `point_segment` has it."""
+    span = minus(b, a)
+    square = dot(span, span)
+    along = dot(minus(p, a), span) / (square if square > 0.0 else 1.0)
+    gap = minus(p, step(a, min(max(along, 0.0), 1.0), span))
+    return float(dot(gap, gap) ** 0.5)
 
 
 @compiled
