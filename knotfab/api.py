@@ -203,16 +203,18 @@ def assemble_part(design: Design, targets: Sequence[Target], *, printing: bool =
 
 
 def write_files(part: Part, targets: Sequence[Target], folder: str | Path) -> Path:
-    """Write part.stl, part.3mf, knots.json, scene.toml and the pictures, whole or not at all.
+    """Write part.stl, part.3mf, part.glb, knots.json, scene.toml and the pictures, whole or not at all.
 
     Raises:
         InputError: the folder cannot be written.
     """
     from knotfab.files.folder import OutputFolder
-    from knotfab.part.write import pose_scene, write_part
+    from knotfab.part.write import pose_scene, write_model, write_part
 
     with OutputFolder(Path(folder)) as staged:
-        write_part(staged, part, pose_scene(part), targets)
+        scene = pose_scene(part)
+        write_part(staged, part, scene, targets)
+        write_model(staged, part, scene)
         staged.commit()
     return Path(folder)
 

@@ -20,7 +20,7 @@ from knotfab.flatten import flatten
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
-from knotfab.part.write import pose_scene, write_part, write_unbuilt
+from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
 from knotfab.progress import Progress
 from knotfab.report.drawings import write_drawings
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
@@ -146,6 +146,8 @@ def write_piece(
         folder.file(f"failures{suffix}.png"),
     )
     answer = verifier.submit(files).result
+    with progress.stage("part"):
+        write_model(folder, part, scene, suffix)
     return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening)
 
 

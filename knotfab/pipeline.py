@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from knotfab.design.design import design_knots
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.prefetch import prefetch_modeller
-from knotfab.part.assemble import Part
-from knotfab.piece import finish_build, report_piece, write_piece
 from knotfab.progress import Progress
-from knotfab.report.pictures import draw_part, place_eyes
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.model import ResolvedScene
-from knotfab.slicer.profile import write_profile
-from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import read_targets
 from knotfab.verify.checks import PRINTER_CHECKS
 from knotfab.verify.verifier import Verifier
+
+if TYPE_CHECKING:
+    from knotfab.part.assemble import Part
 
 __all__ = ["build", "run_build"]
 
@@ -57,19 +55,25 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             targets = list(
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
-        with Verifier(skip) as verifier, SlicerQueue() as slicer:
+        with Verifier(skip) as verifier:
+            # only now: torch is loaded while the validators load what they need
+            from knotfab.design.design import design_knots
+            from knotfab.piece import finish_build, report_piece, write_piece
+            from knotfab.slicer.profile import write_profile
+            from knotfab.slicer.run import SlicerQueue
+
             left = request.budget(progress.total)
             if request.printing and request.scene.mount.kind in ("wall", "stand"):
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if request.printing:
                 write_profile(folder.work, made.scene)
-            piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
-            # decoration, so a lack of graphics is no error
-            if piece.part is not None and "shadow-render" not in request.skip:
-                with progress.stage("verify"):
-                    _draw(piece.part, piece.scene, folder.file("part.png"))
-            report = report_piece(piece, folder, request, progress)
+            with SlicerQueue() as slicer:
+                piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
+                if piece.part is not None:
+                    with progress.stage("verify"):
+                        _draw(piece.part, piece.scene, folder.file("part.png"))
+                report = report_piece(piece, folder, request, progress)
         title = " and ".join(target.name for target in targets)
         return finish_build(folder, request, report, title, [piece], progress)
 
@@ -80,8 +84,8 @@ _USUAL_S = {
     "radius": 1.5,
     "template": 1.0,
     "search": 3.0,
-    "part": 2.5,
-    "verify": 9.0,
+    "part": 2.0,
+    "verify": 4.5,
 }
 _USUAL_PRINTED_S = {"verify": 5.0, "slicer": 8.0, "drawings": 3.0}
 _LONGER = {"sketch": 0.5, "draft": 1.0, "standard": 3.0, "fine": 12.0}
@@ -104,6 +108,8 @@ def _usual_seconds(request: Request) -> dict[str, float]:
 
 
 def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
+    from knotfab.report.pictures import draw_part, place_eyes
+
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
     draw_part(seen, faces, path, place_eyes(scene.views))

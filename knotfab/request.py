@@ -15,7 +15,7 @@ from knotfab.target.read import Target
 __all__ = ["Outcome", "Request", "require_device"]
 
 # what follows a search: s, and s for each vertex; of a piece that is printed as well
-_AFTER_S, _AFTER_PRINTED_S, _AFTER_VERTEX_S = 4.2, 5.0, 0.8e-3
+_AFTER_S, _AFTER_PRINTED_S, _AFTER_VERTEX_S = 3.0, 5.0, 0.65e-3
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from command import Done, knotfab, picture, small_disk
 from numpy.typing import NDArray
 from PIL import Image
 
+import knotfab.design.design as designing
 import knotfab.piece as piece
-import knotfab.pipeline as building
 from knotfab.design.design import Design
 from knotfab.verify.checks import CHECKS
 
@@ -62,9 +62,9 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
         designs.append(original(*arguments))
         return designs[-1]
 
-    original = building.design_knots
+    original = designing.design_knots
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, "design_knots", design)
+        patch.setattr(designing, "design_knots", design)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
         done = knotfab(*call, "--print", "--skip", "slicer", "--out", folder)
@@ -75,7 +75,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
 @pytest.fixture
 def designed(good: Good, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A build whose search is done already: only what follows it runs."""
-    monkeypatch.setattr(building, "design_knots", lambda *arguments: good.design)
+    monkeypatch.setattr(designing, "design_knots", lambda *arguments: good.design)
     return ["build", "text:♥"]
 
 

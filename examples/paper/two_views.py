@@ -60,10 +60,10 @@ def draw_case(outcome: Outcome, path: Path) -> None:
     panels = []
     for view in outcome.report["views"]:
         panels.append(Image.open(outcome.folder / f"compare-{view['name']}.png").convert("RGB"))
-    if draw_part(points, mesh.faces, scratch, turn_eye((0.0, 0.0, 500.0), (between,))):
-        panels.append(Image.open(scratch).convert("RGB"))
-        panels[-1].load()
-        scratch.unlink()
+    draw_part(points, mesh.faces, scratch, turn_eye((0.0, 0.0, 500.0), (between,)))
+    panels.append(Image.open(scratch).convert("RGB"))
+    panels[-1].load()
+    scratch.unlink()
     _stack(panels).quantize(128, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 

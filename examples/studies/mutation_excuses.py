@@ -125,6 +125,7 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("geometry.surface", "FLAT"): MARGIN,
     ("tube.thickness", "len(lengths) > 1"): WORDS,
     ("files.threemf_model", "*"): GUARDS,
+    ("shadows.exact_shadow", "NEAREST"): MARGIN,
     ("shadows.tube_field", "MARGIN_PX"): EFFORT,
     ("shadows.tube_field", "MOST_PIXELS"): EFFORT,
     ("shadows.tube_field", "AT_ONCE"): EFFORT,

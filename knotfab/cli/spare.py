@@ -13,10 +13,10 @@ def load() -> None:
     """Load what every build needs, to the drawing of its part."""
     for name in (
         "knotfab.pipeline",
+        "knotfab.piece",
         "knotfab.preview.survey",
+        "knotfab.report.shading",
         "trimesh",
-        "pyvista",
-        "pyvista.plotting",
     ):
         importlib.import_module(name)
 

@@ -19,7 +19,7 @@ from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
 from knotfab.target.read import Target
 
-__all__ = ["COLOURED", "make_pose", "pose_scene", "write_part", "write_unbuilt"]
+__all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
 
 Row = tuple[float, float, float, float]
 
@@ -53,7 +53,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl, .3mf and .glb, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
+    """Write part.stl and .3mf, the plates, a mount's coupon, knots.json, the pictures and scene.toml.
 
     Args:
         scene: with the pose (`pose_scene`).
@@ -63,9 +63,6 @@ def write_part(
     title = "knotfab " + " and ".join(target.name for target in targets)
     write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
     write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, title)
-    assert scene.pose is not None
-    pose, color = np.array(scene.pose.matrix), scene.material.color
-    write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.mounted.names, color)
     if part.plates is not None:
         laid = zip(part.plates.files(suffix), part.plates.plates, strict=True)
         for number, (name, plate) in enumerate(laid, start=1):
@@ -87,6 +84,13 @@ def write_part(
         write_3mf(folder.file(COUPON), bodies, f"{title}, coupon")
     part.pose.knots.write(folder.file(f"knots{suffix}.json"))
     _write_scene(folder, scene, targets, suffix)
+
+
+def write_model(folder: OutputFolder, part: Part, scene: Scene, suffix: str = "") -> None:
+    """Write part.glb, which is looked at and not verified. Arguments as `write_part` has them."""
+    assert scene.pose is not None
+    pose, color = np.array(scene.pose.matrix), scene.material.color
+    write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.mounted.names, color)
 
 
 def write_unbuilt(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,9 +19,12 @@ __all__ = ["draw_part", "find_pictures", "place_eyes", "turn_eye"]
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
 PANEL_PX = 360
-OVERSAMPLING = 2  # instead of multisampling, which software renderers do not always have
+OVERSAMPLING = 2
 PAPER = (250, 248, 244)
 TUBE = (0.82, 0.46, 0.31)
+AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # of the tube (Phong)
+# a key light from the upper left and a weak one from the lower right, with the eye: direction, strength
+LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12
 SAME_DEG = 5.0  # directions nearer to each other show the same
 STEEP = 0.999  # share of the way that is vertical, where "up" is no direction any more
@@ -35,31 +36,21 @@ def draw_part(
     path: Path,
     eyes: Array,
     panel_px: int = PANEL_PX,
-) -> bool:
+) -> None:
     """Draw the part in a row of panels, one for each eye, all with one scale on the page's background.
-
-    It is decoration: where this machine cannot render, nothing is written.
 
     Args:
         vertices: (n, 3) mm in scene coordinates, so that y is up.
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
         eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
-
-    Returns:
-        Whether the picture was written.
     """
-    from knotfab_validators.shadows.render import why_no_rendering
-
-    if why_no_rendering() is not None:
-        return False
     from PIL import Image
 
     panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
     strip = Image.fromarray(np.concatenate(panels, axis=1))
     size = (panel_px * len(panels), panel_px)
     strip.resize(size, Image.Resampling.BOX).save(path, compress_level=6)
-    return True
 
 
 def place_eyes(views: Sequence[ResolvedView]) -> Array:
@@ -115,50 +106,52 @@ def _render(
     pixels: int,
 ) -> list[NDArray[np.uint8]]:
     """A picture (pixels, pixels, 3) of the part from each eye."""
-    if sys.platform.startswith("linux"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    import pyvista
+    from knotfab.report.shading import draw_faces
 
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     points = vertices - middle
-    triangles: Any = faces
-    mesh = pyvista.PolyData.from_regular_faces(points.astype(np.float32), triangles)
-    mesh.point_data.active_normals = _normals(points, faces)
+    normals = _normals(points, faces)
     looks = eyes - middle
     if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
         reach = float(np.linalg.norm(points, axis=1).max())
     else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
         wide, high = np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()
         reach = float(max(wide, high))
+    panels = []
+    for look in looks:
+        near = float(np.linalg.norm(look))
+        away = max(near, 2 * reach)
+        back = look / near
+        steep = abs(back[1]) > STEEP
+        right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(back, right), back])  # to the right, up, and to the eye
+        seen, turned = points @ axes.T, normals @ axes.T
+        scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
+        below = scale / (away - seen[:, 2])
+        places = np.column_stack(
+            [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
+        )
+        found, normal = draw_faces(places, turned, np.asarray(faces, dtype=np.int64), pixels)
+        panels.append(_shade(found, normal))
+    return panels
 
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[pixels, pixels], lighting="none")
-    try:
-        plotter.background_color = PAPER
-        plotter.add_mesh(
-            mesh, color=TUBE, smooth_shading=True, ambient=0.34, diffuse=0.8, specular=0.22,
-            specular_power=18,
-        )  # fmt: skip
-        # A key light from the upper left and a weak one from the lower right, fixed to the camera.
-        for where, strength in (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25)):
-            plotter.add_light(
-                pyvista.Light(position=where, light_type="camera light", intensity=strength)
-            )
-        camera = plotter.camera
-        panels = []
-        for look in looks:
-            near = float(np.linalg.norm(look))
-            away = max(near, 2 * reach)
-            camera.view_angle = 2 * np.degrees(np.arctan(MARGIN * reach / (away - 0.5 * reach)))
-            camera.clipping_range = (0.01 * away, away + 4 * reach)
-            camera.position = tuple(look * (away / near))
-            camera.focal_point = (0.0, 0.0, 0.0)
-            steep = abs(look[1]) > STEEP * near
-            camera.up = (0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0)
-            plotter.render()
-            panels.append(np.asarray(plotter.screenshot(return_img=True), dtype=np.uint8))
-        return panels
-    finally:
-        plotter.close()
+
+def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
+    """Pixels (h, w, 3) of what was `found` (h, w), by its normals (h, w, 3) as the eye has them (Phong)."""
+    n = normal[found]
+    n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
+    lit, shine = np.zeros(len(n)), np.zeros(len(n))
+    for where, strength in LAMPS:
+        lamp = np.array(where) / np.linalg.norm(where)
+        facing = n @ lamp
+        lit += strength * np.maximum(facing, 0.0)
+        mirrored = 2 * facing * n[:, 2] - lamp[2]  # of the mirrored ray, its share towards the eye
+        shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
+    colour = (AMBIENT + DIFFUSE * lit)[:, None] * np.array(TUBE) + (SPECULAR * shine)[:, None]
+    panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)
+    panel[found] = np.rint(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
+    return panel
 
 
 def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.float32]:

@@ -17,7 +17,7 @@ from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.mount import Mounted
 from knotfab.part.assemble import enlarge_knots, shrink_of
-from knotfab.part.write import make_pose, write_part, write_unbuilt
+from knotfab.part.write import make_pose, write_model, write_part, write_unbuilt
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Material, ResolvedView, Scene
@@ -51,6 +51,7 @@ def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
     scene = Scene(views=(view,), pose=make_pose(np.eye(4)))
     with OutputFolder(tmp_path / "out") as folder:
         write_part(folder, rings(count), scene, [target], colours, suffix)
+        write_model(folder, rings(count), scene, suffix)
         folder.commit()
     return tmp_path / "out"
 

@@ -327,8 +327,7 @@ def ring() -> tuple[np.ndarray, np.ndarray]:
 
 def test_part_from_several_sides(tmp_path: Path) -> None:
     """From the light the ring is open; turned by 90 degrees it is a narrow bar."""
-    if not draw_part(*ring(), tmp_path / "part.png", turn_eye((0.0, 0.0, 500.0), (0.0, 90.0)), 100):
-        pytest.skip("this machine cannot render")
+    draw_part(*ring(), tmp_path / "part.png", turn_eye((0.0, 0.0, 500.0), (0.0, 90.0)), 100)
     image = np.asarray(Image.open(tmp_path / "part.png").convert("RGB")).astype(int)
     assert image.shape == (100, 200, 3)
     drawn = np.abs(image - image[0, 0]).sum(axis=2) > 60
@@ -338,12 +337,6 @@ def test_part_from_several_sides(tmp_path: Path) -> None:
     assert np.ptp(np.flatnonzero(side.any(axis=0))) < 15
     heights = [np.ptp(np.flatnonzero(panel.any(axis=1))) for panel in (front, side)]
     assert heights[0] == pytest.approx(heights[1], abs=2)  # one scale
-
-
-def test_no_pictures_where_nothing_renders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
-    assert draw_part(*ring(), tmp_path / "part.png", np.array([[0.0, 0.0, 500.0]])) is False
-    assert not list(tmp_path.iterdir())
 
 
 def sections(page: Page) -> list[str]:

@@ -16,6 +16,7 @@ from validator_parts import Array, PlainView, trefoil, tube
 from examples.corpus.files import encode
 from examples.corpus.parts import Body
 from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.names import PRINTING
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
@@ -164,3 +165,14 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
     verdict = run(right, skip=["shadow-render", "outline"], only="shadows")
     assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0
+
+
+def test_two_halves_are_the_whole_where_the_shadows_measures_strands(right: Path) -> None:
+    part, knots = right / "part.stl", right / "knots.json"  # without a scene nothing casts a shadow
+    whole = validate(part, knots, skip=PRINTING)
+    one = validate(part, knots, skip=PRINTING, only="geometry", strands="shadows")
+    other = validate(part, knots, skip=PRINTING, only="shadows", strands="shadows")
+    found = sorted(str(c.to_dict()) for half in (one, other) for c in half.checks)
+    assert found == sorted(str(c.to_dict()) for c in whole.checks)
+    names = {c.name for c in one.checks}
+    assert "mesh_closed" in names and not {"tube", "clearance", "thickness"} & names

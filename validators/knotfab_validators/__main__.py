@@ -20,20 +20,30 @@ from typing import Any
 NO_GRAPHICS = "--no-graphics"
 
 
-def _warm_up() -> None:
-    """Draw one triangle, so that VTK and its OpenGL are loaded."""
+def _warm_up(graphics: bool) -> None:
+    """Measure and draw one triangle, so that compiled loops, VTK and its OpenGL are loaded."""
     import numpy as np
 
+    from knotfab_validators.geometry.mesh import merge_equal
+    from knotfab_validators.geometry.triangles import triangle_triangle
+    from knotfab_validators.shadows.cast import ShadowCaster
+    from knotfab_validators.shadows.distance import depth_in
     from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+    from knotfab_validators.shadows.tube_field import tube_field
     from knotfab_validators.shadows.view import ViewGeometry
 
-    if why_no_rendering() is not None:
-        return
     x, y, z = np.eye(3)
     geometry = ViewGeometry(
         light=10 * z, origin=y - x, du=x, dv=-y, right=x, up=y, width=3, height=3
     )
-    with SilhouetteRenderer(np.array([x, y, z]), np.array([[0, 1, 2]])) as renderer:
+    triangle = np.eye(3)[None]
+    mesh = merge_equal(triangle)
+    triangle_triangle(triangle, triangle)
+    depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
+    tube_field([np.eye(3)], 0.1, geometry)
+    if not graphics or why_no_rendering() is not None:
+        return
+    with SilhouetteRenderer(mesh.vertices, mesh.faces) as renderer:
         renderer.render(geometry)
 
 
@@ -53,8 +63,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     _load()
-    if NO_GRAPHICS not in sys.argv:
-        _warm_up()
+    _warm_up(graphics=NO_GRAPHICS not in sys.argv)
     for line in sys.stdin:
         if line.strip():
             request = json.loads(line)
@@ -63,11 +72,14 @@ def main() -> None:
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
-    from knotfab_validators.validate import validate
+    from knotfab_validators.names import PRINTING
+    from knotfab_validators.validate import Half, validate
 
+    # whether a part can be printed takes as long to measure as what else knows its strands
+    strands: Half = "geometry" if set(PRINTING) <= set(request["skip"]) else "shadows"
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
-        verdict = validate(**paths, skip=request["skip"], only=request["only"])
+        verdict = validate(**paths, skip=request["skip"], only=request["only"], strands=strands)
     except ValueError as error:
         return {"error": str(error)}
     return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}

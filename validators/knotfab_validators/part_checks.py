@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -26,8 +27,9 @@ from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
 from knotfab_validators.tube.tube_fit import check_tube
 
-__all__ = ["part_checks"]
+__all__ = ["Group", "part_checks"]
 
+Group = Literal["surface", "strands"]
 PLATE_HOLES = 2  # for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
@@ -40,6 +42,7 @@ def part_checks(
     plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
     printed: Mesh | None = None,
+    groups: Collection[Group] = ("surface", "strands"),
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
@@ -52,16 +55,20 @@ def part_checks(
 
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
+
+    Args:
+        groups: what is measured: "strands" (centre lines, tube, clearance, thickness, knot types) and
+            "surface", the rest.
     """
+    checks: list[Check] = []
+    if "surface" in groups:
+        checks = _check_surface(mesh, curves, scene, seconds)
+    if "strands" in groups:
+        line, strands = _check_strands(mesh, curves, scene, seconds, skip)
+        checks = [line, *checks, *strands]
+    if "surface" not in groups:
+        return checks
     printed = mesh if printed is None else printed
-    line, found = _find_lines(mesh, curves, scene, seconds, skip)
-    checks = [line, *_check_mesh(mesh, curves, scene, seconds, found)]
-    kinds = _check_knots(mesh, curves or found, scene, seconds)
-    if found is not None:
-        kinds = [replace(kind, required=False) for kind in kinds]
-    elif curves is None and line.status == "fail":
-        kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
-    checks += kinds
     if scene is None:
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
     else:
@@ -76,6 +83,23 @@ def part_checks(
             checks += check_plates(printed, plates, scene.printer.build_volume_mm)
         return checks + check_plates_printable(plates, scene.printer, checks, seconds)
     return checks + _check_printability(printed, scene, checks, seconds)
+
+
+def _check_strands(
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    seconds: dict[str, float],
+    skip: Collection[str],
+) -> tuple[Check, list[Check]]:
+    """Whether centre lines were found, and the checks that know strands."""
+    line, found = _find_lines(mesh, curves, scene, seconds, skip)
+    kinds = _check_knots(mesh, curves or found, scene, seconds)
+    if found is not None:
+        kinds = [replace(kind, required=False) for kind in kinds]
+    elif curves is None and line.status == "fail":
+        kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
+    return line, [*_check_tube(mesh, curves, scene, seconds, found), *kinds]
 
 
 def _find_lines(
@@ -96,29 +120,34 @@ def _find_lines(
         return check_centre_lines(mesh)
 
 
-def _check_mesh(
+def _check_surface(
+    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+) -> list[Check]:
+    if mesh is None:
+        return [skip_check(name, "not given the part") for name in MESH]
+    with time_stage(seconds, "mesh"):
+        if scene is None or scene.mount.kind == "none":
+            return check_mesh(mesh, curves)
+        bodies, genus = _predict_topology(scene.mount, curves)
+        return check_mesh(mesh, bodies=bodies, genus=genus)
+
+
+def _check_tube(
     mesh: Mesh | None,
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
     found: Curves | None = None,
 ) -> list[Check]:
-    """The surface, whether it is the tube of the curves, and the gaps between its strands.
+    """Whether the surface is the tube of the curves, and the gaps between its strands.
 
     The strands of a part without curves are told apart by those that were `found`.
     """
     if mesh is None:
-        return [skip_check(n, "not given the part") for n in (*MESH, "tube", "clearance")]
-    mount = scene.mount if scene is not None else Mount("none", "auto", ())
-    mounted = mount.kind != "none"
-    with time_stage(seconds, "mesh"):
-        if mounted:
-            bodies, genus = _predict_topology(mount, curves)
-            checks = check_mesh(mesh, bodies=bodies, genus=genus)
-        else:
-            checks = check_mesh(mesh, curves)
+        return [skip_check(name, "not given the part") for name in ("tube", "clearance")]
+    mounted = scene is not None and scene.mount.kind != "none"
     with time_stage(seconds, "tube"):
-        checks.append(check_tube(mesh, curves, mounted=mounted))
+        checks = [check_tube(mesh, curves, mounted=mounted)]
     with time_stage(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
         strands = _keep_strands(mesh, curves) if mounted else mesh

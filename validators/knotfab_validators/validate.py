@@ -19,12 +19,12 @@ from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.names import PLATES, PRINTING
-from knotfab_validators.part_checks import part_checks
+from knotfab_validators.part_checks import Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
 from knotfab_validators.verdict import Verdict, verdict_of
 
-__all__ = ["Verdict", "validate"]
+__all__ = ["Half", "Verdict", "validate"]
 
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
@@ -40,6 +40,7 @@ def validate(
     pictures_dir: FilePath | None = None,
     failures: FilePath | None = None,
     only: Half | None = None,
+    strands: Half = "geometry",
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
 
@@ -52,7 +53,8 @@ def validate(
             about the shadow.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
-        only: one half of the work, "geometry" or "shadows", for two processes that share it.
+        only: one half of the work, "geometry" or "shadows", for two processes that share it. strands:
+            the half that measures what knows strands: centre lines, tube, clearance, thickness, knot types.
 
     Raises:
         ValueError: a file cannot be read, or the part reaches the light (each error of the
@@ -68,9 +70,12 @@ def validate(
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
-    checks = []
+    groups: set[Group] = set()
     if only != "shadows":
-        checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed)
+        groups.add("surface")
+    if only in (None, strands):
+        groups.add("strands")
+    checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups)
     views: list[dict[str, Any]] = []
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if only == "geometry":

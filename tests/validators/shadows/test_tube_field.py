@@ -11,7 +11,12 @@ from validator_parts import Array, PlainView, circle, tangle, tube
 
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import working_frame
-from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
+from knotfab_validators.shadows.tube_field import (
+    OutlineError,
+    _trace_hulls,
+    outline_error,
+    tube_field,
+)
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 FRAME = working_frame(512, 512)
@@ -123,3 +128,17 @@ def test_a_radius_far_too_large_costs_little_memory_and_is_still_far_off() -> No
     tracemalloc.stop()
     assert peak_mb < 400
     assert found.missing_mm > 30
+
+
+def test_hulls_are_those_of_shapely() -> None:
+    """Of many lists of points, some of them on a line or twice there."""
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(60, 30, 2))
+    points[20:40] = np.round(2 * points[20:40])
+    hulls = shapely.convex_hull(shapely.multipoints(points))
+    for some, hull in zip(points, hulls, strict=True):
+        begin, stop = _trace_hulls(some[None])
+        np.testing.assert_array_equal(begin[1:], stop[:-1])  # a ring
+        np.testing.assert_array_equal(begin[0], stop[-1])
+        area = (begin[:, 0] * stop[:, 1] - begin[:, 1] * stop[:, 0]).sum() / 2
+        assert area == pytest.approx(hull.area) and len(begin) == len(hull.exterior.coords) - 1

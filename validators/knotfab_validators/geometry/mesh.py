@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.compiled import compiled
 
 __all__ = [
     "Corners",
@@ -46,16 +47,46 @@ class Mesh:
 def merge_equal(corners: Corners) -> Mesh:
     """Index triangles (m, 3, 3) by their exactly equal corners (0.0 and -0.0 are equal).
 
-    Two rounds of `np.unique` on whole numbers: first of (x, y), then of that pair and z.
+    Vertices are in the order in which the triangles name them first: neighbours lie beside each other.
     """
-    flat = corners.reshape(-1, 3) + corners.dtype.type(0.0)
-    number = [np.unique(flat[:, axis], return_inverse=True)[1] for axis in range(3)]
-    count = len(flat)
-    pair = np.unique(number[0] * np.int64(count) + number[1], return_inverse=True)[1]
-    _, first, index = np.unique(
-        pair * np.int64(count) + number[2], return_index=True, return_inverse=True
-    )
-    return Mesh(flat[first].astype(np.float64), index.reshape(-1, 3).astype(np.int64))
+    flat = (corners.reshape(-1, 3) + corners.dtype.type(0.0)).astype(np.float64)
+    first, index = _number_equal(flat.view(np.uint64))
+    return Mesh(flat[first], index.reshape(-1, 3))
+
+
+@compiled
+def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
+    """Where each different row of (n, 3) comes first, and which of them each row is: by a hash table."""
+    size = 4
+    while size < 2 * len(rows):
+        size *= 2
+    table = np.full(size, -1, dtype=np.int64)
+    first, index = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.int64)
+    count = 0
+    for k in range(len(rows)):
+        hashed = np.uint64(0)
+        for axis in range(3):  # the finalizer of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014)
+            hashed = (hashed ^ rows[k, axis]) + np.uint64(0x9E3779B97F4A7C15)
+            hashed = (hashed ^ (hashed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            hashed = (hashed ^ (hashed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            hashed ^= hashed >> np.uint64(31)
+        slot = np.int64(hashed & np.uint64(size - 1))
+        while True:
+            other = table[slot]
+            if other < 0:
+                table[slot], first[count], index[k] = count, k, count
+                count += 1
+                break
+            at = first[other]
+            if (
+                rows[at, 0] == rows[k, 0]
+                and rows[at, 1] == rows[k, 1]
+                and rows[at, 2] == rows[k, 2]
+            ):
+                index[k] = other
+                break
+            slot = (slot + 1) & (size - 1)
+    return first[:count], index
 
 
 def face_normals(mesh: Mesh) -> tuple[Array, Array]:

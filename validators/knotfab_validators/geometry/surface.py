@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.mesh import Mesh, connect
+from knotfab_validators.geometry.triples import corner_of, cross, dot, minus
 
 __all__ = ["Surface", "duplicate_faces", "flat_faces", "survey"]
 
@@ -97,12 +99,24 @@ def survey(mesh: Mesh) -> Surface:
 
 def flat_faces(mesh: Mesh) -> Ints:
     """Faces without an area: a corner twice, or three corners in a line (but for rounding)."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    ab, ac, bc = b - a, c - a, c - b
-    normal = np.cross(ab, ac)
-    longest = np.maximum(np.maximum(_square(ab), _square(ac)), _square(bc))
-    # a face of NaN or overflow has no area either
-    return np.flatnonzero(~(_square(normal) > (FLAT * longest) ** 2))
+    return np.flatnonzero(_find_flat(mesh.vertices, mesh.faces))
+
+
+@compiled
+def _find_flat(vertices: Array, faces: Ints) -> Mask:
+    flat = np.empty(len(faces), dtype=np.bool_)
+    for k in range(len(faces)):
+        a, b, c = (
+            corner_of(vertices, faces[k, 0]),
+            corner_of(vertices, faces[k, 1]),
+            corner_of(vertices, faces[k, 2]),
+        )
+        ab, ac, bc = minus(b, a), minus(c, a), minus(c, b)
+        normal = cross(ab, ac)
+        longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
+        # a face of NaN or overflow has no area either
+        flat[k] = not dot(normal, normal) > (FLAT * longest) ** 2
+    return flat
 
 
 def duplicate_faces(mesh: Mesh) -> Ints:
@@ -173,7 +187,3 @@ def _vertices_of_bodies(faces: Ints, body: Ints, bodies: int, count: int) -> Int
         return np.bincount(owner[owner >= 0], minlength=bodies)
     pairs = np.unique(label * np.int64(count) + corner)
     return np.bincount(pairs // count, minlength=bodies)
-
-
-def _square(vectors: Array) -> Array:
-    return np.asarray(np.einsum("ij,ij->i", vectors, vectors), dtype=np.float64)

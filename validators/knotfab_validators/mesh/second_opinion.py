@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab_validators.arrays import Ints
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = ["Opinions", "crossing_faces", "opinions", "overlapping_boxes", "self_intersections"]
@@ -92,6 +93,18 @@ def crossing_faces(mesh: Mesh) -> Ints:
     return np.flatnonzero(np.asarray(found.face_selection_array()))
 
 
+@compiled
+def _count_met(low: Array, high: Array, face: int) -> int:
+    """How many boxes, from low to high (m, 3), meet that of one face, itself among them."""
+    met = 0
+    for k in range(len(low)):
+        apart = False
+        for axis in range(3):
+            apart |= low[k, axis] > high[face, axis] or high[k, axis] < low[face, axis]
+        met += not apart
+    return met
+
+
 def overlapping_boxes(mesh: Mesh) -> float:
     """About how many pairs of faces have bounding boxes that overlap, from a few faces of every size.
 
@@ -110,11 +123,7 @@ def overlapping_boxes(mesh: Mesh) -> float:
         met = 0
         chosen = draw.permutation(layer)[:SAMPLES]
         for face in chosen:
-            apart = np.zeros(count, dtype=np.bool_)
-            for axis in range(3):
-                apart |= low[:, axis] > high[face, axis]
-                apart |= high[:, axis] < low[face, axis]
-            met += count - int(np.count_nonzero(apart)) - 1
+            met += _count_met(low, high, int(face)) - 1
         total += met / len(chosen) * len(layer)
         first += len(layer)
     return total / 2

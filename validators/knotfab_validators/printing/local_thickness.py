@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -157,8 +158,6 @@ class Probe:
         All faces near the narrowest places are sampled too: the sample that was kept there may
         look past what its neighbours face.
         """
-        from scipy.spatial import cKDTree
-
         seen, cosine = self._cast(self.point, self.face, side)
         order = np.flatnonzero(seen.width <= SEED_MM)
         order = order[np.argsort(seen.width[order], kind="stable")]
@@ -166,13 +165,19 @@ class Probe:
         good = np.flatnonzero(cosine >= FACING)
         if not len(seeds):
             return seen.take(good)
-        middle = self.mesh.vertices[self.mesh.faces].mean(axis=1)
-        near = cKDTree(middle).query_ball_point(seen.point[seeds], 1.5 * self.spacing)
+        near = self._middles.query_ball_point(seen.point[seeds], 1.5 * self.spacing)
         face = np.unique(np.concatenate([np.asarray(n, dtype=np.int64) for n in near]))
         face = face[self.usable[face]]
-        more, cosine = self._cast(middle[face], face, side)
+        more, cosine = self._cast(self._middles.data[face], face, side)
         one, two = seen.take(good), more.take(np.flatnonzero(cosine >= FACING))
         return one.join(two)
+
+    @cached_property
+    def _middles(self) -> Any:
+        """A tree of the faces' middles."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.vertices[self.faces].mean(axis=1))
 
     def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
         """What rays from `point` along the normals meet, and the cosine between the two planes."""
@@ -287,7 +292,9 @@ def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Arr
     way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
     # by lot: the first of each cube would be the same facet of a tube everywhere along it
     lot = np.random.default_rng(0).permutation(len(point))
-    keep = lot[_first_in_cube(point[lot], spacing, way[lot])]
+    keep = np.sort(
+        lot[_first_in_cube(point[lot], spacing, way[lot])]
+    )  # near each other: rays go faster
     return point[keep], face[keep]
 
 

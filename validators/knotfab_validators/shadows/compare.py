@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 __all__ = ["ANGLES_DEG", "Overlap", "depth_ratio", "legibility", "overlap", "turn_view"]
@@ -46,7 +46,7 @@ def depth_ratio(points: Array, geometry: ViewGeometry) -> float:
 
 
 def legibility(
-    renderer: SilhouetteRenderer,
+    renderer: Renderer,
     vertices: Array,
     geometry: ViewGeometry,
     target: Mask,

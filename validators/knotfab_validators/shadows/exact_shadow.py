@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.shadows.winding import Linework, winding_at, winding_raster
 
-__all__ = ["ShadowError", "shadow_lines", "shadow_mask", "shadow_polygon"]
+__all__ = [
+    "NEAREST",
+    "EdgeTable",
+    "ShadowError",
+    "cut_before",
+    "on_page",
+    "shadow_lines",
+    "shadow_mask",
+    "shadow_polygon",
+]
 
 
+NEAREST = 1e-6  # w (see `ViewGeometry.projection`) of what is too near to the light to be seen
 STRAIGHT_PX = 4.0  # a line so long is straight on a curved receiver too
 
 
 class ShadowError(ValueError):
     """The mesh has no shadow that makes sense here, such as one that reaches the light."""
-
-
-@dataclass(frozen=True)
-class _Projected:
-    points: Array  # (n, 2) pixels
-    faces: Ints  # (m, 3), each turned to positive area in (u, v)
 
 
 def _cut(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints]:
@@ -52,33 +56,81 @@ def _cut(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints]:
     return np.array(corners), np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def _project(vertices: Array, faces: Ints, geometry: ViewGeometry) -> _Projected:
-    matrix = geometry.projection
-    h = vertices @ matrix[:, :3].T + matrix[:, 3]
-    used = np.zeros(len(vertices), dtype=bool)
-    used[faces] = True
-    if (h[used, 2] < 1e-6).any():
-        raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
-    wall = geometry.cylinder
-    if wall is not None and wall.is_beyond(vertices[used], geometry.normal).any():
-        raise ShadowError("the part cuts the hollow wall, or lies behind it")
-    limit = geometry.w_of_receiver  # matter on or behind the receiver plane casts no shadow
-    inside = (h[:, 2] < limit)[faces]
+class EdgeTable:
+    """Which faces (m, 3) run through each edge, and which way: as much of a mesh as all its shadows share.
+
+    Args:
+        count: how many vertices there are.
+    """
+
+    def __init__(self, faces: Ints, count: int) -> None:
+        self.faces = np.ascontiguousarray(faces, dtype=np.int64)
+        a, b = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
+        key = np.minimum(a, b) * count + np.maximum(a, b)
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        first = np.flatnonzero(np.diff(key, prepend=-1))
+        self._ends = np.stack([key[first] // count, key[first] % count], axis=1)
+        self._first = np.append(first, len(key))
+        self._face, self._along = order // 3, np.where(a < b, 1, -1)[order]
+
+    def find_silhouette(self, points: Array) -> Linework:
+        """The silhouette edges where the vertices are seen at `points` (n, 2), as `shadow_lines` has them."""
+        edge, net = _count_edges(
+            np.ascontiguousarray(points),
+            self.faces,
+            self._first,
+            self._face,
+            self._along,
+        )
+        ends = self._ends[edge]
+        return Linework(points[ends[:, 0]], points[ends[:, 1]], net)
+
+
+@compiled
+def _count_edges(
+    points: Array, faces: Ints, first: Ints, face: Ints, along: Ints
+) -> tuple[Ints, Ints]:
+    """The edges through which faces, turned to positive area, run more often one way, and how much more."""
+    turned = np.zeros(len(faces), dtype=np.int64)
+    for k in range(len(faces)):
+        a, b, c = faces[k, 0], faces[k, 1], faces[k, 2]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+        area = ux * vy - uy * vx
+        turned[k] = 1 if area > 0.0 else -1 if area < 0.0 else 0
+    edge = np.empty(len(first) - 1, dtype=np.int64)
+    net = np.empty(len(first) - 1, dtype=np.int64)
+    found = 0
+    for k in range(len(first) - 1):
+        total = 0
+        for i in range(first[k], first[k + 1]):
+            total += along[i] * turned[face[i]]
+        if total != 0:
+            edge[found], net[found] = k, total
+            found += 1
+    return edge[:found], net[:found]
+
+
+def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints] | None:
+    """The part of a mesh with w < `limit`, its new corners appended; None where that is all of it.
+
+    `homogeneous` (n, 3) holds (u w, v w, w).
+    """
+    inside = (homogeneous[:, 2] < limit)[faces]
     whole = inside.all(axis=1)
-    crossing = inside.any(axis=1) & ~whole
-    kept = faces if whole.all() else faces[whole]
-    if crossing.any():
-        h, pieces = _cut(h, faces[crossing], limit)
-        kept = np.concatenate([kept, pieces])
-    with np.errstate(divide="ignore", invalid="ignore"):  # corners that no face uses
-        points = h[:, :2] / h[:, 2:]
-    a, b, c = points[kept[:, 0]], points[kept[:, 1]], points[kept[:, 2]]
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    turned = np.where((area < 0)[:, None], kept[:, ::-1], kept)
-    return _Projected(points, turned[area != 0])
+    if whole.all():
+        return None
+    crossing, kept = inside.any(axis=1) & ~whole, faces[whole]
+    if not crossing.any():
+        return homogeneous, kept
+    corners, pieces = _cut(homogeneous, faces[crossing], limit)
+    return corners, np.concatenate([kept, pieces])
 
 
-def shadow_lines(vertices: Array, faces: Ints, geometry: ViewGeometry) -> Linework:
+def shadow_lines(
+    vertices: Array, faces: Ints, geometry: ViewGeometry, table: EdgeTable | None = None
+) -> Linework:
     """The silhouette edges of a mesh as oriented linework, in pixels of the flat receiver of `geometry`.
 
     Every face is turned to positive area in the picture; an edge that two faces run through in
@@ -88,22 +140,32 @@ def shadow_lines(vertices: Array, faces: Ints, geometry: ViewGeometry) -> Linewo
 
     Args:
         vertices: (n, 3), mm, in the coordinates of `geometry`.
-        faces: (m, 3) indices.
+        faces: (m, 3) indices. table: of them, where it is at hand.
 
     Raises:
         ShadowError: the part reaches the light or lies behind it.
     """
-    flat = _project(vertices, np.asarray(faces, dtype=np.int64), geometry)
-    a = flat.faces.ravel()
-    b = np.roll(flat.faces, -1, axis=1).ravel()
-    key = np.minimum(a, b) * len(flat.points) + np.maximum(a, b)
-    order = np.argsort(key, kind="stable")
-    key, sign = key[order], np.where(a < b, 1, -1)[order]
-    first = np.flatnonzero(np.diff(key, prepend=-1))
-    net = np.add.reduceat(sign, first) if len(first) else np.zeros(0, dtype=np.int64)
-    edges, net = key[first[net != 0]], net[net != 0]
-    start, end = flat.points[edges // len(flat.points)], flat.points[edges % len(flat.points)]
-    return Linework(start, end, net.astype(np.int64))
+    faces = np.asarray(faces, dtype=np.int64)
+    h = geometry.lift(vertices)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    if (h[used, 2] < NEAREST).any():
+        raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
+    wall = geometry.cylinder
+    if wall is not None and wall.is_beyond(vertices[used], geometry.normal).any():
+        raise ShadowError("the part cuts the hollow wall, or lies behind it")
+    # matter on or behind the receiver plane casts no shadow
+    cut = cut_before(h, faces, geometry.w_of_receiver)
+    if cut is not None:
+        h, faces = cut
+        table = None
+    return (table or EdgeTable(faces, len(h))).find_silhouette(on_page(h))
+
+
+def on_page(homogeneous: Array) -> Array:
+    """Pixels (n, 2) of (u w, v w, w) (n, 3)."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # corners that no face uses
+        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
@@ -130,7 +192,7 @@ def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any
     noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
     inner = shapely.get_coordinates(shapely.point_on_surface(cells))
-    flat = shapely.union_all(cells[winding_at(inner, lines) != 0])
+    flat = shapely.coverage_union_all(cells[winding_at(inner, lines) != 0])
     if geometry is None or geometry.cylinder is None:
         return flat
     return shapely.transform(shapely.segmentize(flat, STRAIGHT_PX), geometry.bend)

@@ -11,7 +11,7 @@ import numpy as np
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.files.scene import Effects, Placing
 from knotfab_validators.shadows.compare import overlap, turn_view
-from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 __all__ = ["Likeness", "fit_likeness", "measure_misplacement", "moves_apart", "parting_px"]
@@ -99,7 +99,7 @@ def moves_apart(effects: Effects, parting: float) -> bool:
 
 
 def measure_misplacement(
-    renderer: SilhouetteRenderer,
+    renderer: Renderer,
     points: Array,
     middle: Array,
     geometry: ViewGeometry,

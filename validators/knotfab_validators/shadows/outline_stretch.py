@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.shadows.distance import depth_in
 
 __all__ = [
     "WRONG_PX",
@@ -82,14 +83,10 @@ def _outlines(mask: Mask) -> list[Array]:
 
 def _distance_to_outline(mask: Mask) -> Array:
     """(H, W) distance of each pixel centre to the mask's outline, px; the diagonal without one."""
-    from scipy.ndimage import distance_transform_edt
-
     if not mask.any() or mask.all():
         return np.full(mask.shape, float(np.hypot(*mask.shape)))
     # the outline lies half a pixel before the nearest centre of the other side
-    inside, outside = distance_transform_edt(mask), distance_transform_edt(~mask)
-    distance: Array = np.where(mask, inside, outside) - 0.5
-    return distance
+    return np.asarray(np.where(mask, depth_in(mask), depth_in(~mask)) - 0.5)
 
 
 def _sample(field: Array, points: Array) -> Array:

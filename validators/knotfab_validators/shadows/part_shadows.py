@@ -17,6 +17,7 @@ from knotfab_validators.files.scene import Scene
 from knotfab_validators.files.strokes import widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
@@ -72,6 +73,7 @@ def verify_shadows(
                 renderer = SilhouetteRenderer(vertices, mesh.faces)
             except CannotRender as error:
                 why = str(error)
+    caster = ShadowCaster(vertices, mesh.faces)
     verified: dict[str, VerifiedView] = {}
     recognised: dict[str, dict[str, Any]] = {}
     drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
@@ -100,6 +102,7 @@ def verify_shadows(
                     mounted=scene.mount.kind != "none",
                     stand=scene.mount.kind == "stand",
                     renderer=renderer,
+                    caster=caster,
                     drawn=wide,
                 )
             verified[view.name] = found
@@ -131,7 +134,7 @@ def verify_shadows(
             if renderer is not None and averages_lamp(scene.effects, vertices, fine, view):
                 with time_stage(seconds, "penumbra"):
                     soft = measure_penumbra(
-                        renderer,
+                        caster,
                         vertices,
                         fine,
                         found.target,
@@ -163,7 +166,7 @@ def verify_shadows(
                     views[-1]["misplacement"] = {
                         "parting_px": parting,
                         **measure_misplacement(
-                            renderer,
+                            caster,
                             points,
                             middle,
                             geometry.resample(coarse),

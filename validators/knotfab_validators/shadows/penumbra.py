@@ -13,7 +13,7 @@ from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.lamp import SceneLamp, lamp_points, lamp_size
-from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 __all__ = ["Penumbra", "averages_lamp", "blur_px", "measure_penumbra"]
@@ -78,7 +78,7 @@ def averages_lamp(
 
 
 def measure_penumbra(
-    renderer: SilhouetteRenderer,
+    renderer: Renderer,
     vertices: Array,
     geometry: ViewGeometry,
     target: Mask,
@@ -92,7 +92,7 @@ def measure_penumbra(
     Args:
         renderer: of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
         geometry: the view on the pixels of `target` (H, W), the padded `frame`.
-        sharp: (H, W) the shadow that the lamp's middle throws, as `renderer` draws it.
+        sharp: (H, W) the shadow that the lamp's middle throws.
     """
     widest = blur_px(vertices, geometry, lamp_size(lamp))
     points = lamp_points(lamp, widest, tolerance_px)

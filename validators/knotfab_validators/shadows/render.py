@@ -6,17 +6,16 @@ import ctypes
 import ctypes.util
 import os
 import sys
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ON_RECEIVER_MM, ViewGeometry
 
 __all__ = ["CannotRender", "SilhouetteRenderer", "why_no_rendering"]
 
-FINER = 4  # pixels of the flat receiver to one of a curved one, each way
 REMEDY = "Install it: apt-get install libegl1 libgl1"
 EGL_PLATFORM_DEVICE = 0x313F
 
@@ -69,7 +68,7 @@ def _egl_starts(egl: ctypes.CDLL) -> bool:
     return any(display and egl.eglInitialize(display, None, None) for display in displays)
 
 
-class SilhouetteRenderer:
+class SilhouetteRenderer(Renderer):
     """One mesh in one off-screen window, for as many views of it as wanted.
 
     Flat white on black, both sides of every face, no lights, no anti-aliasing: a pixel is white
@@ -89,29 +88,37 @@ class SilhouetteRenderer:
         if sys.platform.startswith("linux"):
             # an X server is neither needed nor looked for
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-        import pyvista
         import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the OpenGL classes)
+        from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
         from vtkmodules.vtkRenderingCore import (
             vtkActor,
+            vtkCamera,
             vtkPolyDataMapper,
             vtkRenderer,
             vtkRenderWindow,
         )
 
-        self._known: tuple[Any, Array, Array] | None = None
-        self._vertices = np.asarray(vertices, dtype=np.float64)
+        super().__init__(vertices)
         # the card works in single precision: keep its numbers small
         self._middle = (self._vertices.min(axis=0) + self._vertices.max(axis=0)) / 2
         points = (self._vertices - self._middle).astype(np.float32)
+        corners, triangles, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
+        corners.SetData(numpy_to_vtk(points, deep=True))  # type: ignore[no-untyped-call]
+        flat = np.ascontiguousarray(faces, dtype=np.int64).ravel()
+        numbers = numpy_to_vtkIdTypeArray(flat, deep=True)  # type: ignore[no-untyped-call]
+        triangles.SetData(3, numbers)
+        surface.SetPoints(corners)
+        surface.SetPolys(triangles)
         mapper = vtkPolyDataMapper()
-        triangles: Any = faces
-        mapper.SetInputData(pyvista.PolyData.from_regular_faces(points, triangles))
+        mapper.SetInputData(surface)
         mapper.ScalarVisibilityOff()
         actor = vtkActor()
         actor.SetMapper(mapper)
         actor.GetProperty().LightingOff()
         actor.GetProperty().SetColor(1.0, 1.0, 1.0)
-        self._camera: Any = pyvista.Camera()  # type: ignore[no-untyped-call]
+        self._camera: Any = vtkCamera()
         renderer = vtkRenderer()
         renderer.SetBackground(0.0, 0.0, 0.0)
         renderer.AutomaticLightCreationOff()
@@ -123,60 +130,15 @@ class SilhouetteRenderer:
         self._window.SetMultiSamples(0)
         self._window.AddRenderer(renderer)
 
-    def render(self, geometry: ViewGeometry, *, behind: bool = False, finer: int = FINER) -> Mask:
-        """The silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
+    def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
+        """By a camera that stands at the light and looks straight at the receiver plane, whatever its tilt.
 
-        The camera stands at the light and looks straight at the receiver plane, whatever its
-        tilt; its frustum is shifted and shaped to the frame. Matter on or behind the receiver
-        plane is clipped away unless `behind`. Before a cylinder that is done for the flat receiver, on
-        pixels so many times `finer`; each of the curved one's is dark where the ray to it is.
+        Its frustum is shifted and shaped to the frame.
         """
-        if geometry.cylinder is not None:
-            return self._render_bent(geometry, behind, finer)
         self._place(geometry, behind)
         self._window.SetSize(geometry.width, geometry.height)
         self._window.Render()
         return self._read(geometry.width, geometry.height)
-
-    def _render_bent(self, geometry: ViewGeometry, behind: bool, finer: int) -> Mask:
-        at, normal = self._places(geometry)
-        lit = ((geometry.light - at) * normal).sum(axis=1) > 0
-        flat = geometry.flat
-        pixels, w = flat.project(at)
-        cast = flat.project(self._vertices)[0]
-        low, high = np.floor(cast.min(axis=0)) - 1, np.ceil(cast.max(axis=0)) + 1
-        lit &= (w > 0) & (pixels >= low).all(axis=1) & (pixels <= high).all(axis=1)
-        shadow = np.zeros(len(at), dtype=bool)
-        if lit.any():
-            low, high = np.floor(pixels[lit].min(axis=0)), np.ceil(pixels[lit].max(axis=0))
-            wide, tall = (finer * (high - low + 1)).astype(int)
-            first = low - 0.5 + 0.5 / finer
-            origin = flat.origin + first[0] * flat.du + first[1] * flat.dv
-            du, dv = flat.du / finer, flat.dv / finer
-            window = replace(flat, origin=origin, du=du, dv=dv, width=int(wide), height=int(tall))
-            column, row = np.rint(finer * (pixels[lit] - first)).astype(np.int64).T
-            mask = self.render(window, behind=behind)
-            shadow[lit] = mask[np.clip(row, 0, tall - 1), np.clip(column, 0, wide - 1)]
-        return shadow.reshape(geometry.height, geometry.width)
-
-    def _places(self, geometry: ViewGeometry) -> tuple[Array, Array]:
-        """The points of the receiver under all pixels, and its normals; kept, for many lamps see the same."""
-        wall = geometry.cylinder
-        assert wall is not None
-        lattice = (
-            geometry.origin,
-            geometry.du,
-            geometry.dv,
-            geometry.normal,
-            wall.foot,
-            wall.along,
-        )
-        key = (geometry.width, geometry.height, wall.radius, *(x.tobytes() for x in lattice))
-        if self._known is None or self._known[0] != key:
-            v, u = np.mgrid[: geometry.height, : geometry.width]
-            pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
-            self._known = key, *geometry.touching(pixels)
-        return self._known[1:]
 
     def _place(self, geometry: ViewGeometry, behind: bool) -> None:
         normal, height = geometry.normal, geometry.light_height

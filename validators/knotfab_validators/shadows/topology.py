@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.shadows.distance import depth_in
 
 __all__ = ["Box", "Change", "Kind", "close_slits", "find_changes", "list_pieces", "without_lost"]
 
@@ -115,23 +116,13 @@ def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
     return [(left - 1, top - 1, right - 1, bottom - 1) for left, top, right, bottom in boxes]
 
 
-def _distance(mask: Mask) -> Array:
-    """Of each pixel in the mask to the nearest outside; the diagonal where there is none."""
-    from scipy.ndimage import distance_transform_edt
-
-    if mask.all():
-        return np.full(mask.shape, float(np.hypot(*mask.shape)))
-    distance: Array = distance_transform_edt(mask)
-    return distance
-
-
 def _grow(mask: Mask, reach: float) -> Mask:
-    grown: Mask = _distance(~mask) <= reach
+    grown: Mask = depth_in(~mask) <= reach
     return grown
 
 
 def _shrink(mask: Mask, reach: float) -> Mask:
-    shrunk: Mask = _distance(mask) > reach
+    shrunk: Mask = depth_in(mask) > reach
     return shrunk
 
 
@@ -170,7 +161,7 @@ def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Chang
     for number, (left, top, right, bottom) in found:
         inside = labels[top:bottom, left:right] == number
         if kept[top:bottom, left:right][inside].mean() < COVERED:
-            depth = _distance(np.pad(inside, 1))[1:-1, 1:-1]
+            depth = depth_in(np.pad(inside, 1))[1:-1, 1:-1]
             v, u = np.unravel_index(int(depth.argmax()), depth.shape)
             width = 2 * float(depth.max()) - 1
             yield Change(kind, (float(u + left), float(v + top)), width, (left, top, right, bottom))
@@ -224,7 +215,7 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
     several = {b: inside for b, inside in members.items() if len(inside) > 1}
     if not several:
         return
-    across = _distance(matter)
+    across = depth_in(matter)
     for number, inside in several.items():
         yield from _narrowest(kind, part, inside, whole == number, across, pieces)
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.curves import edges_of
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.shadows.winding import Linework, winding_raster
@@ -94,20 +94,17 @@ def tube_field(
     """The exact tube of polygons [(n, 3), ...], mm, as seen in `geometry`; `closed`: all by default."""
     edges = edges_of(polygons, closed)
     start, end = edges.start - geometry.light, edges.end - geometry.light
-    hulls = _outlines(start, end, radius, geometry)
-    points, ring = shapely.get_coordinates(shapely.normalize(hulls), return_index=True)
-    inside = ring[1:] == ring[:-1]
-    lines = Linework(points[:-1][inside], points[1:][inside], np.ones(inside.sum(), dtype=np.int64))
+    pictures = _picture_balls(start, end, radius, geometry)
+    begin, stop = _trace_hulls(pictures)
+    lines = Linework(begin, stop, np.ones(len(begin), dtype=np.int64))
     middles, _ = geometry.project((start + end) / 2 + geometry.light)
     mask = winding_raster(lines, geometry.width, geometry.height) != 0
-    bounds = shapely.bounds(hulls)
+    bounds = np.concatenate([pictures.min(axis=1), pictures.max(axis=1)], axis=1)
     return TubeField(start, end, radius, geometry, middles, bounds, mask)
 
 
-def _outlines(
-    start: Array, end: Array, radius: float, geometry: ViewGeometry
-) -> NDArray[np.object_]:
-    """Each capsule's picture as a convex polygon (n,): the hull of the pictures of its two balls.
+def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeometry) -> Array:
+    """Pixels (n, 2 ROUND, 2) of the outlines of each capsule's two balls; its picture is their hull.
 
     A ball at c is touched by the light's rays in the circle with centre c (1 - r²/|c|²), radius
     r sqrt(1 - r²/|c|²), across c; a capsule is the convex hull of its balls, and so is its picture.
@@ -128,13 +125,48 @@ def _outlines(
         )
         circle = c[:, None] * cosine2[:, None, None] + rim + geometry.light
         pictures.append(geometry.project(circle.reshape(-1, 3))[0].reshape(len(c), ROUND, 2))
-    both = np.concatenate(pictures, axis=1)
-    hulls: NDArray[np.object_] = shapely.convex_hull(
-        shapely.multipoints(
-            both.reshape(-1, 2), indices=np.repeat(np.arange(len(both)), both.shape[1])
-        )
-    )
-    return hulls
+    return np.concatenate(pictures, axis=1)
+
+
+@compiled
+def _trace_hulls(points: Array) -> tuple[Array, Array]:
+    """The edges, from and to (k, 2), of the convex hulls of n lists of points (n, m, 2), all one way round.
+
+    Andrew's monotone chain ("Another efficient algorithm for convex hulls in two dimensions", 1979).
+    """
+    count, each = points.shape[:2]
+    begin, stop = np.empty((count * each, 2)), np.empty((count * each, 2))
+    chain = np.empty(2 * each, dtype=np.int64)
+    found = 0
+    for n in range(count):
+        p = points[n]
+        order = np.argsort(p[:, 0])
+        for i in range(1, each):  # of equal columns the upper one first
+            k, at = i, order[i]
+            while k > 0 and p[order[k - 1], 0] == p[at, 0] and p[order[k - 1], 1] > p[at, 1]:
+                order[k] = order[k - 1]
+                k -= 1
+            order[k] = at
+        size = 0
+        for side in range(2):
+            least = size + 1
+            for i in range(each):
+                at = order[i] if side == 0 else order[each - 1 - i]
+                while size > least:
+                    a, b = chain[size - 2], chain[size - 1]
+                    turn = (p[b, 0] - p[a, 0]) * (p[at, 1] - p[a, 1])
+                    turn -= (p[b, 1] - p[a, 1]) * (p[at, 0] - p[a, 0])
+                    if turn > 0.0:
+                        break
+                    size -= 1
+                chain[size] = at
+                size += 1
+            size -= 1  # the last is the first of the other side
+        for i in range(size):
+            a, b = chain[i], chain[(i + 1) % size]
+            begin[found], stop[found] = p[a], p[b]
+            found += 1
+    return begin[:found], stop[:found]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import Overlap, legibility, overlap
-from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask, shadow_polygon
+from knotfab_validators.shadows.exact_shadow import shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
 from knotfab_validators.shadows.outline_stretch import WrongStretch, find_wrong_stretch
 from knotfab_validators.shadows.render import SilhouetteRenderer
@@ -78,6 +79,7 @@ def verify_view(
     mounted: bool = False,
     stand: bool = False,
     renderer: SilhouetteRenderer | None = None,
+    caster: ShadowCaster | None = None,
     longer: int = 1024,
     drawn: Mask | None = None,
 ) -> VerifiedView:
@@ -92,7 +94,7 @@ def verify_view(
             is that of the exact tube, which the check `tube` finds in the part.
         stand: whether that is a stand, which shows below the frame and may show inside it. The
             outline is then that of the tube's own surface, and the tube's shadow is what is judged.
-        renderer: of this mesh, where rendering is possible.
+        renderer: of this mesh, where rendering is possible. caster: of this mesh, where one is at hand.
         longer: pixels on the longer side of the frame.
         drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
             judged; `target` where left out.
@@ -104,7 +106,8 @@ def verify_view(
     fine = geometry.resample(frame)
     wanted = padded_mask(target, frame)
     wide = wanted if drawn is None else padded_mask(drawn, frame)
-    lines = shadow_lines(vertices, faces, fine)
+    caster = caster or ShadowCaster(vertices, faces)
+    lines = caster.lines(fine)
     exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines, fine)
     rendered = renderer.render(fine) if renderer is not None else None
     whole = overlap(exact if rendered is None else rendered, wanted)
@@ -160,9 +163,7 @@ def verify_view(
             tube_px=radius / middle / fine.pixel_mm,
         )
     if renderer is not None:
-        result = replace(
-            result, legibility=_legibility(renderer, vertices, faces, geometry, target)
-        )
+        result = replace(result, legibility=_legibility(caster, vertices, faces, geometry, target))
     return result
 
 
@@ -180,7 +181,7 @@ def _in_frame(frame: WorkingFrame) -> Mask:
 
 
 def _legibility(
-    renderer: SilhouetteRenderer,
+    caster: ShadowCaster,
     vertices: Array,
     faces: Ints,
     geometry: ViewGeometry,
@@ -190,10 +191,9 @@ def _legibility(
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():
-        return legibility(renderer, vertices, geometry, target)
+        return legibility(caster, vertices, geometry, target)
     left = faces[before]
-    with SilhouetteRenderer(vertices, left) as own:
-        return legibility(own, vertices[np.unique(left)], geometry, target)
+    return legibility(ShadowCaster(vertices, left), vertices[np.unique(left)], geometry, target)
 
 
 def _casting(vertices: Array, geometry: ViewGeometry, pixel: tuple[float, float]) -> int:

@@ -123,10 +123,14 @@ class ViewGeometry:
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the flat receiver."""
-        matrix = self.projection
-        h = points @ matrix[:, :3].T + matrix[:, 3]
+        h = self.lift(points)
         w = h[:, 2]
         return self.bend(h[:, :2] / w[:, None]), w
+
+    def lift(self, points: Array) -> Array:
+        """(u w, v w, w) (n, 3) of points (n, 3), on the flat receiver: straight lines stay straight in it."""
+        matrix = self.projection
+        return np.asarray(points @ matrix[:, :3].T + matrix[:, 3])
 
     def bend(self, pixels: Array) -> Array:
         """Where the light's rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.geometry.sampling import number_runs
+from knotfab_validators.compiled import compiled
 
 __all__ = ["Linework", "winding_at", "winding_raster"]
 
@@ -44,20 +44,29 @@ def winding_raster(lines: Linework, width: int, height: int) -> Ints:
     of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
     interval [y_low, y_high), so a vertex on a row counts once.
     """
-    edges, slope = _rising_edges(lines)
-    first = np.clip(np.ceil(edges.start[:, 1]), 0, height).astype(np.int64)
-    last = np.clip(np.ceil(edges.end[:, 1]), 0, height).astype(np.int64)
-    count = last - first
-    which, row = number_runs(count)
-    row += first[which]
-    x = edges.start[which, 0] + (row - edges.start[which, 1]) * slope[which]
-    column = np.clip(np.ceil(x), 0, width).astype(np.int64)
-    steps = np.bincount(
-        row * (width + 1) + column, edges.weight[which], minlength=height * (width + 1)
-    )
-    raster: Ints = np.cumsum(
-        np.rint(steps).astype(np.int64).reshape(height, width + 1)[:, :width], axis=1
-    )
+    start, end = (np.ascontiguousarray(x, dtype=np.float64) for x in (lines.start, lines.end))
+    return _wind(start, end, np.ascontiguousarray(lines.weight, dtype=np.int64), width, height)
+
+
+@compiled
+def _wind(start: Array, end: Array, weight: Ints, width: int, height: int) -> Ints:
+    raster = np.zeros((height, width), dtype=np.int64)
+    for k in range(len(start)):
+        low, high, turn = start[k], end[k], weight[k]
+        if high[1] < low[1]:
+            low, high, turn = end[k], start[k], -weight[k]
+        if not high[1] > low[1]:
+            continue
+        slope = (high[0] - low[0]) / (high[1] - low[1])
+        first = int(min(max(np.ceil(low[1]), 0.0), height))
+        last = int(min(max(np.ceil(high[1]), 0.0), height))
+        for row in range(first, last):
+            column = max(np.ceil(low[0] + (row - low[1]) * slope), 0.0)
+            if column < width:
+                raster[row, int(column)] += turn
+    for row in range(height):
+        for column in range(1, width):
+            raster[row, column] += raster[row, column - 1]
     return raster
 
 
