@@ -350,7 +350,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     asked = good.design.scene
     strict = asked.accuracy.model_copy(update={"iou_floor": 0.9999})
     stricter = replace(good.design, scene=asked.model_copy(update={"accuracy": strict}))
-    monkeypatch.setattr(building, "design_knots", lambda *arguments: stricter)
+    monkeypatch.setattr(designing, "design_knots", lambda *arguments: stricter)
     out = tmp_path / "out"
     shutil.copytree(good.folder, out)
     before = contents(out)
