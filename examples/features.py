@@ -112,7 +112,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         "knot of a given type",
         lambda f: all("3_1" in k["type"] for k in f.report["knots"]),
-        options=(("knot", "trefoil"), ("tube_radius", 1.2)),
+        options=(("knot", "trefoil"), ("tube_radius", 2.0)),
     ),
     Row(
         "network (inn)",
