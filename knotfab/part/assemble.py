@@ -96,9 +96,7 @@ def _choose_poses(
 
     A mount that may lie down is returned without its `upright` where the printer does not hold it so.
     """
-    view, printer = made.scene.views[0], made.scene.printer
-    assert view.frame_width_mm is not None and view.frame_height_mm is not None
-    frame = view.frame_width_mm, view.frame_height_mm
+    frame, printer = made.scene.views[0].frame_mm, made.scene.printer
     # a stand that must lie down is more than its knots, which are all that an estimate knows
     rules = rules_of(made.scene) if mounted.stand is None else None
     shrink = shrink_of(made.scene)
