@@ -89,10 +89,12 @@ feature-table: system slicer $(DONE)
 mount-table: system slicer $(DONE)
 	$(BIN)/python -m examples.studies.mount_table
 
-# magnitudes of effects against brute force, and soft shadows against Mitsuba 3 where it finds an LLVM
-# (apt-get install libllvm19, DRJIT_LIBLLVM_PATH) (about 10 min)
+# magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
+# install libllvm19, DRJIT_LIBLLVM_PATH), pieces about an effect's threshold, and under a wide lamp (about 30 min)
 effects-table: system $(DONE)
 	$(BIN)/python -m examples.studies.effects_table
+	$(BIN)/python -m examples.studies.threshold_table
+	$(BIN)/python -m examples.studies.lamp_table
 
 # what grace costs the pictures, and how it looks (about 8 min)
 grace-table: $(DONE)

@@ -1,44 +1,60 @@
-"""Whether what an effect does in a design grows from nothing: builds just below and just above its threshold.
+"""Whether what an effect does in a design grows from nothing: pieces just below and just above its threshold.
 
 `python -m examples.studies.threshold_table [--accuracy NAME] [--seeds N] [PICTURE ...]`: for the effects
 that shape a piece, a lamp's diameter and a wall's radius at 0.99 and at 1.01 of the threshold, with several
-seeds each; IoU on both sides, the difference of the means and the spread over the seeds. The other effects
-are asked by no design, and change no piece.
+seeds each, all of one tube; IoU on both sides, the difference of the means, and the spread over the seeds.
+No design asks the other effects: they change no piece. Then IoU of the same picture seen from above and
+below.
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
-import tempfile
-from pathlib import Path
 from typing import Any
 
-from examples.measurement import build_apart, save_pictures
+import numpy as np
+from PIL import Image
+
+from examples.measurement import read_question
 from examples.pictures import pictures
-from knotfab.scene.settings import PRESETS
+from knotfab.design.design import choose_tube
+from knotfab.design.question import Question
+from knotfab.effects.base import EffectContext
+from knotfab.effects.wall import WALL
+from knotfab.progress import Progress
+from knotfab.scene.model import Scene, View
+from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab.search.search import search
+from knotfab.start.start import make_start
+from knotfab.tradeoff.measure import true_iou
 
 NAMES = ("heart", "anchor")
 SIDES = (0.99, 1.01)  # of the threshold
-# the key of a view, a first value, and the power of it that the magnitude goes by
-KEYS = {"penumbra": ("light_diameter_mm", 1.0, 1), "wall": ("wall_radius_mm", 3000.0, -1)}
+FROM_DEG = (0.0, 40.0, -40.0)
 
 
-def build(picture: Path, folder: Path, accuracy: str, seed: int, key: str, value: float) -> Any:
-    """The report of a build with one key of its view set."""
-    scene = folder / "scene.toml"
-    scene.write_text(f'[[views]]\npicture = "{picture.name}"\n{key} = {value!r}\n')
-    out = folder / "out"
-    options = ("--scene", str(scene), "--accuracy", accuracy, "--seed", str(seed))
-    built = build_apart(picture, out, *options, "--skip", "slicer", printing=False)
-    if built.report is None:
-        raise SystemExit(f"{picture.stem}: {built.said}")
-    return built.report
+def ask(image: Image.Image, radius: float, **keys: Any) -> Question:
+    """What is asked of one picture with keys of its view, for a tube of this radius, mm."""
+    return read_question(image, Scene(views=(View(**keys),))).with_depth(radius)
 
 
-def effect_of(report: Any, name: str) -> Any:
-    """An effect's line."""
-    return next(line for line in report["effects"] if line["name"] == name)
+def build(question: Question, radius: float, settings: SearchSettings) -> float:
+    """IoU of the piece that is searched for."""
+    start = make_start(question.problem, radius, settings)
+    return true_iou(question.problem, search(question.problem, start, radius, settings).knots)
+
+
+def share_of_threshold(
+    question: Question, effect: str, radius: float, settings: SearchSettings
+) -> float:
+    """The magnitude that decides in a design, over the threshold."""
+    if effect == "penumbra":
+        decision = make_start(question.problem, radius, settings).effects[effect]
+        return decision.magnitude / decision.threshold
+    views = tuple(target.view for target in question.problem.views)
+    context = EffectContext(views, np.zeros((0, 3)), radius, settings.tolerance_px)
+    return WALL.magnitude(context) / WALL.threshold(settings.tolerance_px)
 
 
 def main() -> None:
@@ -48,30 +64,33 @@ def main() -> None:
     parser.add_argument("--accuracy", default="standard", choices=list(PRESETS))
     parser.add_argument("--seeds", type=int, default=3)
     asked = parser.parse_args()
-    print("effect     picture      value  of threshold  simulated  IoU by seed")
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        files = save_pictures(pictures(), folder, asked.names)
-        for effect, (key, first, power) in KEYS.items():
-            for picture in files.values():
-                ious: list[list[float]] = [[], []]
-                for seed in range(asked.seeds):
-                    value = first
-                    for number in range(1 + len(SIDES)):  # first to see where it stands
-                        report = build(picture, folder, asked.accuracy, seed, key, value)
-                        line = effect_of(report, effect)
-                        share = line["magnitude"] / line["threshold"]
-                        if number:
-                            ious[number - 1].append(report["views"][0]["iou"])
-                            print(
-                                f"{effect:<9}  {picture.stem:<8}  {value:8.4g}  {share:12.3f}  "
-                                f"{line['simulated']!s:>9}  {ious[number - 1][-1]:.4f}",
-                                flush=True,
-                            )
-                        value *= (SIDES[min(number, 1)] / share) ** power
-                off = statistics.mean(ious[1]) - statistics.mean(ious[0])
-                spread = max(max(side) - min(side) for side in ious)
-                print(f"{effect:<9}  {picture.stem:<8}  differs by {off:+.4f}, spread {spread:.4f}")
+    settings = PRESETS[asked.accuracy]
+    seeded = [settings.model_copy(update={"seed": seed}) for seed in range(asked.seeds)]
+    # the key of a view, a first value, and the power of it that the magnitude goes by
+    keys = {"penumbra": ("light_diameter_mm", 1.0, 1), "wall": ("wall_radius_mm", 30000.0, -1)}
+    for name in asked.names:
+        image = pictures()[name]
+        _, radius, _, _ = choose_tube(read_question(image), settings, Progress("quiet"))
+        for effect, (key, value, power) in keys.items():
+            ious, places = [], []
+            for side in SIDES:
+                for _ in range(2):  # the magnitude is nearly in proportion
+                    question = ask(image, radius, **{key: value})
+                    share = share_of_threshold(question, effect, radius, settings)
+                    value *= (side / share) ** power
+                question = ask(image, radius, **{key: value})
+                places.append(share_of_threshold(question, effect, radius, settings))
+                ious.append([build(question, radius, seed) for seed in seeded])
+            off = statistics.mean(ious[1]) - statistics.mean(ious[0])
+            spread = max(max(side) - min(side) for side in ious)
+            told = "; ".join(
+                f"at {place:.3f} {' '.join(f'{iou:.4f}' for iou in side)}"
+                for place, side in zip(places, ious, strict=True)
+            )
+            print(f"{name:<9} {effect:<9} {told}; off {off:+.4f}, spread {spread:.4f}", flush=True)
+        seen = [build(ask(image, radius, elevation_deg=a), radius, settings) for a in FROM_DEG]
+        told = ", ".join(f"{a:g}° {iou:.4f}" for a, iou in zip(FROM_DEG, seen, strict=True))
+        print(f"{name:<9} elevation {told}", flush=True)
 
 
 if __name__ == "__main__":

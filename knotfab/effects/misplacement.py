@@ -135,13 +135,16 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
         return float((size[some] + steep).max())
 
     def bent(of: slice, by: float) -> float:
-        """What a round wall adds where shadows are moved along it: it leaves the plane that touches it."""
+        """What a round wall adds along it, and within `radius`: it leaves the plane that touches it."""
         if wall.round is None:
             return 0.0
         way = by * _largest(field.moves[of]) * (1 + field.slopes * radius / clear)
-        return float((way**2 * field.slopes).max()) / abs(wall.round.radius)
+        aside = way + 0.5 * radius * field.high / clear
+        return float((way * aside * field.slopes).max()) / abs(wall.round.radius)
 
     grown = float(field.high.max()) / clear
+    if wall.round is not None:  # on which light falls aslant
+        grown *= float(np.hypot(1.0, field.slopes).max())
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
     by_lamp = largest(slice(0, 3))
     tilted = 0.0
