@@ -99,17 +99,28 @@ def examine() -> list[Finding]:
 
 
 def compile_loops() -> Finding:
-    """Run every compiled loop once, in a search of a few steps: what it compiles is kept for all builds."""
+    """Run every compiled loop once, in a search of a few steps: what it compiles is kept for all builds.
+
+    The validators have loops of their own, which they run before they answer.
+    """
+    import numpy as np
+
     from knotfab.compiled import count_loops
     from knotfab.design.design import design_knots
+    from knotfab.report.shading import draw_faces
     from knotfab.scene.model import Accuracy, Scene
     from knotfab.target.read import read_target
+    from knotfab.verify.verifier import Files, Verifier
 
     begun = time.perf_counter()
     few = ("coarse", "fine", "settle", "network")
     least = {f"{phase}_iterations": 2 for phase in few}
     tiny = {**least, "coarse_px": 64, "fine_px": 64, "depth_candidates": 4, "radius_candidates": 2}
-    design_knots(Scene(accuracy=Accuracy(name="draft"), search=tiny), [read_target("text:♥")])
+    with Verifier({"shadow-render"}, shadows=False) as verifier:
+        validators = verifier.submit(Files(None))
+        design_knots(Scene(accuracy=Accuracy(name="draft"), search=tiny), [read_target("text:♥")])
+        draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
+        validators.result()
     loops, compiled, folder = count_loops()
     kept = f"kept under {folder}" if folder else "there is no place to keep them"
     seconds = time.perf_counter() - begun

@@ -24,13 +24,17 @@ def _warm_up(graphics: bool) -> None:
     """Measure and draw one triangle, so that compiled loops, VTK and its OpenGL are loaded."""
     import numpy as np
 
+    from knotfab_validators.geometry.curves import Curves
     from knotfab_validators.geometry.mesh import merge_equal
+    from knotfab_validators.geometry.surface import flat_faces
     from knotfab_validators.geometry.triangles import triangle_triangle
+    from knotfab_validators.mesh.second_opinion import overlapping_boxes
     from knotfab_validators.shadows.cast import ShadowCaster
     from knotfab_validators.shadows.distance import depth_in
     from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
     from knotfab_validators.shadows.tube_field import tube_field
     from knotfab_validators.shadows.view import ViewGeometry
+    from knotfab_validators.tube.clearance import check_clearance
 
     x, y, z = np.eye(3)
     geometry = ViewGeometry(
@@ -39,6 +43,9 @@ def _warm_up(graphics: bool) -> None:
     triangle = np.eye(3)[None]
     mesh = merge_equal(triangle)
     triangle_triangle(triangle, triangle)
+    flat_faces(mesh)
+    overlapping_boxes(mesh)
+    check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
     depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
     tube_field([np.eye(3)], 0.1, geometry)
     if not graphics or why_no_rendering() is not None:
