@@ -12,8 +12,8 @@ from examples.brought import drawings, logos, maps, photos, writing
 # Each with the word that a person gives it who looks at its silhouette beside the silhouette's opening by the
 # thinnest tube that the default printer prints (a radius of 0.8 mm): written before the rules of
 # `knotfab_validators` were, and not to be changed to suit them. "refused": nobody would know it. Two drawings
-# of hairlines were refused so. Drawings of thin lines are drawn along them since, which no opening shows: those
-# two were looked at again, beside the shadows of their lines (docs/verdict.md).
+# of hairlines were refused so. Drawings of thin lines are drawn along them since, which no opening shows;
+# those two were looked at again, beside the shadows of their lines (docs/verdict.md).
 _DRAWN: dict[str, tuple[str, Callable[[], Image.Image]]] = {
     "logo-peak": ("faithful", logos.peak),
     "logo-leaf": ("faithful", logos.leaf),
