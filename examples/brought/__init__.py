@@ -11,9 +11,7 @@ from examples.brought import drawings, logos, maps, photos, writing
 
 # Each with the word that a person gives it who looks at its silhouette beside the silhouette's opening by the
 # thinnest tube that the default printer prints (a radius of 0.8 mm): written before the rules of
-# `knotfab_validators` were, and not to be changed to suit them. "refused": nobody would know it. Two drawings
-# of hairlines were refused so. Drawings of thin lines are drawn along them since, which no opening shows;
-# those two were looked at again, beside the shadows of their lines (docs/verdict.md).
+# `knotfab_validators` were, and not to be changed to suit them. "refused": nobody would know it.
 _DRAWN: dict[str, tuple[str, Callable[[], Image.Image]]] = {
     "logo-peak": ("faithful", logos.peak),
     "logo-leaf": ("faithful", logos.leaf),
@@ -26,11 +24,11 @@ _DRAWN: dict[str, tuple[str, Callable[[], Image.Image]]] = {
     "badge-seal": ("coarse", logos.seal),
     "signature-marker": ("faithful", writing.marker),
     "signature-initials": ("faithful", writing.initials),
-    "signature-pen": ("good", writing.pen),
+    "signature-pen": ("refused", writing.pen),
     "lines-house": ("faithful", drawings.house),
     "lines-cat": ("faithful", drawings.cat),
     "lines-boat": ("faithful", drawings.boat),
-    "lines-fine": ("good", drawings.fine),
+    "lines-fine": ("refused", drawings.fine),
     "map-island": ("faithful", maps.island),
     "map-metro": ("faithful", maps.metro),
     "map-streets": ("faithful", maps.streets),
@@ -49,6 +47,10 @@ _DRAWN: dict[str, tuple[str, Callable[[], Image.Image]]] = {
     "photo-jug": ("faithful", photos.jug),
     "photo-portrait": ("coarse", photos.portrait),
 }
+# Words that a rule made since has overtaken; the person's stays as it was given. A drawing of thin lines is
+# no longer filled, which is what the person judged, but drawn along its centre lines (docs/silhouette.md).
+_LINES = "drawn along its lines now, not filled"
+OVERTAKEN = {"signature-pen": ("good", _LINES), "lines-fine": ("good", _LINES)}
 WORDS = {name: word for name, (word, _) in _DRAWN.items()}
 KINDS = tuple(dict.fromkeys(name.split("-")[0] for name in _DRAWN))
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from examples.brought import WORDS, brought_pictures
+from examples.brought import OVERTAKEN, WORDS, brought_pictures
 from examples.measurement import STOPPED, build_apart, make_folder, save_pictures
 from examples.pictures import pictures
 from knotfab_validators import validate
@@ -76,7 +76,11 @@ def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, 
         f"{name:<20} {expected:<9} {word:<17} {verdict['iou']:.4f}  "
         f"{verdict['outline_p95_radii']:5.2f}  {why}"
     )
-    return line, word == expected or (word, expected) == (UNKNOWN, REFUSED), verdict
+    agrees = word == expected or (word, expected) == (UNKNOWN, REFUSED)
+    now, rule = OVERTAKEN.get(name, ("", ""))
+    if not agrees and word == now:
+        return f"{line}{'; ' if why else ''}another rule than the person's: {rule}", False, verdict
+    return line, agrees, verdict
 
 
 def main() -> None:
@@ -93,18 +97,20 @@ def main() -> None:
         n: i for n, i in brought_pictures().items() if not asked.names or n in asked.names
     } | own
     expected = WORDS | dict.fromkeys(own, "faithful")
-    agreed, good, rows, wrong = 0, 0, 0, []
+    agreed, good, rows, overtaken, wrong = 0, 0, 0, 0, []
     print(f"{'picture':<20} {'person':<9} {'verdict':<17} IoU    off, radii  why it is no better")
     for name, path in save_pictures(drawn, folder).items():
         said = _build(path, folder / name, asked.accuracy, asked.limit)
         line, agrees, verdict = _row(name, expected[name], folder / name, said)
-        print(("  " if agrees else "! ") + line, flush=True)
+        changed = verdict["word"] == OVERTAKEN.get(name, ("",))[0]
+        print(("  " if agrees else "* " if changed else "! ") + line, flush=True)
         rows, agreed, good = rows + 1, agreed + agrees, good + (verdict["word"] in GOOD)
+        overtaken += changed
         if verdict["word"] in GOOD and verdict["lost_pieces"]:
             wrong.append(name)
     print(
-        f"\n{rows} pictures: {agreed} with the person's word, {good} good or better; "
-        f"good or better with a lost piece: {', '.join(wrong) or 'none'}"
+        f"\n{rows} pictures: {agreed} with the person's word, {overtaken} with another by a rule made "
+        f"since (*), {good} good or better; good or better with a lost piece: {', '.join(wrong) or 'none'}"
     )
 
 
