@@ -16,6 +16,7 @@ __all__ = [
     "explain_unprinted",
     "list_unmet",
     "mark_of",
+    "place_of",
     "verdict_without_part",
 ]
 
@@ -54,6 +55,12 @@ def list_unmet(checks: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     return [
         check for check in _list_known(checks) if check["required"] and check["status"] != "pass"
     ]
+
+
+def place_of(check: Mapping[str, Any]) -> int:
+    """Where a check stands in a report: as in `CHECKS`, and others after these."""
+    name = str(check["name"])
+    return CHECKS.index(name) if name in CHECKS else len(CHECKS)
 
 
 def mark_of(check: Mapping[str, Any]) -> str:

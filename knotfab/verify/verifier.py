@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from knotfab.errors import InputError, MachineError
 from knotfab.pool import Crash, Workers, count_jobs
-from knotfab.verify.checks import exit_code
+from knotfab.verify.checks import exit_code, place_of
 
 __all__ = ["Answer", "Files", "Verifier", "borrow", "explain_unreadable", "stand_by"]
 
@@ -46,9 +46,10 @@ class Verifier:
             ...
             verdict = answer.result()
 
-    Two share the work where there are shadows to verify, as geometry and shadows take about as long, and this
-    process may have two; of several pieces each child takes its half of whichever is next. A verdict is the
-    validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}.
+    Two share the work where there are shadows to verify and this process may have two: one measures the mesh
+    and its printing, the other the shadows and, of a part to be printed, the strands. Of several pieces each
+    child takes its half of whichever is next. A verdict is the validators': {"status", "exit_code",
+    "checks", "views", "picture", "seconds"}, its checks in the order of `CHECKS`.
 
     Args:
         skip: the checks to leave out, of every piece.
@@ -109,7 +110,8 @@ class Answer:
     def result(self) -> dict[str, Any]:
         """Wait for the halves, put them together, and draw what failed."""
         answers = [_take(half) for half in self.halves]
-        checks = [check for answer in answers for check in answer["checks"]]
+        found = [check for answer in answers for check in answer["checks"]]
+        checks = sorted(found, key=place_of)  # whichever process measured them
         code = exit_code(checks)
         return {
             "status": "fail" if code else "pass",

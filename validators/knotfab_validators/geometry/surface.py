@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.compiled import compiled
+from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.geometry.mesh import Mesh, connect
-from knotfab_validators.geometry.triples import corner_of, cross, dot, minus
+from knotfab_validators.geometry.triangle_loops import find_flat
 
 __all__ = ["Surface", "duplicate_faces", "flat_faces", "survey"]
 
@@ -99,24 +98,7 @@ def survey(mesh: Mesh) -> Surface:
 
 def flat_faces(mesh: Mesh) -> Ints:
     """Faces without an area: a corner twice, or three corners in a line (but for rounding)."""
-    return np.flatnonzero(_find_flat(mesh.vertices, mesh.faces))
-
-
-@compiled
-def _find_flat(vertices: Array, faces: Ints) -> Mask:
-    flat = np.empty(len(faces), dtype=np.bool_)
-    for k in range(len(faces)):
-        a, b, c = (
-            corner_of(vertices, faces[k, 0]),
-            corner_of(vertices, faces[k, 1]),
-            corner_of(vertices, faces[k, 2]),
-        )
-        ab, ac, bc = minus(b, a), minus(c, a), minus(c, b)
-        normal = cross(ab, ac)
-        longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
-        # a face of NaN or overflow has no area either
-        flat[k] = not dot(normal, normal) > (FLAT * longest) ** 2
-    return flat
+    return np.flatnonzero(find_flat(mesh.vertices, mesh.faces, FLAT))
 
 
 def duplicate_faces(mesh: Mesh) -> Ints:

@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.segments import nearest_on_segment
-from knotfab_validators.geometry.triples import (
-    corner_of,
-    cross,
-    dot,
-    minus,
-    nearest_parameters,
-    step,
-)
+from knotfab_validators.geometry.triangle_loops import nearest_of_two
 
 __all__ = ["point_triangle", "triangle_triangle", "triangles_cross"]
 
@@ -35,50 +27,10 @@ def triangle_triangle(first: Array, second: Array) -> tuple[Array, Array, Array]
     The nearest points of two triangles that do not cross are a corner and a point inside the
     other, or lie on two edges: all 6 + 9 cases are computed.
     """
-    return _nearest_of_two(
+    return nearest_of_two(
         np.ascontiguousarray(first, dtype=np.float64),
         np.ascontiguousarray(second, dtype=np.float64),
     )
-
-
-@compiled
-def _nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    count = len(first)
-    distance, near = np.empty(count), np.empty((2, count, 3))
-    for k in range(count):
-        best = np.inf
-        here, there = corner_of(first[k], 0), corner_of(second[k], 0)
-        for side in range(2):
-            one, other = (first[k], second[k]) if side == 0 else (second[k], first[k])
-            a = corner_of(other, 0)
-            u, v = minus(corner_of(other, 1), a), minus(corner_of(other, 2), a)
-            normal = cross(u, v)
-            square = dot(normal, normal)
-            if not square > 0.0:
-                continue
-            for c in range(3):
-                point = corner_of(one, c)
-                w = minus(point, a)
-                s, t = dot(cross(w, v), normal) / square, dot(cross(u, w), normal) / square
-                height = dot(w, normal) / square
-                if s >= 0.0 and t >= 0.0 and s + t <= 1.0 and abs(height) * square**0.5 < best:
-                    best, foot = abs(height) * square**0.5, step(point, -height, normal)
-                    here, there = (point, foot) if side == 0 else (foot, point)
-        for i in range(3):
-            a = corner_of(first[k], i)
-            u = minus(corner_of(first[k], (i + 1) % 3), a)
-            for j in range(3):
-                b = corner_of(second[k], j)
-                v = minus(corner_of(second[k], (j + 1) % 3), b)
-                s, t = nearest_parameters(u, v, minus(b, a))
-                on_one, on_other = step(a, s, u), step(b, t, v)
-                gap = minus(on_one, on_other)
-                if dot(gap, gap) ** 0.5 < best:
-                    best, here, there = dot(gap, gap) ** 0.5, on_one, on_other
-        distance[k] = best
-        for axis in range(3):
-            near[0, k, axis], near[1, k, axis] = here[axis], there[axis]
-    return distance, near[0], near[1]
 
 
 def triangles_cross(first: Array, second: Array) -> Mask:

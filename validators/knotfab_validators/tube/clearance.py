@@ -9,13 +9,12 @@ import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import Check, at_least, skip_check, spot
-from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.geometry.segments import point_segment, segment_segment
+from knotfab_validators.geometry.triangle_loops import nearest_edges
 from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
-from knotfab_validators.geometry.triples import corner_of, from_segment
 from knotfab_validators.tube.body_distance import nearest_bodies
 from knotfab_validators.tube.strand_pairs import Samples, StrandPairs, sample_curves, strand_pairs
 
@@ -167,7 +166,7 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     near = np.where(known, near, 0)
     # a sample begins its piece of the curve: the nearest place may be on the piece before
     options = np.concatenate([samples.edge[near], samples.edge[samples.behind[near]]], axis=1)
-    edge, distance, to_corner = _nearest_edges(
+    edge, distance, to_corner = nearest_edges(
         corners, middle, options, np.tile(known, 2), start, end
     )
     own = (distance <= OWN * radius) & (to_corner <= OWN * radius)
@@ -180,33 +179,6 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     first = np.searchsorted(edge[order], np.arange(len(start) + 1))
     left_out = int(len(mesh.faces) - len(order))
     return _Surface(corners, centre, size, first, after, start, end, reach, left_out)
-
-
-@compiled
-def _nearest_edges(
-    corners: Array, middle: Array, options: Ints, known: Mask, start: Array, end: Array
-) -> tuple[Ints, Array, Array]:
-    """Of the edges that a face may belong to, the nearest (m,) to its middle, how far it is, and the
-    farthest of the face's corners from it.
-
-    Args:
-        corners, middle: (m, 3, 3) and (m, 3), of the faces. options, known: (m, k), edges, and which count.
-    """
-    edge = np.zeros(len(corners), dtype=np.int64)
-    nearest, farthest = np.full(len(corners), np.inf), np.zeros(len(corners))
-    for k in range(len(corners)):
-        edge[k] = options[k, 0]
-        for i in range(options.shape[1]):
-            if not known[k, i]:
-                continue
-            at = options[k, i]
-            far = from_segment(corner_of(middle, k), corner_of(start, at), corner_of(end, at))
-            if far < nearest[k]:
-                edge[k], nearest[k] = at, far
-        a, b = corner_of(start, edge[k]), corner_of(end, edge[k])
-        for i in range(3):
-            farthest[k] = max(farthest[k], from_segment(corner_of(corners[k], i), a, b))
-    return edge, nearest, farthest
 
 
 def _find_smallest(
