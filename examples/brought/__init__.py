@@ -55,6 +55,6 @@ WORDS = {name: word for name, (word, _) in _DRAWN.items()}
 KINDS = tuple(dict.fromkeys(name.split("-")[0] for name in _DRAWN))
 
 
-def brought_pictures() -> dict[str, Image.Image]:
-    """All of them by name, in one order: in colour, in grey or with transparency, 1024 px long."""
-    return {name: draw() for name, (_, draw) in _DRAWN.items()}
+def draw_brought(name: str) -> Image.Image:
+    """One of the pictures, by name: in colour, in grey or with transparency, 1024 px long."""
+    return _DRAWN[name][1]()

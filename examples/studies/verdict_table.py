@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from examples.brought import OVERTAKEN, WORDS, brought_pictures
+from examples.brought import OVERTAKEN, WORDS, draw_brought
 from examples.measurement import STOPPED, build_apart, make_folder, save_pictures
 from examples.pictures import pictures
 from knotfab_validators import validate
@@ -93,9 +93,8 @@ def main() -> None:
     asked = parser.parse_args()
     folder = make_folder(asked.out, "verdict")
     own = pictures() if OWN in asked.names else {}
-    drawn = {
-        n: i for n, i in brought_pictures().items() if not asked.names or n in asked.names
-    } | own
+    names = [n for n in WORDS if not asked.names or n in asked.names]
+    drawn = {n: draw_brought(n) for n in names} | own
     expected = WORDS | dict.fromkeys(own, "faithful")
     agreed, good, rows, overtaken, wrong = 0, 0, 0, 0, []
     print(f"{'picture':<20} {'person':<9} {'verdict':<17} IoU    off, radii  why it is no better")

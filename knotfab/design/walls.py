@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from knotfab.arrays import Array, Mask
 from knotfab.effects.base import EffectContext, decide
@@ -42,6 +41,9 @@ def flatten_targets(
 
 
 def _flatten(view: ResolvedView, target: Target) -> Target:
+    # half of what a refusal of a missing picture would load
+    from scipy.ndimage import map_coordinates
+
     wall = CurvedWall.of(view)
     if wall is None or target.flattened_s is not None:
         return target

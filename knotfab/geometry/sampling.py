@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Indices
 
@@ -53,6 +52,8 @@ def pair_nearby(curves: Sequence[Array], reach: float) -> tuple[Indices, Array]:
     Returns:
         The pairs, and the shorter way between the two; infinite where they are of different curves.
     """
+    from scipy.spatial import cKDTree
+
     sizes = [len(c) for c in curves]
     curve = np.repeat(np.arange(len(curves)), sizes)
     arcs = [arc_lengths(c) for c in curves]

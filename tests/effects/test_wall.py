@@ -12,7 +12,6 @@ import pytest
 import shapely
 from PIL import Image
 
-from knotfab.design import walls
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import EffectContext
 from knotfab.effects.wall import WALL
@@ -115,7 +114,7 @@ def test_a_wall_that_is_hardly_round_and_one_switched_off_run_no_code(
     def explode(*_: object, **__: object) -> None:
         raise AssertionError("a picture was bent")
 
-    monkeypatch.setattr(walls, "map_coordinates", explode)
+    monkeypatch.setattr("scipy.ndimage.map_coordinates", explode)
     drawn = target(disc(view(400.0), 60)[0])
     assert flatten_targets(Scene(), (view("flat"),), (drawn,))[0] is drawn
     assert flatten_targets(Scene(), (view(1e6),), (drawn,))[0] is drawn
