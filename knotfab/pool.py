@@ -223,8 +223,14 @@ def _ask(process: subprocess.Popen[str], request: dict[str, Any]) -> dict[str, A
         process.stdin.write(json.dumps({**request, "asked": asked}) + "\n")
         process.stdin.flush()
         for line in iter(process.stdout.readline, ""):
-            with contextlib.suppress(ValueError):
-                answer: dict[str, Any] = json.loads(line)
-                if answer.pop("asked", None) == asked:
-                    return answer
+            try:
+                answer: Any = json.loads(line)
+            except ValueError:
+                continue
+            if not isinstance(answer, dict):
+                continue
+            if "asked" not in answer:
+                raise Crash(0, f"it answered {line.strip()[:80]}, and not what it was asked")
+            if answer.pop("asked") == asked:
+                return answer
     return None

@@ -67,6 +67,12 @@ def test_a_worker_that_dies_says_how_and_is_replaced() -> None:
             assert workers.ask({"k": 1}).result()["wanted"] == {"k": 1}
 
 
+def test_a_worker_that_does_not_say_what_it_answers_is_not_waited_for() -> None:
+    silent = [*ANSWER[:-1], ECHO.replace('"asked": token', '"k": 1')]
+    with Workers(silent) as workers, pytest.raises(Crash, match="not what it was asked"):
+        workers.answer({})
+
+
 def test_a_lent_worker_answers_and_stays_its_owners() -> None:
     with Workers(ANSWER) as owner:
         lent = owner.lend()

@@ -32,7 +32,7 @@ _RETRIES = 3  # of a build whose worker was lost
 _PATIENCE_S = 10  # for the scheduler to answer
 _LOOK_EVERY_S = 0.5  # whether anybody still waits for a build
 _KEPT_S = 20.0  # that a worker keeps what builds have loaded, a GB, for the next
-_idle: list[Pool] = []  # of this worker
+_idle: list[tuple[Pool, threading.Timer]] = []  # of this worker, and what will end them
 
 
 @contextmanager
@@ -96,7 +96,8 @@ def open_cluster(
 def _keep_builders() -> Iterator[Pool]:
     """What builds one picture: what built the one before on this worker, if that was lately, has loaded."""
     try:
-        pool = _idle.pop()
+        pool, leaving = _idle.pop()
+        leaving.cancel()
     except IndexError:
         pool = open_builders(1, share=1)
     try:
@@ -104,17 +105,19 @@ def _keep_builders() -> Iterator[Pool]:
     except BaseException:
         pool.__exit__()
         raise
-    _idle.append(pool)
     leaving = threading.Timer(_KEPT_S, _end_idle, (pool,))
     leaving.daemon = True
+    _idle.append((pool, leaving))
     leaving.start()
 
 
 def _end_idle(pool: Pool) -> None:
     """Unless it builds again."""
-    with contextlib.suppress(ValueError):
-        _idle.remove(pool)
-        pool.__exit__()
+    for held in list(_idle):
+        if held[0] is pool:
+            with contextlib.suppress(ValueError):  # taken this moment
+                _idle.remove(held)
+                pool.__exit__()
 
 
 def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:

@@ -20,6 +20,7 @@ _WORK = (
     *("method", "coarse_px", "fine_px"),
     *("coarse_iterations", "fine_iterations", "settle_iterations"),
 )
+_IOUS = ("iou_drawn", "iou_frame", "iou")
 _LEAST_GAIN = 5e-5  # of IoU, that a sentence can say
 
 
@@ -31,7 +32,8 @@ def add_next_step(report: Record) -> None:
     error shrinks as theirs did.
     """
     settings, views = report["settings"], report["views"]
-    ious = [view["iou_drawn"] if "iou_drawn" in view else view["iou"] for view in views]
+    # a stand outside the picture is not what a better search would draw better
+    ious = [next((view[k] for k in _IOUS if view.get(k) is not None), None) for view in views]
     if settings.get("time_budget_s") is not None or not ious or None in ious:
         return
     study = _study()
@@ -42,7 +44,9 @@ def add_next_step(report: Record) -> None:
         return
     here = names.index(settings["accuracy"])
     own, better = study["steps"][here], study["steps"][here + 1]
-    gain = (1.0 - min(ious)) * (1.0 - better["error"] / own["error"])
+    gain = (1.0 - min(iou for iou in ious if iou is not None)) * (
+        1.0 - better["error"] / own["error"]
+    )
     more = sum(
         report["timings"].get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()

@@ -63,11 +63,12 @@ def test_a_worker_keeps_its_builders_for_a_while(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(RuntimeError), worker_side._keep_builders() as again:
         assert again in (first, beside)
         raise RuntimeError
-    assert again.ended.is_set() and again not in worker_side._idle
-    (other,) = worker_side._idle
+    ((other, leaving),) = worker_side._idle
+    assert again.ended.is_set() and again is not other
     monkeypatch.setattr(worker_side, "_KEPT_S", 0.01)
     with worker_side._keep_builders() as last:
         assert last is other and not last.ended.is_set()
+        leaving.join(20)  # it has nothing to wait for any more
     assert last.ended.wait(20) and not worker_side._idle
 
 
