@@ -92,6 +92,26 @@ def test_one_gap_bridged_is_good_and_many_are_not() -> None:
     assert found.counts["bridged_gaps"] == 7 and WORDS.index(found.word) >= 2
 
 
+def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
+    def eye(a: int, b: int) -> Mask:
+        image = Image.fromarray(draw())
+        ImageDraw.Draw(image).ellipse((420 - a, 420 - b, 420 + a, 420 + b), fill=1)
+        return np.asarray(image)
+
+    target = eye(17, 9)
+    assert judge(eye(18, 9), target).word == "faithful"
+    found = judge(eye(9, 17), target)
+    assert (
+        found.outline_p95_radii < RULES["faithful"].outline_radii
+    )  # the outline says nothing of it
+    assert found.word == "coarse" and found.counts["misshapen"] == 1
+    (loss,) = found.lost
+    assert loss["what"] == "shape" and loss["sentence"].startswith("a piece is drawn out of shape")
+    np.testing.assert_allclose(loss["at_px"], (420, 420), atol=4)
+    assert loss["size_mm"] == pytest.approx(19 * 180 / SIZE, abs=1.2)
+    assert any("alike, below" in reason for reason in found.reasons)
+
+
 def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
     target = draw(LARGE)
     leg = draw(LARGE, strokes=((180, 299, 170, 480, 8),))
@@ -128,6 +148,7 @@ def test_the_rules_grow_laxer_from_word_to_word() -> None:
     for strict, lax in pairwise(rules):
         assert strict.iou > lax.iou and strict.outline_radii < lax.outline_radii
         assert strict.changed <= lax.changed and strict.lost_tubes <= lax.lost_tubes
+        assert strict.shape >= lax.shape
     assert rules[0].lost_tubes == rules[1].lost_tubes == 0.0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from knotfab_validators.arrays import Mask
 from knotfab_validators.check import Check, Status, skip_check
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
+from knotfab_validators.shadows.shapes import Shape, find_misshapen
 from knotfab_validators.shadows.text_rows import Row, find_rows
 from knotfab_validators.shadows.topology import (
     Box,
@@ -43,7 +44,8 @@ class Rule:
     `iou` at least; `outline_radii`, the 95 % quantile of the outline's distance in radii of the tube's
     shadow, at most; `lost_tubes`, the width of a lost piece or hole in widths of the tube's shadow, less than
     that (0: none may be lost); `changed`, the changes of topology for each piece and hole of the picture, at
-    most, but for `spared` of them; `text`, whether rows of small pieces may be lost.
+    most, but for `spared` of them; `shape`, the likeness of each piece and hole by itself, at least; `text`,
+    whether rows of small pieces may be lost.
     """
 
     iou: float
@@ -51,14 +53,15 @@ class Rule:
     lost_tubes: float
     changed: float
     spared: int
+    shape: float
     text: bool
 
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, False),
-    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False),
-    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, True),
+    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, 0.9, False),
+    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, 0.9, False),
+    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, 0.0, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
@@ -74,6 +77,7 @@ _COUNTS = {
     "stroke": "broken_strokes",
     "stray": "stray_pieces",
     "leak": "stray_holes",
+    "shape": "misshapen",
 }
 _SAID = {
     "piece": ("piece is lost", "pieces are lost"),
@@ -82,6 +86,7 @@ _SAID = {
     "stroke": ("stroke is broken", "strokes are broken"),
     "stray": ("piece is not in the picture", "pieces are not in the picture"),
     "leak": ("hole is not in the picture", "holes are not in the picture"),
+    "shape": ("piece or hole is drawn out of shape", "pieces or holes are drawn out of shape"),
 }
 MOST_NAMED = 40  # losses with their places in a report
 
@@ -134,13 +139,14 @@ def recognise(
     step = max(1, int(radius_px / ENOUGH_PX))
     reach = REACH * radius_px / step
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
+    own = seen if outlined is None else outlined[::step, ::step]
     found = find_changes(seen, wanted, reach)
-    changes = [_enlarged(change, step) for change in found]
+    misshapen = find_misshapen(own, wanted, reach, RULES["good"].shape, found)
+    changes = [_enlarged(change, step) for change in (*found, *misshapen)]
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
     rows = find_rows(features, max(frame.width, frame.height))
     # what is lost is counted already, and slits that nobody sees are no outlines
     there = close_slits(without_lost(wanted, found), SLIT * reach)
-    own = seen if outlined is None else outlined[::step, ::step]
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
     scale = _Scale(frame, geometry, 2 * radius_px)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
@@ -154,8 +160,9 @@ def recognise(
         outline_radii=off_px / radius_px,
         lost_tubes=max((c.width_px for c in single if _is_lost(c)), default=0.0) / (2 * radius_px),
         # where there is nothing but text, the text is the drawing
-        changes=len(single) if drawn else len(changes),
+        changes=sum(not isinstance(c, Shape) for c in (single if drawn else changes)),
         features=max(drawn or len(features), 1),
+        shape=min((c.likeness for c in single if isinstance(c, Shape)), default=1.0),
         text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
     )
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
@@ -214,6 +221,7 @@ class _Facts:
     lost_tubes: float
     changes: int
     features: int
+    shape: float
     text: int
 
     def against(self, rule: Rule) -> list[str]:
@@ -227,6 +235,8 @@ class _Facts:
             ),
             f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
             f"{self.changes} changes to {self.features} pieces and holes": self.changes > most,
+            f"a piece or hole {self.shape:.2f} alike, below {rule.shape:g}": self.shape
+            < rule.shape,
             "lost text": bool(self.text) and not rule.text,
         }
         return [sentence for sentence, holds in said.items() if holds]
@@ -239,7 +249,7 @@ def _is_lost(change: Change) -> bool:
 def _enlarged(change: Change, step: int) -> Change:
     u, v = change.where
     where, box = (u * step, v * step), _enlarged_box(change.box, step)
-    return Change(change.kind, where, change.width_px * step, box)
+    return replace(change, where=where, width_px=change.width_px * step, box=box)
 
 
 def _enlarged_box(box: Box, step: int) -> Box:
@@ -248,8 +258,8 @@ def _enlarged_box(box: Box, step: int) -> Box:
 
 
 def _middle(change: Change) -> Box:
-    """The place of a change, as a box; of what is lost the whole of it."""
-    if _is_lost(change):
+    """The place of a change, as a box; of what is lost or out of shape the whole of it."""
+    if _is_lost(change) or isinstance(change, Shape):
         return change.box
     u, v = (round(c) for c in change.where)
     return u, v, u, v
@@ -292,6 +302,8 @@ class _Scale:
     def record(self, change: Change) -> dict[str, Any]:
         """The report's record of one loss."""
         what = _SAID[change.kind][0]
+        if isinstance(change, Shape):
+            what = f"{change.of} is drawn out of shape ({change.likeness:.2f} alike)"
         return self._place(change.kind, change.where, change.width_px, f"a {what}")
 
     def record_text(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:

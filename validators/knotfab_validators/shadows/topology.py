@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.shadows.distance import depth_in
 
-__all__ = ["Box", "Change", "Kind", "close_slits", "find_changes", "list_pieces", "without_lost"]
+__all__ = [
+    "Box",
+    "Change",
+    "Kind",
+    "close_slits",
+    "crop_to_ink",
+    "find_changes",
+    "label_regions",
+    "list_pieces",
+    "shift_change",
+    "without_lost",
+]
 
-Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak"]
+Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape"]
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, in pixels, the last two exclusive."""
 
@@ -31,7 +42,8 @@ class Change:
     """One difference of topology.
 
     `piece` and `hole`: of the picture, lost in the shadow; `gap`: between pieces, or across a bay, bridged by
-    the shadow; `stroke`: of a piece, broken; `stray` and `leak`: a piece and a hole that only the shadow has.
+    the shadow; `stroke`: of a piece, broken; `stray` and `leak`: a piece and a hole that only the shadow has;
+    `shape`: there, but drawn out of shape (see shapes.py).
     `where` (u, v) lies on the compared grid; `width_px` is the width of what was changed, of the widest
     disc that it holds or, of a gap and a stroke, across it in the picture. `box` is what it takes up.
     """
@@ -40,6 +52,9 @@ class Change:
     where: tuple[float, float]
     width_px: float
     box: Box
+
+
+SomeChange = TypeVar("SomeChange", bound=Change)
 
 
 def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
@@ -63,15 +78,10 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
     """
     if shadow.shape != target.shape:
         raise ValueError(f"masks of one grid are compared, got {shadow.shape} and {target.shape}")
-    rows, columns = np.nonzero(shadow | target)
-    if not len(rows):
+    cropped = crop_to_ink(shadow, target, 2 * reach_px)
+    if cropped is None:
         return []
-    edge = (
-        int(np.ceil(2 * reach_px)) + 2
-    )  # so that the outside is one region, and no dilation is cut
-    top, left = int(rows.min()), int(columns.min())
-    window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
-    seen, wanted = (np.pad(mask[window], edge) for mask in (shadow, target))
+    seen, wanted, corner = cropped
     dark, light = _grow(seen, reach_px), _grow(~seen, reach_px)
     ink, paper = _grow(wanted, reach_px), _grow(~wanted, reach_px)
     closed, opened = _shrink(dark, reach_px) | seen, ~_shrink(light, reach_px) & seen
@@ -86,7 +96,23 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
         *_joined("stroke", closed, thinned, wanted, reach_px),
         *_joined("stroke", ~thinned, ~closed, wanted, reach_px),
     ]
-    return [_shifted(change, left - edge, top - edge) for change in found]
+    return [shift_change(change, *corner) for change in found]
+
+
+def crop_to_ink(
+    shadow: Mask, target: Mask, edge_px: float
+) -> tuple[Mask, Mask, tuple[int, int]] | None:
+    """Both masks where either has ink, with an edge of background, and where their corner was; None without.
+
+    The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as much.
+    """
+    rows, columns = np.nonzero(shadow | target)
+    if not len(rows):
+        return None
+    edge = int(np.ceil(edge_px)) + 2
+    top, left = int(rows.min()), int(columns.min())
+    window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
+    return np.pad(shadow[window], edge), np.pad(target[window], edge), (left - edge, top - edge)
 
 
 def close_slits(mask: Mask, reach_px: float) -> Mask:
@@ -110,8 +136,8 @@ def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
     """The boxes of a mask's pieces and of its holes that are longer than 2 `reach_px`."""
     padded = np.pad(mask, 1)
     boxes = [
-        *(box for _, box in _regions(*_label(padded, _EIGHT), reach_px)),
-        *(box for _, box in _holes(~padded, reach_px)[1]),
+        *(box for _, box in label_regions("piece", padded, reach_px)[1]),
+        *(box for _, box in label_regions("hole", ~padded, reach_px)[1]),
     ]
     return [(left - 1, top - 1, right - 1, bottom - 1) for left, top, right, bottom in boxes]
 
@@ -145,19 +171,20 @@ def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:
     return found
 
 
-def _holes(light: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
-    """The regions of the background but the one that the frame's corner lies in."""
-    labels, count = _label(light, _FOUR)
-    return labels, [(n, box) for n, box in _regions(labels, count, reach) if n != labels[0, 0]]
+def label_regions(kind: Kind, regions: Mask, reach: float) -> tuple[Ints, list[tuple[int, Box]]]:
+    """A number for each region, and those longer than 2 `reach`, with their boxes.
+
+    Of the background, which holes and leaks are in, without the region that the frame's corner lies in.
+    """
+    light = kind in ("hole", "leak")
+    labels, count = _label(regions, _FOUR if light else _EIGHT)
+    found = _regions(labels, count, reach)
+    return labels, [(n, box) for n, box in found if not (light and n == labels[0, 0])]
 
 
 def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Change]:
     """The pieces (or holes) in `regions` of which less than `COVERED` is in `kept`."""
-    if kind in ("hole", "leak"):
-        labels, found = _holes(regions, reach)
-    else:
-        labels, count = _label(regions, _EIGHT)
-        found = _regions(labels, count, reach)
+    labels, found = label_regions(kind, regions, reach)
     for number, (left, top, right, bottom) in found:
         inside = labels[top:bottom, left:right] == number
         if kept[top:bottom, left:right][inside].mean() < COVERED:
@@ -271,7 +298,8 @@ def _narrowest(
         yield Change(kind, (float(x), float(y)), wide, (x - half, y - half, x + half, y + half))
 
 
-def _shifted(change: Change, du: int, dv: int) -> Change:
+def shift_change(change: SomeChange, du: int, dv: int) -> SomeChange:
+    """The change on a grid whose origin lies (du, dv) before that of its own."""
     (u, v), (left, top, right, bottom) = change.where, change.box
     box = (left + du, top + dv, right + du, bottom + dv)
-    return Change(change.kind, (u + du, v + dv), change.width_px, box)
+    return replace(change, where=(u + du, v + dv), box=box)

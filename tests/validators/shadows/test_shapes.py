@@ -1,0 +1,70 @@
+"""A piece or hole that is there and drawn badly is named; one drawn within a reach of its outline is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+from scipy.ndimage import binary_dilation
+
+from knotfab_validators.arrays import Mask
+from knotfab_validators.shadows.shapes import find_misshapen
+from knotfab_validators.shadows.topology import Change
+
+REACH = 2.0  # a quarter of the tube's radius
+LEAST = 0.9
+BODY, AT = (20, 20, 150, 280), (220, 110)
+Size = tuple[int, int]
+
+
+def draw(feature: Size | None, hole: bool) -> Mask:
+    """A large body beside a small ellipse of half axes `feature`, or with it as a hole in the body."""
+    image = Image.new("1", (300, 300))
+    pen = ImageDraw.Draw(image)
+    pen.rectangle(BODY, fill=1)
+    u, v = (85, AT[1]) if hole else AT
+    if feature:
+        a, b = feature
+        pen.ellipse((u - a, v - b, u + a, v + b), fill=not hole)
+    return np.asarray(image)
+
+
+@pytest.mark.parametrize("hole", [False, True])
+@pytest.mark.parametrize("size", [(11, 19), (22, 18), (6, 12)])
+def test_a_small_feature_turned_or_swollen_is_named_in_its_place(size: Size, hole: bool) -> None:
+    target = draw((19, 11) if size != (6, 12) else (12, 6), hole)
+    found = find_misshapen(draw(size, hole), target, REACH, LEAST)
+    (shape,) = found
+    assert (shape.kind, shape.of) == ("shape", "hole" if hole else "piece")
+    np.testing.assert_allclose(shape.where, (85, AT[1]) if hole else AT, atol=6)
+    assert shape.width_px == pytest.approx(13 if size == (6, 12) else 23, abs=2)
+    assert 0.2 < shape.likeness < LEAST
+
+
+@pytest.mark.parametrize("hole", [False, True])
+def test_a_feature_drawn_within_a_reach_is_not_named(hole: bool) -> None:
+    target = draw((19, 11), hole)
+    for shadow in (
+        target,
+        np.roll(target, 2, axis=1),
+        binary_dilation(target, iterations=2),
+        ~binary_dilation(~target, iterations=2),
+    ):
+        assert not find_misshapen(shadow, target, REACH, LEAST)
+        assert not find_misshapen(shadow.T, target.T, REACH, LEAST)
+
+
+@pytest.mark.parametrize("hole", [False, True])
+def test_what_no_tube_draws_and_what_is_lost_are_counted_elsewhere(hole: bool) -> None:
+    slit = draw((19, 3), hole)
+    assert not find_misshapen(draw((19, 9), hole), slit, REACH, LEAST)
+    target = draw((19, 11), hole)
+    (gone,) = find_misshapen(draw(None, hole), target, REACH, LEAST)
+    assert gone.likeness == 0.0
+    lost = Change(gone.of, gone.where, gone.width_px, gone.box)
+    assert not find_misshapen(draw(None, hole), target, REACH, LEAST, [lost])
+
+
+def test_two_blank_masks_have_nothing_to_compare() -> None:
+    blank = np.zeros((40, 40), dtype=bool)
+    assert not find_misshapen(blank, blank, REACH, LEAST)
