@@ -50,7 +50,7 @@ class ShadowCaster(Renderer):
         h, faces = geometry.lift(self._vertices), self._faces
         limit = np.inf if behind else geometry.w_of_receiver
         seen = (h[:, 2] > NEAREST) & (h[:, 2] < limit)
-        whole = seen[faces].all(axis=1)
+        whole = np.asarray(seen[faces].all(axis=1))
         lines = self._find_table(whole).find_silhouette(on_page(h))
         if not whole.all():  # winding numbers add up, and the edges between the two cancel
             pieces = faces[~whole]
