@@ -107,6 +107,7 @@ def compile_loops() -> Finding:
 
     from knotfab.compiled import count_loops
     from knotfab.design.design import design_knots
+    from knotfab.errors import MachineError
     from knotfab.report.shading import draw_faces
     from knotfab.scene.model import Accuracy, Scene
     from knotfab.target.read import read_target
@@ -120,11 +121,19 @@ def compile_loops() -> Finding:
         validators = verifier.submit(Files(None))
         design_knots(Scene(accuracy=Accuracy(name="draft"), search=tiny), [read_target("text:♥")])
         draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
-        validators.result()
+        failed = None
+        try:
+            validators.result()
+        except MachineError as error:
+            failed = error
     loops, compiled, folder = count_loops()
     kept = f"kept under {folder}" if folder else "there is no place to keep them"
     seconds = time.perf_counter() - begun
     name, said = "compiled loops", f"{loops}, {compiled} of them compiled now, in {seconds:.0f} s"
+    if failed is not None:
+        detail = f"{said}; {kept}; but not the validators': {failed.why}"
+        return Finding(name, "warning", detail, failed.remedy)
+    said += ", and the validators'"
     if folder:
         return Finding(name, "ok", f"{said}; {kept}")
     return Finding(name, "warning", f"{said}; {kept}", "Set NUMBA_CACHE_DIR to a folder of yours")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import importlib
 import pkgutil
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 import knotfab
@@ -47,3 +49,23 @@ def test_a_loop_uses_nothing_of_our_own_from_another_file(name: str) -> None:
         for alias in node.names
     }
     assert not brought & set(loop.py_func.__code__.co_names)
+
+
+@pytest.mark.parametrize("package", ["knotfab", "knotfab_validators"])
+def test_a_full_disk_keeps_no_loop_from_running(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def save(*_: object) -> None:
+        tried.append(True)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def double(number: float) -> float:
+        return 2.0 * number
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", save)
+    module = importlib.import_module(f"{package}.compiled")
+    monkeypatch.setattr(module, "_LOOPS", [], raising=False)
+    assert module.compiled(double)(1.5) == 3.0
+    assert tried

@@ -16,6 +16,7 @@ import pytest
 from knotfab import doctor
 from knotfab.compiled import _LOOPS, count_loops
 from knotfab.doctor import Finding, examine
+from knotfab.verify import verifier
 
 
 def by_name(findings: list[Finding]) -> dict[str, Finding]:
@@ -42,6 +43,15 @@ def test_loops_are_compiled_and_kept() -> None:
     assert count_loops()[2] in found.detail
     run = {loop.__name__ for loop in _LOOPS if loop.signatures}  # others run inside of these
     assert {"find_winners", "evaluate", "step_margin", "gap_hinge", "bend_hinge", "_cover"} <= run
+
+
+def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", "raise SystemExit('no disk')"])
+    monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
+    monkeypatch.setattr("knotfab.report.shading.draw_faces", lambda *_: None)
+    found = doctor.compile_loops()
+    assert found.status == "warning" and found.remedy
+    assert "not the validators'" in found.detail and "no disk" in found.detail
 
 
 def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

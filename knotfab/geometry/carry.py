@@ -24,9 +24,8 @@ __all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters
 Parameters = tuple[Array, ...]  # increasing, one array a curve, in [0, period)
 Path = Callable[[Array, float], Array]  # (points, share of the way) -> points
 
-_STRAIGHT = (
-    1 / 64
-)  # shortest share of a motion along straight lines: there one step is mostly enough
+# shortest share of a motion along straight lines: there one step is mostly enough
+_STRAIGHT = 1 / 64
 _SKIP = 6  # as in the flow: pairs nearer along the curve are always tested
 
 

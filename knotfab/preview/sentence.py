@@ -55,7 +55,7 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
     """Its size, its place, and the tube that it would need."""
     scale, px = seen.wall_mm_per_px, seen.target.shrunk
-    x, y = (c * px for c in loss.at)
+    x, y = seen.target.to_picture(loss.at)
     need = 0.5 * loss.thickness / seen.px_per_mm
     return (
         f"{loss.extent * scale:.1f} mm ({loss.extent * px:.0f} px) long and "
@@ -94,7 +94,7 @@ def list_figures(found: Survey) -> dict[str, Any]:
                 "tube_radius_mm": radius,
                 "lost": [
                     {
-                        "at_px": [round(c * seen.target.shrunk, 1) for c in loss.at],
+                        "at_px": [round(c, 1) for c in seen.target.to_picture(loss.at)],
                         "length_px": round(loss.extent * seen.target.shrunk, 1),
                         "thickness_px": round(loss.thickness * seen.target.shrunk, 1),
                         "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),

@@ -11,9 +11,8 @@ from knotfab.scene.model import Region, ResolvedView, View
 
 __all__ = ["VERIFIED_PX", "Camera", "camera_of", "view_axes"]
 
-VERIFIED_PX = (
-    1024  # on the longer side of a frame: where shadows are verified and magnitudes are told
-)
+# on the longer side of a frame: where shadows are verified and magnitudes are told
+VERIFIED_PX = 1024
 
 
 @dataclass(frozen=True)

@@ -93,10 +93,17 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     state.points, state.rings = best.points, rings
     state.log.accepted += best.steps
     state.log.add_margin(best.least_margin)
-    state.log.template += (
-        f"; carried along the invertible network in {best.steps} steps, with {doublings} doublings of its "
-        "samples" + ("" if best.reached == 1.0 else f", {best.reached:.1%} of the way")
-    )
+    state.log.template += f"; {_describe(best, doublings)}"
+
+
+def _describe(way: Carried, doublings: int) -> str:
+    """How far the start was carried along the network, in words."""
+    if way.reached == 0.0:
+        return "not carried along the invertible network: no step of it could be certified"
+    percent = np.floor(1000 * way.reached) / 10  # what is not all of it is never told as all
+    far = "" if way.reached == 1.0 else f", {percent:.1f}% of the way"
+    said = f"carried along the invertible network in {way.steps} steps, with"
+    return f"{said} {doublings} doublings of its samples{far}"
 
 
 def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | None) -> Parameters:

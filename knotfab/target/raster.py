@@ -30,6 +30,7 @@ __all__ = [
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
 _GLANCE = 1280  # px of a longer side that tell what a tube makes of a picture; a verdict takes 1024
+_LEAST = 200  # px of a shorter side that are left at a glance
 MARGIN = 0.06  # clear space about a drawing in parts of the frame's longer side
 
 # What Pillow calls each format that is read, and the suffixes its files carry, the usual one first.
@@ -115,7 +116,7 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
 def shrink_factor(image: Image.Image) -> int:
     """How many px across may become one where a picture is only glanced at."""
     deep = image.mode.startswith(("I", "F"))  # which Pillow does not reduce
-    return 1 if deep else -(-max(image.size) // _GLANCE)
+    return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
 
 
 def shrink(image: Image.Image, factor: int) -> Image.Image:
@@ -131,7 +132,9 @@ def count_frames(data: bytes) -> int:
         return int(getattr(image, "n_frames", 1))
 
 
-def silhouette(image: Image.Image, what: str, reading: Reading) -> tuple[Mask, str, Box | None]:
+def silhouette(
+    image: Image.Image, what: str, reading: Reading, shrunk: int = 1
+) -> tuple[Mask, str, Box | None]:
     """The silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
     Cropped first; then the ink, inverted where that is asked for, its largest pieces, without specks.
@@ -139,6 +142,7 @@ def silhouette(image: Image.Image, what: str, reading: Reading) -> tuple[Mask, s
     Args:
         image: upright, as `decode` gives it.
         what: how an error names the picture.
+        shrunk: so many px of the picture, across, are one of `image`; `reading` is in px of the picture.
 
     Returns:
         (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in words;
@@ -157,7 +161,7 @@ def silhouette(image: Image.Image, what: str, reading: Reading) -> tuple[Mask, s
     if reading.invert:
         mask, rule = ~mask, f"all but {rule}"
     if reading.speck_px:
-        mask = drop_specks(mask, reading.speck_px)
+        mask = drop_specks(mask, round(reading.speck_px / shrunk**2))
         rule += f"; without specks of less than {reading.speck_px} px"
     if reading.keep_largest:
         mask = keep_largest(mask, reading.keep_largest)

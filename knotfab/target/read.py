@@ -57,6 +57,11 @@ class Target:
     flattened_s: float | None = None
     shrunk: int = 1
 
+    def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
+        """The px of the picture, whose centres are whole numbers, at one of the masks."""
+        x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
+        return x, y
+
     @property
     def judged(self) -> NDArray[np.bool_]:
         """The silhouette by which a shadow is judged."""
@@ -204,18 +209,13 @@ def _take_target(
     shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
     if shrunk > 1:
         image = raster.shrink(image, shrunk)
-        keys = {
-            "speck_px": round(reading.speck_px / shrunk**2),
-            "smooth_px": reading.smooth_px / shrunk,
-        }
-        reading = reading.model_copy(update=keys)
-    mask, rule, box = raster.silhouette(image, what, reading)
+    mask, rule, box = raster.silhouette(image, what, reading, shrunk)
     frames = raster.count_frames(data) if kind in _MOVING else 1
     if frames > 1:
         rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
     if reading.smooth_px:
-        original, mask = mask, smooth(mask, reading.smooth_px)
+        original, mask = mask, smooth(mask, reading.smooth_px / shrunk)
         raster.check_shape(mask, f"{what}, smoothed,")
         rule += f"; drawn smoothed by {reading.smooth_px:g} px"
     height, width = mask.shape

@@ -18,7 +18,7 @@ from knotfab.preview.draw import draw_survey
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Piece, Printer, Scene, View
+from knotfab.scene.model import Piece, Printer, Reading, Scene, View
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import trace_polygon
@@ -220,3 +220,30 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
         assert glanced[key] == pytest.approx(whole[key], abs=3)
     for key in ("length_mm", "thickness_mm", "needed_radius_mm"):
         assert glanced[key] == pytest.approx(whole[key], abs=0.25)
+
+
+def test_a_glance_tells_places_and_rules_in_the_pictures_own_px(tmp_path: Path) -> None:
+    dots = np.zeros((2000, 4000), dtype=bool)
+    dots[400:1600, 400:3600] = True
+    dots[100:106, 100:106], dots[100:112, 200:212] = True, True  # 36 px, less than asked for; 144
+    Image.fromarray(~dots).convert("L").save(tmp_path / "large.png")
+    reading = Reading(speck_px=40, smooth_px=3.0)
+    whole, glanced = (
+        read_target(tmp_path / "large.png", reading, glance=glance) for glance in (False, True)
+    )
+    assert glanced.shrunk == 4 and glanced.rule == whole.rule
+    assert "less than 40 px" in whole.rule and "smoothed by 3 px" in whole.rule
+    assert glanced.original is not None and whole.original is not None
+    assert not glanced.original[:60, :40].any() and glanced.original[:60, 40:60].any()
+    rows, columns = np.nonzero(glanced.original)
+    middle = glanced.to_picture((columns.max(), rows.max()))
+    # of the last four px across that one is in the middle
+    assert middle == (3599 - 1.5, 1599 - 1.5) and whole.to_picture((7, 9)) == (7, 9)
+
+
+def test_a_glance_leaves_thin_strips_as_thick_as_they_are(tmp_path: Path) -> None:
+    for height, left in ((16, 16), (500, 250)):
+        strip = np.full((height, 8000), 255, dtype=np.uint8)
+        strip[height // 4 : height // 2, 400:3000] = 0
+        Image.fromarray(strip).save(tmp_path / "strip.png")
+        assert len(read_target(tmp_path / "strip.png", glance=True).mask) == left

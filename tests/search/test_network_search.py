@@ -231,9 +231,24 @@ def test_what_cannot_be_carried_all_the_way_stays_where_it_is_certified(
     if share > 0:
         assert "70.0% of the way" in result.log.template
     else:  # nothing could be carried: the start, whose type is known
-        assert "0.0% of the way" in result.log.template
+        assert "no step of it could be certified" in result.log.template
     # repairs would carry all that proved nothing
     assert sum(len(k.points) for k in result.knots.knots) <= 2 * counts[0]
+
+
+@pytest.mark.parametrize(
+    ("reached", "told"),
+    [
+        (1.0, "its samples"),
+        (0.9996, "99.9% of the way"),
+        (0.7, "70.0% of the way"),
+        (0.0, "certified"),
+    ],
+)
+def test_what_is_not_all_of_the_way_is_not_told_as_all(reached: float, told: str) -> None:
+    way = Carried(np.zeros((3, 3)), reached, 12 if reached else 0, 3, 0.1)
+    said = network_search._describe(way, 1)
+    assert said.endswith(told) and ("in 12 steps" in said) == (reached > 0)
 
 
 def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,7 +104,7 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
     assert seen.shape == (round(1024 * 780 / 900), 1024)
     assert (folder / "compare-front.png").exists()
     (polygons,) = exact.views  # which give the same numbers as what is rendered
-    for key in ("iou", "precision", "recall"):
+    for key in ("iou", "precision", "recall", "legibility"):
         assert view[key] == pytest.approx(polygons[key], abs=2e-4)
 
 
@@ -159,7 +159,14 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
     (check,) = (c for c in verdict.checks if c.name == "shadow")
     assert check.status == "skipped" and "apt-get install libegl1 libgl1" in check.detail
     assert exact.exit_code == 0 and status(exact)["shadow"] == "pass"
-    assert exact.views[0]["legibility"] == {}
+
+
+def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
+    scene = (folder / "scene.toml").read_text()
+    effects = '[effects]\npenumbra = "on"\nmisplacement = "on"\n'
+    (folder / "scene.toml").write_text(scene + effects)
+    (view,) = run(folder, skip=["shadow-render"], only="shadows").views
+    assert view["penumbra"]["iou"] > 0.97 and 0.9 < view["misplacement"]["iou"] < 1.0
 
 
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from validator_parts import Array
 
 from knotfab_validators.geometry.segments import nearest_on_two, point_segment, segment_segment
+from knotfab_validators.geometry.triangle_loops import _from_segment, _nearest_parameters
 
 
 def rows(*points: tuple[float, ...]) -> list[Array]:
@@ -42,3 +43,16 @@ def test_segments_that_cross_at_a_small_angle_meet(angle: float) -> None:
     assert segment_segment(a, b, c, d)[0] < 1e-15 / angle
     above = [p + [0, 0, 0.5] for p in (c, d)]
     assert segment_segment(a, b, *above)[0] == pytest.approx(0.5, rel=1e-12)
+
+
+def test_the_compiled_loops_of_triangles_have_the_same_distances() -> None:
+    points = np.random.default_rng(4).normal(size=(4, 200, 3))
+    points[1, :20], points[3, 10:30] = points[0, :20], points[2, 10:30]  # without length
+    a, b, c, d = points
+    p, q = nearest_on_two(a, b, c, d)
+    far = point_segment(c, a, b)
+    for k, (u, v, w) in enumerate(zip(b - a, d - c, c - a, strict=True)):
+        s, t = _nearest_parameters(tuple(u), tuple(v), tuple(w))
+        np.testing.assert_allclose([a[k] + s * u, c[k] + t * v], [p[k], q[k]], atol=1e-12)
+        found = _from_segment(tuple(c[k]), tuple(a[k]), tuple(b[k]))
+        assert found == pytest.approx(far[k], abs=1e-12)

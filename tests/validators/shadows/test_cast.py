@@ -9,10 +9,11 @@ import pytest
 from small_views import needs_rendering
 from validator_parts import PlainView, tangle, trefoil, tube
 
+from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.exact_shadow import ShadowError, shadow_lines, shadow_mask
 from knotfab_validators.shadows.render import SilhouetteRenderer
-from knotfab_validators.shadows.view import view_geometry
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 
 def test_it_casts_the_exact_shadow_of_every_light_and_of_what_crosses_the_wall() -> None:
@@ -40,12 +41,35 @@ def test_it_draws_what_the_renderer_draws(behind: bool) -> None:
     assert behind == (cast.sum() > ShadowCaster(vertices, faces).render(g).sum())
 
 
-def test_what_reaches_the_light_has_no_exact_shadow_and_is_clipped_in_a_picture() -> None:
-    vertices, faces = tube(trefoil(), 3.0, 12)
-    g = view_geometry(PlainView(light_distance_mm=200.0), 64, 64)
-    behind = vertices + [0.0, 0.0, 400.0]
-    both = np.concatenate([vertices, behind]), np.concatenate([faces, faces + len(vertices)])
+def met_by_rays(g: ViewGeometry, corners: Array) -> Mask:
+    """Which pixels' rays, from the receiver to the light, meet one of the triangles (m, 3, 3): all by all."""
+    v, u = np.mgrid[: g.height, : g.width]
+    at = g.on_receiver(np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    met = np.zeros(len(at), dtype=bool)
+    for a, b, c in corners:
+        way = np.broadcast_to(g.light - at, at.shape)
+        system = np.stack([-way, np.broadcast_to(b - a, at.shape), (c - a) + 0 * at], axis=2)
+        t, p, q = np.linalg.solve(system, (at - a)[:, :, None])[:, :, 0].T
+        met |= (t > 0) & (t < 1) & (p >= 0) & (q >= 0) & (p + q <= 1)
+    return met.reshape(g.height, g.width)
+
+
+def test_faces_across_the_light_and_the_wall_are_cut_there() -> None:
+    """And those that are whole before the wall are sorted once for all lights."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform([-40, -40, -90], [40, 40, 60], (12, 3, 3))
+    corners[:4, 0, 2], corners[4:8, 0, 2] = 300.0, -150.0  # behind the light; behind the wall
+    corners[0, 1, 2] = 250.0
+    caster = ShadowCaster(corners.reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    g = view_geometry(PlainView(light_distance_mm=200.0), 48, 48)
     with pytest.raises(ShadowError, match="reaches the light"):
-        ShadowCaster(*both).lines(g)
-    seen = ShadowCaster(*both).render(g)
-    assert seen.any() and (seen == ShadowCaster(vertices, faces).render(g)).all()
+        caster.lines(g)
+    for light in (g.light, g.light + [15.0, -10.0, 5.0]):
+        moved = replace(g, light=light)
+        seen, table = caster.render(moved), caster._seen[1]
+        expected = met_by_rays(moved, corners)
+        np.testing.assert_array_equal(seen, expected)
+        assert (expected & ~met_by_rays(moved, corners[4:])).sum() > 50
+        assert (expected & ~met_by_rays(moved, np.delete(corners, range(4, 8), 0))).sum() > 50
+        caster.render(replace(moved, light=light + 1.0))
+        assert caster._seen[1] is table and len(table.faces) == 4

@@ -33,6 +33,10 @@ class ShadowCaster(Renderer):
         super().__init__(vertices)
         self._faces = np.asarray(faces, dtype=np.int64)
         self._table = EdgeTable(self._faces, len(vertices))
+        self._seen = (
+            np.ones(len(self._faces), dtype=bool),
+            self._table,
+        )  # the faces of the last picture
 
     def lines(self, geometry: ViewGeometry) -> Linework:
         """`shadow_lines` of the mesh.
@@ -43,15 +47,30 @@ class ShadowCaster(Renderer):
         return shadow_lines(self._vertices, self._faces, geometry, self._table)
 
     def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
-        h, faces, table = geometry.lift(self._vertices), self._faces, self._table
+        h, faces = geometry.lift(self._vertices), self._faces
         limit = np.inf if behind else geometry.w_of_receiver
-        far = h[:, 2] >= NEAREST  # what is nearer to the light is clipped away, as by a camera
-        if not far.all():
-            faces = faces[far[faces].all(axis=1)]
-        cut = cut_before(h, faces, limit)
-        if cut is not None:
-            h, faces = cut
-        if faces is not self._faces:
-            table = EdgeTable(faces, len(h))
-        lines = table.find_silhouette(on_page(h))
+        seen = (h[:, 2] > NEAREST) & (h[:, 2] < limit)
+        whole = np.asarray(seen[faces].all(axis=1))
+        lines = self._find_table(whole).find_silhouette(on_page(h))
+        if not whole.all():  # winding numbers add up, and the edges between the two cancel
+            pieces = faces[~whole]
+            # what is nearer to the light is clipped away, as by a camera
+            for sign, bound in ((-1.0, -NEAREST), (1.0, limit)):
+                turned = h * [1.0, 1.0, sign]
+                turned, pieces = cut_before(turned, pieces, bound) or (turned, pieces)
+                h = turned * [1.0, 1.0, sign]
+            cut = EdgeTable(pieces, len(h)).find_silhouette(on_page(h))
+            lines = Linework(
+                np.concatenate([lines.start, cut.start]),
+                np.concatenate([lines.end, cut.end]),
+                np.concatenate([lines.weight, cut.weight]),
+            )
         return np.asarray(winding_raster(lines, geometry.width, geometry.height) != 0)
+
+    def _find_table(self, whole: Mask) -> EdgeTable:
+        """The table of the faces that are seen whole: one for all places of the light before a receiver."""
+        known, table = self._seen
+        if not np.array_equal(known, whole):
+            table = EdgeTable(self._faces[whole], len(self._vertices))
+            self._seen = whole, table
+        return table

@@ -66,6 +66,7 @@ def verify_shadows(
     vertices = move_points(mesh.vertices, pose)
     polygons = [move_points(p, pose) for p in curves.polygons] if curves is not None else None
     radius = curves.radius_mm if curves is not None else None
+    caster = ShadowCaster(vertices, mesh.faces)
     renderer, why = None, "left out on request"
     if SKIP_RENDER not in skip:
         with time_stage(seconds, "renderer"):
@@ -73,7 +74,6 @@ def verify_shadows(
                 renderer = SilhouetteRenderer(vertices, mesh.faces)
             except CannotRender as error:
                 why = str(error)
-    caster = ShadowCaster(vertices, mesh.faces)
     verified: dict[str, VerifiedView] = {}
     recognised: dict[str, dict[str, Any]] = {}
     drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
@@ -131,7 +131,7 @@ def verify_shadows(
                 recognised[view.name] = judged.to_dict()
             soft = None
             fine = geometry.resample(found.frame)
-            if renderer is not None and averages_lamp(scene.effects, vertices, fine, view):
+            if averages_lamp(scene.effects, vertices, fine, view):
                 with time_stage(seconds, "penumbra"):
                     soft = measure_penumbra(
                         caster,
@@ -157,7 +157,7 @@ def verify_shadows(
             turns = scene.mount.kind != "wall"
             middle = _middle(points)
             parting = parting_px(points, middle, fine, scene.placing, turns=turns)
-            if renderer is not None and moves_apart(scene.effects, parting):
+            if moves_apart(scene.effects, parting):
                 with time_stage(seconds, "misplacement"):
                     coarse = working_frame(target.shape[1], target.shape[0], MISPLACED_PX)
                     within = None
@@ -253,7 +253,7 @@ def _report(
         "outline_stretch_px": found.wrong.length_px,
         "outline_stretch_mm": found.wrong.length_px * fine_mm,
         "outline_stretch_off_px": found.wrong.off_px,
-        "legibility": found.legibility or {},
+        "legibility": found.legibility,
         "depth_ratio": depth,
     }
 

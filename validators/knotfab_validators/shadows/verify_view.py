@@ -56,7 +56,7 @@ class VerifiedView:
     outline_vertex: int | None
     wrong: WrongStretch
     intrusion: float | None
-    legibility: dict[str, float] | None
+    legibility: dict[str, float]
     seen: Mask
     of_tube: Mask
     tube_px: float | None
@@ -128,7 +128,7 @@ def verify_view(
         outline_vertex=None,
         wrong=find_wrong_stretch(exact if rendered is None else rendered, wanted),
         intrusion=None,
-        legibility=None,
+        legibility=_legibility(caster, vertices, faces, geometry, target),
         seen=exact if rendered is None else rendered,
         of_tube=exact if rendered is None else rendered,
         tube_px=None,
@@ -162,8 +162,6 @@ def verify_view(
             intrusion=_share_of_frame(shadow & ~field.mask & ~wanted, frame) if mounted else 0.0,
             tube_px=radius / middle / fine.pixel_mm,
         )
-    if renderer is not None:
-        result = replace(result, legibility=_legibility(caster, vertices, faces, geometry, target))
     return result
 
 
