@@ -173,7 +173,8 @@ def test_a_polygon_too_coarse_for_the_map_is_refused_until_it_is_refined() -> No
 
 @pytest.mark.slow
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
-    result, _, seen = _search(problem, QUICK)
+    longer = QUICK.model_copy(update={"network_iterations": 100})
+    result, _, seen = _search(problem, longer)
     assert result.log.certified
     assert result.log.accepted > 3
     assert "invertible network" in result.log.template
