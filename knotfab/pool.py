@@ -156,11 +156,20 @@ class Workers(Pool):
 
     def lend(self) -> subprocess.Popen[str]:
         """A process for the `Workers` of one that is forked now; this one asks it nothing meanwhile."""
+        taken = self._take()
+        self._free.put(taken)
+        return taken[0]
+
+    def _take(self) -> tuple[subprocess.Popen[str], IO[bytes] | None]:
+        """One that is free; an own one that ended is replaced, unless all of them are to end."""
         process, said = self._free.get()
-        if process.poll() is not None:
-            process, said = self._begin()
-        self._free.put((process, said))
-        return process
+        try:
+            if said is not None and process.poll() is not None and not self.ended.is_set():
+                return self._begin()
+        except OSError:
+            self._free.put((process, said))
+            raise
+        return process, said
 
     def _begin(self) -> tuple[subprocess.Popen[str], IO[bytes]]:
         """Start a process; what it writes to standard error is in the file beside it."""
@@ -195,22 +204,20 @@ class Workers(Pool):
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Hand over a request, and wait for a free process and its answer."""
-        process, said = self._free.get()
+        process, said = self._take()
         try:
-            answer = _ask(process, request) if said is None else None
+            answer = _ask(process, request)
+            if answer is None and said is None and not self.ended.is_set():
+                process, said = self._begin()
+                answer = _ask(process, request)
             if answer is not None:
                 return answer
-            if not self.ended.is_set() and (said is None or process.poll() is not None):
-                process, said = self._begin()
-            if said is None:
+            if said is None:  # `__exit__` ended it
                 raise Crash(-signal.SIGTERM, "")
-            answer = _ask(process, request)
-            if answer is None:
-                code = process.wait()
-                said.seek(0)
-                lines = said.read().decode("utf-8", "replace").strip().splitlines()
-                raise Crash(code, (lines or [""])[-1].strip())
-            return answer
+            code = process.wait()
+            said.seek(0)
+            lines = said.read().decode("utf-8", "replace").strip().splitlines()
+            raise Crash(code, (lines or [""])[-1].strip())
         finally:
             self._free.put((process, said))
 

@@ -33,8 +33,9 @@ def add_next_step(report: Record) -> None:
     """
     settings, views = report["settings"], report["views"]
     # a stand outside the picture is not what a better search would draw better
-    ious = [next((view[k] for k in _IOUS if view.get(k) is not None), None) for view in views]
-    if settings.get("time_budget_s") is not None or not ious or None in ious:
+    found = (next((view[k] for k in _IOUS if view.get(k) is not None), None) for view in views)
+    ious = [iou for iou in found if iou is not None]
+    if settings.get("time_budget_s") is not None or not ious or len(ious) < len(views):
         return
     study = _study()
     names = [step["accuracy"] for step in study["steps"]]
@@ -44,9 +45,7 @@ def add_next_step(report: Record) -> None:
         return
     here = names.index(settings["accuracy"])
     own, better = study["steps"][here], study["steps"][here + 1]
-    gain = (1.0 - min(iou for iou in ious if iou is not None)) * (
-        1.0 - better["error"] / own["error"]
-    )
+    gain = (1.0 - min(ious)) * (1.0 - better["error"] / own["error"])
     more = sum(
         report["timings"].get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()

@@ -32,9 +32,8 @@ def read_version(program: str) -> tuple[int, int] | None:
     """Its version's first two numbers, as it says them itself; None where it does not."""
     quiet = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     try:
-        with tempfile.TemporaryDirectory(
-            ignore_cleanup_errors=True
-        ) as home:  # where it keeps things
+        # where it keeps things
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
             said = subprocess.run(
                 [program, "--help"],
                 capture_output=True,

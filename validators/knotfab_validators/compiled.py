@@ -31,9 +31,8 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
 def _save_if_possible(loop: Any) -> None:
     """A disk that is full keeps nobody from running what is compiled already; numba's own cache raises."""
-    cache = getattr(
-        loop, "_cache", None
-    )  # none where NUMBA_DISABLE_JIT leaves the function as it is
+    # none where NUMBA_DISABLE_JIT leaves the function as it is
+    cache = getattr(loop, "_cache", None)
     if cache is None:
         return
     save = cache.save_overload

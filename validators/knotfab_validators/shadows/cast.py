@@ -33,10 +33,8 @@ class ShadowCaster(Renderer):
         super().__init__(vertices)
         self._faces = np.asarray(faces, dtype=np.int64)
         self._table = EdgeTable(self._faces, len(vertices))
-        self._seen = (
-            np.ones(len(self._faces), dtype=bool),
-            self._table,
-        )  # the faces of the last picture
+        # the faces of the last picture
+        self._seen = np.ones(len(self._faces), dtype=bool), self._table
 
     def lines(self, geometry: ViewGeometry) -> Linework:
         """`shadow_lines` of the mesh.

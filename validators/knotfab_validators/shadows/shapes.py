@@ -13,6 +13,7 @@ from knotfab_validators.shadows.distance import depth_in
 from knotfab_validators.shadows.topology import (
     Change,
     crop_to_ink,
+    find_widest,
     label_regions,
     shift_change,
 )
@@ -78,14 +79,12 @@ def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shap
         rows = slice(max(top - margin, 0), bottom + margin)
         window = rows, slice(max(left - margin, 0), right + margin)
         own = labels[window] == number
-        depth = depth_in(np.pad(own, 1))[1:-1, 1:-1]
-        if depth.max() <= 2 * reach:
+        (u, v), width = find_widest(own)
+        if width <= 4 * reach - 1:  # between the middles of its outermost pixels
             continue
         around = (nearest[window] == number) & (away[window] <= AROUND * reach)
         drawn = has[window] & around
         off = (drawn & (away[window] > reach)) | (own & (missing[window] > reach))
-        v, u = np.unravel_index(int(depth.argmax()), depth.shape)
-        where = float(u + window[1].start), float(v + window[0].start)
-        width = 2 * float(depth.max()) - 1
+        where = u + window[1].start, v + window[0].start
         likeness = 1 - float(off.sum()) / float((drawn | own).sum())
         yield Shape("shape", where, width, box, of, likeness)

@@ -18,6 +18,7 @@ __all__ = [
     "close_slits",
     "crop_to_ink",
     "find_changes",
+    "find_widest",
     "label_regions",
     "list_pieces",
     "shift_change",
@@ -142,6 +143,13 @@ def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
     return [(left - 1, top - 1, right - 1, bottom - 1) for left, top, right, bottom in boxes]
 
 
+def find_widest(region: Mask) -> tuple[tuple[float, float], float]:
+    """The middle (u, v) of the widest disc that a region (H, W) holds, and how wide that is; pixels."""
+    depth = depth_in(np.pad(region, 1))[1:-1, 1:-1]
+    v, u = np.unravel_index(int(depth.argmax()), depth.shape)
+    return (float(u), float(v)), 2 * float(depth.max()) - 1
+
+
 def _grow(mask: Mask, reach: float) -> Mask:
     grown: Mask = depth_in(~mask) <= reach
     return grown
@@ -188,10 +196,8 @@ def _lost(kind: Kind, regions: Mask, kept: Mask, reach: float) -> Iterator[Chang
     for number, (left, top, right, bottom) in found:
         inside = labels[top:bottom, left:right] == number
         if kept[top:bottom, left:right][inside].mean() < COVERED:
-            depth = depth_in(np.pad(inside, 1))[1:-1, 1:-1]
-            v, u = np.unravel_index(int(depth.argmax()), depth.shape)
-            width = 2 * float(depth.max()) - 1
-            yield Change(kind, (float(u + left), float(v + top)), width, (left, top, right, bottom))
+            (u, v), width = find_widest(inside)
+            yield Change(kind, (u + left, v + top), width, (left, top, right, bottom))
 
 
 def _only_seen(
