@@ -1,4 +1,4 @@
-"""How far a scalar function is off on a hard case: single precision, both gradients, one-sided slopes."""
+"""How far a scalar function is off on a hard case: its precision, both gradients, one-sided slopes."""
 
 from __future__ import annotations
 
@@ -18,17 +18,26 @@ class Found:
     """What is measured; `condition` is relative: sum |df/dx| |x| over |f|."""
 
     condition: float
-    error: float  # of single precision, over |f| (absolute where f is 0 but for rounding)
-    share: float  # of 16 epsilons times condition
+    error: float  # of its precision, over |f| (absolute where f is 0 but for rounding)
+    share: float  # of 16 of its epsilons times condition
     double: float  # gradient against central differences, relative
     single: float  # single precision's gradient against it, relative
     finite: bool
 
 
 def value_error(case: ValueCase) -> Found:
-    """Single against double precision, both gradients, all that must be finite."""
+    """Single against double precision, both gradients, all that must be finite.
+
+    What is only ever worked out in double precision is held against its definition in a longer one.
+    """
     value, slopes = _slopes(case, case.inputs)
-    rough, rough_slopes = _slopes(case, tuple(x.float() for x in case.inputs))
+    if case.oracle is None:
+        rough, rough_slopes = _slopes(case, tuple(x.float() for x in case.inputs))
+        epsilon = torch.finfo(torch.float32).eps
+    else:
+        exact = case.oracle(case.inputs[0].numpy().astype(np.longdouble))
+        rough, rough_slopes = torch.tensor(float(exact), dtype=torch.float64), slopes
+        epsilon = torch.finfo(torch.float64).eps
     finite = all(bool(x.isfinite().all()) for x in (value, rough, *slopes, *rough_slopes))
     generator = torch.Generator().manual_seed(1)
     size = sum(float((s.abs() * x.abs()).sum()) for s, x in zip(slopes, case.inputs, strict=True))
@@ -45,7 +54,7 @@ def value_error(case: ValueCase) -> Found:
     away = abs(float(rough) - here)
     # a value that is all rounding has no relative error
     scale = abs(here) if abs(here) > 1e-12 * size else 1.0
-    share = away / max(EPSILONS * torch.finfo(torch.float32).eps * total, 1e-300)
+    share = away / max(EPSILONS * epsilon * total, 1e-300)
     off = sum(
         float((r.double() - s).square().sum()) for r, s in zip(rough_slopes, slopes, strict=True)
     )
@@ -101,6 +110,8 @@ def slope_excess(case: ValueCase, dtype: torch.dtype, step: float = 1e-6) -> flo
     A subgradient's slope along v lies between f'(x; v) and -f'(x; -v), whichever is larger. The
     directions: all points anywhere, and each point alone, anywhere and along its own gradient.
     """
+    if case.oracle is not None:
+        dtype = torch.float64  # there is no other
     _, found = _slopes(case, tuple(x.to(dtype) for x in case.inputs))
     slopes = [g.double() for g in found]
     generator = torch.Generator().manual_seed(4)

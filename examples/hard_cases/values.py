@@ -21,6 +21,7 @@ from examples.paper.losses import (
     occupancy_loss,
     squared_curvature,
 )
+from knotfab.arrays import Array
 from knotfab.limits.region import outside
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import CouplingNetwork
@@ -36,7 +37,8 @@ class ValueCase:
     """`f` of `inputs` (float64), a scalar. The first input's rows are points.
 
     `smooth`: differentiable there. `jumps`: the value itself jumps there, so that it has no slopes.
-    `move`: of a network, where it takes points [..., 3] of order `size`.
+    `move`: of a network, where it takes points [..., 3] of order `size`. `oracle`: the definition, in numpy,
+    of what is only ever worked out in double precision; its points are of a longer one.
     """
 
     name: str
@@ -47,6 +49,7 @@ class ValueCase:
     jumps: bool = False
     move: Callable[[Tensor], Tensor] | None = None
     size: float = 1.0
+    oracle: Callable[[Array], float] | None = None
 
 
 def _knots(points: np.ndarray) -> tuple[Tensor]:

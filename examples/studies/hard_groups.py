@@ -1,4 +1,4 @@
-"""The catalogue's other groups as tables: large images, losses, network, flow, geometry, scenes."""
+"""The catalogue's other groups as tables: images, losses, network, flow, geometry, light, strokes, scenes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from matplotlib.axes import Axes
 
 from examples.hard_cases.curves import circle, hard_knots
 from examples.hard_cases.isotopy import fuzz
+from examples.hard_cases.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
 from examples.hard_cases.measure import FORMS, image, sampled_error
 from examples.hard_cases.pictures import hard_pictures
 from examples.hard_cases.rendering import RenderCase, large_cases
+from examples.hard_cases.strokes import stroke_cases, trace
+from examples.hard_cases.terms import term_cases
 from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
 from examples.measurement import Stopwatch
@@ -28,6 +31,7 @@ from examples.studies.hard_sheets import (
     draw_loss,
     draw_map,
     draw_outline,
+    draw_rays,
     draw_shadow,
     draw_tube,
 )
@@ -105,7 +109,7 @@ def _draw_small(place: Axes, case: RenderCase) -> None:
 
 
 def _losses() -> Iterator[Line]:
-    return map(_value, loss_cases())
+    return map(_value, (*loss_cases(), *term_cases()))
 
 
 def _network() -> Iterator[Line]:
@@ -158,6 +162,38 @@ def _geometry() -> Iterator[Line]:
         yield Line(case.name, case.why, (f"{pieces} pieces, {corners} corners", said), good, draw)
 
 
+def _light() -> Iterator[Line]:
+    for case in wall_cases():
+        error, share = wall_shares(case)
+        cells = (f"off by {error:.0e} mm", f"{share:.3f}")
+        yield Line(case.name, case.why, cells, share <= 1, partial(_draw_wall, case=case))
+    for lamp in lamp_cases():
+        true, claimed = lamp.true(), lamp.claimed()
+        cells = (f"blur {true:.3g} mm", f"{true / claimed:.4f}")
+        yield Line(lamp.name, lamp.why, cells, true <= claimed, partial(_draw_lamp, case=lamp))
+
+
+def _draw_wall(place: Axes, case: WallCase) -> None:
+    arcs = np.linspace(-case.reach, case.reach, 65)
+    standing, _ = case.wall.stand(np.column_stack([arcs, 0 * arcs]))
+    flat = case.wall.flatten(np.column_stack([arcs, 0 * arcs]))[:, 0]
+    draw_rays(place, (0.0, case.high), standing[:, ::2], np.column_stack([flat, 0 * flat]))
+
+
+def _draw_lamp(place: Axes, case: LampCase) -> None:
+    side, far, low = float(np.hypot(*case.at[:2])), case.far_mm, case.at[2]
+    ends = np.array([[side * (far + 100) / (far - low), -100.0]])
+    draw_rays(place, (0.0, far), np.array([[side, low]]), ends, case.lamp_mm)
+
+
+def _strokes() -> Iterator[Line]:
+    for case in stroke_cases():
+        found = trace(case)
+        cells = (str(len(found.lines)), f"{found.strays:.2f}", f"{found.missed:.1%}")
+        draw = partial(draw_outline, mask=case.draw(), curves=found.lines, closed=False)
+        yield Line(case.name, case.why, cells, found.good, draw)
+
+
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "room enough": ("none: what the others are held against", {}),
     "length budget": ("an eighth of what is needed", {"material": {"max_length_mm": 250.0}}),
@@ -206,6 +242,8 @@ GROUPS = {
     "Network": (("case", "condition", "single", "share", "gradient"), _network),
     "Flow": (("case", "steps", "accepted", "would cross", "crossed"), _flow),
     "Geometry": (("case", "size", "error or result"), _geometry),
+    "Light": (("case", "size", "share"), _light),
+    "Strokes": (("case", "lines", "strays, half widths", "ink missed"), _strokes),
     "Scenes that cannot be met": (
         ("case", "the piece", "IoU", "what binds", "IoU without it"),
         _scenes,

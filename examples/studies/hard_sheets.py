@@ -11,7 +11,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
@@ -132,14 +132,29 @@ def draw_tube(place: Axes, points: Array, radius: float) -> None:
     place.imshow(image.numpy(), cmap="gray", vmin=0, vmax=1)
 
 
-def draw_outline(place: Axes, mask: NDArray[np.bool_], curves: Sequence[Array]) -> None:
-    """A silhouette (H, W) in its frame, and the curves (n, 2) that fill it, in pixels."""
+def draw_outline(
+    place: Axes, mask: NDArray[np.bool_], curves: Sequence[Array], closed: bool = True
+) -> None:
+    """A silhouette (H, W) in its frame, and the curves (n, 2) that fill it or run along it, in pixels."""
     place.imshow(np.where(mask, 0.75, 1.0), cmap="gray", vmin=0, vmax=1)
     height, width = mask.shape
     frame = Rectangle((-0.5, -0.5), width, height, fc="none", ec=PALE, lw=0.8, clip_on=False)
     place.add_patch(frame)
-    closed = [np.concatenate([c, c[:1]]) for c in curves]
-    place.add_collection(LineCollection(closed, colors=WARM, linewidths=0.7))
+    drawn = [np.concatenate([c, c[:1]]) for c in curves] if closed else curves
+    place.add_collection(LineCollection(drawn, colors=WARM, linewidths=0.7))
+
+
+def draw_rays(
+    place: Axes, light: tuple[float, float], on: Array, to: Array, lamp_mm: float = 0.0
+) -> None:
+    """From aside: a light, what its rays meet at `on` (n, 2), and where they end on a flat wall, (n, 2)."""
+    place.plot(*on.T, "o-", color=INK, lw=1.0, ms=1.5)
+    place.plot(*to.T, "o-", color=PALE, lw=1.0, ms=1.5)
+    rays = [np.array([light, end]) for end in to[:: max(1, len(to) // 8)]]
+    place.add_collection(LineCollection(rays, colors=WARM, linewidths=0.4))
+    place.add_patch(Circle(light, max(0.5 * lamp_mm, 0.02 * light[1]), color=WARM))
+    place.margins(0.1)
+    place.set_aspect("equal", "datalim")
 
 
 def draw_shadow(place: Axes, target: NDArray[np.bool_], shadow: Array) -> None:

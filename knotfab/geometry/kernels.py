@@ -312,6 +312,8 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
         e = _minus(_row(points, last), _row(points, middle))
         one, two = math.sqrt(_dot(d, d)), math.sqrt(_dot(e, e))
         cosine, product, shorter = _dot(d, e), one * two, min(one, two)
+        if product == 0:  # an edge without length turns by no angle
+            continue
         open_ = product + cosine > _FOLDED * product
         folded = product + cosine if open_ else _FOLDED * product
         ratio = (product - cosine) / folded
@@ -322,7 +324,7 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
             slope = 2 * hinge * radius
             # with respect to the product, the cosine and the shorter edge
             by_ratio = slope / (shorter * root) / folded if ratio >= _LEAST_SQUARE else 0.0
-            by_product = by_ratio * (1 - ratio) if open_ else by_ratio
+            by_product = by_ratio * (1 - ratio * (1 if open_ else _FOLDED))
             by_cosine = -by_ratio * (1 + ratio) if open_ else -by_ratio
             by_shorter = -slope * 2 * root / (shorter * shorter)
             by_one = by_product * two + (by_shorter if one < two else 0.0)

@@ -48,32 +48,38 @@ class CurvedWall:
     def flatten(self, places: Array) -> Array:
         """Places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
         turn = places[:, 0] / self.radius
-        share = self.light[2] / (self.light[2] - self.radius * (1 - np.cos(turn)))
-        across = self.radius * np.sin(turn) * share
-        return np.column_stack([across, self.light[1] + (places[:, 1] - self.light[1]) * share])
+        before = self._before(turn)
+        on = before / (self.light[2] - before)
+        across = self.radius * np.sin(turn) * (1 + on)
+        return np.column_stack([across, places[:, 1] + (places[:, 1] - self.light[1]) * on])
 
     def unroll(self, flat: Array) -> Array:
         """The inverse of `flatten`; NaN where a ray passes beside a column.
 
-        A ray to (x, y) is at x t across and H (1 - t) before the flat wall, and on the circle where
-        (x² + H²) t² - 2 H (H - R) t + H (H - 2 R) = 0; of both roots the one near t = 1.
+        A ray to (x, y) is at x (1 - u) across and H u before the flat wall, and on the circle where
+        (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, for a
+        wall may be so nearly flat that they cancel.
         """
         high, radius = self.light[2], self.radius
-        square, half = flat[:, 0] ** 2 + high**2, high * (high - radius)
+        square = flat[:, 0] ** 2
         with np.errstate(invalid="ignore"):
-            root = np.sqrt(half**2 - square * high * (high - 2 * radius))
-        t = (half + np.sign(radius) * root) / square
-        across, before = flat[:, 0] * t, high * (1 - t)
+            root = np.sqrt((radius * high) ** 2 + square * high * (2 * radius - high))
+        u = square / (square + radius * high + np.sign(radius) * root)
+        across, before = flat[:, 0] * (1 - u), high * u
         arc = radius * np.arctan2(across / radius, 1 - before / radius)
-        return np.column_stack([arc, self.light[1] + (flat[:, 1] - self.light[1]) * t])
+        return np.column_stack([arc, flat[:, 1] - (flat[:, 1] - self.light[1]) * u])
 
     def stand(self, places: Array) -> tuple[Array, Array]:
         """Points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius
-        before = self.radius * (1 - np.cos(turn))
+        before = self._before(turn)
         local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
         normal = np.column_stack([-np.sin(turn), np.zeros_like(turn), np.cos(turn)])
         return self.foot + local @ self.axes, normal @ self.axes
+
+    def _before(self, turn: Array | float) -> Array:
+        """How far before the flat wall this one is, turned so far: R (1 - cos), which cancels."""
+        return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:
         """(n, 4) the planes that touch the wall where points (n, 3) cast their shadows; NaN beside it."""
@@ -117,7 +123,7 @@ class CurvedWall:
         if abs(turn) >= 0.5 * np.pi:
             return 180.0
         normal = np.array([-np.sin(turn), np.cos(turn)])
-        at = self.radius * np.array([np.sin(turn), 1 - np.cos(turn)])
+        at = np.array([self.radius * np.sin(turn), self._before(turn)])
         ray = np.array([0.0, self.light[2]]) - at
         return float(np.degrees(np.arccos(normal @ ray / np.linalg.norm(ray))))
 

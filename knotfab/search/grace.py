@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from knotfab.limits.base import State
@@ -35,8 +36,13 @@ class Grace(Term):
 
     def __call__(self, state: State, weights: Weights) -> Tensor:
         one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
-        turn = state.after / two[:, None] - state.edge / one[:, None]
-        energy = ((turn * turn).sum(-1) / (0.5 * (one + two))).sum()
+        turn = state.after / _divisor(two)[:, None] - state.edge / _divisor(one)[:, None]
+        energy = ((turn * turn).sum(-1) / _divisor(0.5 * (one + two))).sum()
         bending, stretched = self.radius_mm * energy, one.sum() / self.radius_mm
         loss: Tensor = self.weight * weights.grace * (bending + _TENSION * stretched)
         return loss
+
+
+def _divisor(lengths: Tensor) -> Tensor:
+    """Lengths, 1 where there is none: an edge without length turns by no angle that is known."""
+    return torch.where(lengths > 0, lengths, torch.ones_like(lengths))

@@ -101,7 +101,7 @@ def _chains(pixels: nx.Graph) -> nx.MultiGraph:
                 chain.append(other if one == chain[-2] else one)
             # each chain is met from both of its ends
             if (start, step) <= (chain[-1], chain[-2]):
-                graph.add_edge(start, chain[-1], points=np.array(chain, dtype=np.float64))
+                _add_line(graph, start, chain[-1], np.array(chain, dtype=np.float64))
     return graph
 
 
@@ -109,34 +109,40 @@ def _length(points: Line) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
+def _add_line(graph: nx.MultiGraph, one: Any, other: Any, points: Line) -> None:
+    graph.add_edge(one, other, points=points, length=_length(points))
+
+
 def _tidy(graph: nx.MultiGraph) -> None:
     """Drop spurs, let junctions that lie close become one, and join lines at nodes that are none."""
     while True:
+        degree = dict(graph.degree)
         short = [
-            (_length(data["points"]), one, other, key)
-            for one, other, key, data in graph.edges(keys=True, data=True)
+            (length, one, other, key)
+            for one, other, key, length in graph.edges(keys=True, data="length")
+            if length < max(_SPUR, _SHORT) * _RADIUS_PX
         ]
         spurs = [
             (length, one, other, key)
             for length, one, other, key in short
-            if length < _SPUR * _RADIUS_PX
-            and {1} < {min(graph.degree(one), 3), min(graph.degree(other), 3)}
+            if length < _SPUR * _RADIUS_PX and {1} < {min(degree[one], 3), min(degree[other], 3)}
         ]
         inner = [
             edge
             for edge in short
-            if edge[0] < _SHORT * _RADIUS_PX and min(graph.degree(n) for n in edge[1:3]) > 2
+            if edge[0] < _SHORT * _RADIUS_PX and min(degree[n] for n in edge[1:3]) > 2
         ]
         if spurs:
             _, one, other, key = min(spurs)
             graph.remove_edge(one, other, key)
             graph.remove_nodes_from([n for n in (one, other) if graph.degree(n) == 0])
         elif inner:
-            _contract(graph, *min(inner)[1:])
+            _, one, other, key = min(inner)
+            _contract(graph, one, other, key)
         else:
             break
-        _join_through(graph)
-    _join_through(graph)
+        for node in (one, other):
+            _join_through(graph, node)
 
 
 def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
@@ -147,13 +153,14 @@ def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
     graph.nodes[one]["at"] = 0.5 * (graph.nodes[one]["at"] + graph.nodes[other]["at"])
     for a, b, data in list(graph.edges(other, data=True)):
         points = data["points"] if _starts_at(data, graph, a) else data["points"][::-1]
-        graph.add_edge(one, one if b == other else b, points=points)
+        _add_line(graph, one, one if b == other else b, points)
     graph.remove_node(other)
     at = graph.nodes[one]["at"]
     for _, b, data in graph.edges(one, data=True):
         for end in (0, -1):
             if b == one or (end == 0) == _starts_at(data, graph, one):
                 data["points"][end] = at
+        data["length"] = _length(data["points"])
 
 
 def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
@@ -163,20 +170,19 @@ def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
     return bool(np.hypot(*(first - at)) <= np.hypot(*(last - at)))
 
 
-def _join_through(graph: nx.MultiGraph) -> None:
+def _join_through(graph: nx.MultiGraph, node: Any) -> None:
     """Lines that meet where no third does are one."""
-    for node in list(graph):
-        if graph.degree(node) == 0:
-            continue
-        edges = list(graph.edges(node, keys=True, data=True))
-        if graph.degree(node) != 2 or len(edges) != 2:
-            continue
-        (_, a, ka, one), (_, b, kb, other) = edges
-        first = one["points"][::-1] if _starts_at(one, graph, node) else one["points"]
-        second = other["points"] if _starts_at(other, graph, node) else other["points"][::-1]
-        graph.remove_edges_from([(node, a, ka), (node, b, kb)])
-        graph.remove_node(node)
-        graph.add_edge(a, b, points=np.concatenate([first, second[1:]]))
+    if node not in graph or graph.degree(node) != 2:
+        return
+    edges = list(graph.edges(node, keys=True, data=True))
+    if len(edges) != 2:
+        return  # a ring
+    (_, a, ka, one), (_, b, kb, other) = edges
+    first = one["points"][::-1] if _starts_at(one, graph, node) else one["points"]
+    second = other["points"] if _starts_at(other, graph, node) else other["points"][::-1]
+    graph.remove_edges_from([(node, a, ka), (node, b, kb)])
+    graph.remove_node(node)
+    _add_line(graph, a, b, np.concatenate([first, second[1:]]))
 
 
 def _lines(graph: nx.MultiGraph) -> list[Line]:

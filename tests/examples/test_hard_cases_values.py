@@ -11,9 +11,12 @@ import torch
 from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 
+from examples.hard_cases.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
 from examples.hard_cases.pictures import hard_pictures
 from examples.hard_cases.random_cases import KINDS
 from examples.hard_cases.random_values import random_network, round_trip_share
+from examples.hard_cases.strokes import StrokeCase, stroke_cases, trace
+from examples.hard_cases.terms import term_cases
 from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
 from knotfab.design.design import design_knots
@@ -30,7 +33,7 @@ from knotfab.target.silhouette import trace_polygon
 
 pytestmark = pytest.mark.slow
 
-CASES = {case.name: case for case in (*loss_cases(), *network_cases())}
+CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cases())}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -48,6 +51,21 @@ def test_single_precision_and_gradients_are_within_their_condition(name: str) ->
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype) -> None:
     assert slope_excess(CASES[name], dtype) <= 1e-3
+
+
+@pytest.mark.parametrize("case", wall_cases(), ids=lambda c: c.name)
+def test_a_round_wall_is_within_its_condition(case: WallCase) -> None:
+    assert wall_shares(case)[1] <= 1
+
+
+@pytest.mark.parametrize("case", lamp_cases(), ids=lambda c: c.name)
+def test_no_lamp_blurs_more_than_is_claimed(case: LampCase) -> None:
+    assert 0 < case.true() <= case.claimed()
+
+
+@pytest.mark.parametrize("case", stroke_cases(), ids=lambda c: c.name)
+def test_lines_stay_on_their_strokes_and_miss_none(case: StrokeCase) -> None:
+    assert trace(case).good
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1, -1.1])
