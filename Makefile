@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases batch-throughput system slicer browser viewer pictures clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer pictures clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -150,6 +150,10 @@ scaling: $(DONE)
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
 hard-cases: $(DONE)
 	$(BIN)/python -m examples.studies.hard_cases
+
+# the catalogue searched for worse by CMA-ES: errors as shares of their bounds (an hour)
+worst-cases: $(DONE)
+	$(BIN)/python -m examples.studies.worst_cases --write docs
 
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:

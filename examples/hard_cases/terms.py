@@ -161,7 +161,8 @@ def _clearance(spacing: float, points: Array) -> float:
             along = min(j - i, n - j + i)
             away = np.sqrt(((middle[i] - middle[j]) ** 2).sum())
             if (
-                along <= 0.5 * np.pi * LIMITS.separation / spacing
+                along < 2
+                or along <= 0.5 * np.pi * LIMITS.separation / spacing
                 or away >= distance + 1.5 * spacing
             ):
                 continue

@@ -67,10 +67,12 @@ def mobius_loss(
     n = knots.shape[1]
     lengths = _norm(_edges(knots))
     whole = lengths.sum(1)
-    # the way from each knot's first point to each of its points
-    along = torch.cat([torch.zeros_like(lengths[:, :1]), lengths[:, :-1].cumsum(1)], 1).reshape(-1)
+    # the way from each knot's first point to each of its points; of a short way between two of them little is
+    # left in single precision
+    ways = lengths[:, :-1].double().cumsum(1)
+    along = torch.cat([torch.zeros_like(ways[:, :1]), ways], 1).reshape(-1)
     flat = knots.reshape(-1, 3)
-    one_way = (along[u] - along[v]).abs()
+    one_way = (along[u] - along[v]).abs().to(lengths)
     knot = torch.div(u, n, rounding_mode="floor")
     same = knot == torch.div(v, n, rounding_mode="floor")
     g = torch.minimum(one_way, (whole[knot] - one_way).clamp_min(0.0))

@@ -43,6 +43,11 @@ def _minus(p: Any, q: Any) -> Any:
 
 
 @compiled
+def _cross(p: Any, q: Any) -> Any:
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+@compiled
 def _dot(p: Any, q: Any) -> float:
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]  # type: ignore[no-any-return]
 
@@ -314,8 +319,12 @@ def bend_hinge(points: Array, following: Indices, radius: float) -> tuple[float,
         cosine, product, shorter = _dot(d, e), one * two, min(one, two)
         if product == 0:  # an edge without length turns by no angle
             continue
-        open_ = product + cosine > _FOLDED * product
-        folded = product + cosine if open_ else _FOLDED * product
+        rest = product + cosine
+        if 2 * cosine < -product:  # they cancel: from (product - cosine) rest = |d x e|^2
+            normal = _cross(d, e)
+            rest = _dot(normal, normal) / (product - cosine)
+        open_ = rest > _FOLDED * product
+        folded = rest if open_ else _FOLDED * product
         ratio = (product - cosine) / folded
         root = math.sqrt(max(ratio, _LEAST_SQUARE))
         hinge = 2 * root / shorter * radius - 1

@@ -1,0 +1,139 @@
+"""The catalogue of hard cases searched for worse ones: how near to its bound can an error be brought?
+
+    python -m examples.studies.worst_cases [--minutes 60] [--only WORD] [--seed 0] [--write docs]
+
+For every renderer, loss, term, certificate and bound of an effect CMA-ES turns the numbers that a case is
+made of (points, radius, depth, sharpness; a step; a wall; a lamp) so that the share of its bound that the
+error comes to grows, from new random starts until its part of the time is over. Kinds take turns of equal
+length. What it finds is kept in examples/hard_cases/worst.json, where it is worse than what is kept there,
+and a test holds every kept case to its bound. Ends with 1 where a share is above 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import cma
+import numpy as np
+
+from examples.hard_cases.worst import HUNTS, KEPT, Hunt
+from knotfab.arrays import Array
+from knotfab.files.whole import write_whole
+
+_OPENING = """# The worst that could be found
+
+Made by `python -m examples.studies.worst_cases --minutes {minutes:g} --write docs` on {date}. CMA-ES turns
+all numbers of a case (points, radius, depth, sharpness; a polygon's corners; a step; a wall; a lamp) to make
+the share of its bound that its error comes to as large as it can. Bounds are those of
+[hard-cases.md](hard-cases.md): 16 machine epsilons times the condition number for values; for a certificate
+how far along a step it lets strands go, over how far it is until edges meet; for a lamp its true blur over
+the claimed one. A share above 1, or what is not finite, is a fault. What is looked at is what a scene can ask
+for: strands before the light, walls as wide as light reaches them.
+"""
+_LEAST = 1e-9  # of a share: less is nothing
+_SPREAD = 0.7  # of the first steps, in units of the numbers' own order
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest share, its numbers, the cases tried, in how many climbs, and where these began (median)."""
+
+    share: float
+    numbers: Array
+    cases: int
+    climbs: int
+    begun: float
+
+
+def climb(hunt: Hunt, seconds: float, seed: int) -> Worst:
+    """Climb from one random start after another."""
+    rng = np.random.default_rng(seed)
+    end = time.monotonic() + seconds
+    best, at, cases = -1.0, np.zeros(hunt.size), 0
+    starts: list[float] = []
+    while time.monotonic() < end or not starts:
+        start = rng.normal(size=hunt.size)
+        starts.append(hunt.share(start))
+        options = {"seed": int(rng.integers(1, 2**31)), "verbose": -9}
+        search = cma.CMAEvolutionStrategy(start, _SPREAD, options)
+        while not search.stop() and time.monotonic() < end:
+            tried = search.ask()
+            shares = [hunt.share(numbers) for numbers in tried]
+            search.tell(tried, [-float(np.log10(max(min(s, 1e9), _LEAST))) for s in shares])
+            cases += len(tried)
+            worst = int(np.argmax(shares))
+            if shares[worst] > best:
+                best, at = shares[worst], np.asarray(tried[worst])
+    return Worst(best, at, cases, len(starts), float(np.median(starts)))
+
+
+def describe(found: dict[str, Worst], minutes: float) -> str:
+    """The page of the documentation."""
+    lines = [
+        _OPENING.format(minutes=minutes, date=datetime.date.today()),
+        "| what | numbers | cases tried | climbs | share at a random start | largest share |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {name} | {HUNTS[name].size} | {w.cases:,} | {w.climbs} | {w.begun:.2g} | {w.share:.3g} |"
+        for name, w in found.items()
+    ]
+    lines += [
+        "",
+        "The worst of each is kept in `examples/hard_cases/worst.json`; a test holds it to its bound.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def keep(found: dict[str, Worst], path: Path) -> None:
+    """Keep the numbers of what is worse than what is kept."""
+    kept = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    for name, worst in found.items():
+        old = kept.get(name)
+        if (
+            old is None
+            or len(old) != len(worst.numbers)
+            or HUNTS[name].share(np.array(old)) < worst.share
+        ):
+            kept[name] = [float(x) for x in worst.numbers]  # all digits: errors are of the last one
+    rows = [f"{json.dumps(name)}: {json.dumps(kept[name])}" for name in HUNTS if name in kept]
+    write_whole(path, ("{\n" + ",\n".join(rows) + "\n}\n").encode())
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Print a line a kind; 1 where a share is above 1."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--only", default="", help="kinds whose name holds this word")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kept", type=Path, default=KEPT)
+    parser.add_argument("--write", type=Path, help="folder for worst-cases.md")
+    asked = parser.parse_args(argv)
+    hunts = [hunt for name, hunt in HUNTS.items() if asked.only in name]
+    warnings.simplefilter("ignore")  # what is not finite is found out by its share
+    found = {}
+    print(f"{'what':<24} {'cases':>8} {'climbs':>6} {'random':>9} {'worst':>9}", flush=True)
+    for k, hunt in enumerate(hunts):
+        worst = climb(hunt, 60 * asked.minutes / len(hunts), 1000 * asked.seed + k)
+        found[hunt.name] = worst
+        said = "  OUTSIDE" if not worst.share <= 1 else ""
+        print(
+            f"{hunt.name:<24} {worst.cases:>8} {worst.climbs:>6} "
+            f"{worst.begun:>9.2g} {worst.share:>9.3g}{said}",
+            flush=True,
+        )
+        keep({hunt.name: worst}, asked.kept)
+    if asked.write is not None:
+        write_whole(asked.write / "worst-cases.md", describe(found, asked.minutes).encode())
+    return int(any(not worst.share <= 1 for worst in found.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
