@@ -54,22 +54,23 @@ class _Field:
         feet, axes, shadows = wall.touching(points)
 
         def local(vectors: Array) -> Array:
-            """(3, n) vectors in each point's own axes."""
-            return np.asarray(np.einsum("ijn,jn->in", axes, vectors))
+            """(.., 3, n) vectors in each point's own axes."""
+            return np.asarray(np.einsum("ijn,...jn->...in", axes, vectors))
 
         ray, high = local(points - wall.lamp[:, None]), local(wall.lamp[:, None] - feet)[2]
         below = -ray[2]
         w = ray[:2] / below
         moves = np.zeros((8, 2, points.shape[1]))
-        for number, axis in enumerate(np.eye(3)):
-            lamp = axes[:, number]
-            moves[number] = (below - high) / below * (lamp[:2] + lamp[2] * w)
-            point = local(np.cross(axis, (points - middle[:, None]).T).T)
-            moves[3 + number] = high / below * (point[:2] + point[2] * w)
+
+        def along(vectors: Array) -> Array:
+            """(k, 2, n) where vectors (k, 3, n) in each point's own axes are seen along its ray."""
+            return np.asarray(vectors[:, :2] + vectors[:, 2:] * w)
+
+        moves[:3] = (1 - high / below) * along(axes.swapaxes(0, 1))
+        moves[3:6] = high / below * along(local(_turned(points - middle[:, None])))
         if turns:
-            for number, line in ((6, (1.0, 0.0, 0.0)), (7, (0.0, -1.0, 0.0))):
-                itself = local(np.cross(line, (feet - wall.middle[:, None]).T).T)
-                moves[number] = -itself[:2] - itself[2] * w
+            right, up, _ = -along(local(_turned(feet - wall.middle[:, None])))
+            moves[6], moves[7] = right, -up
         else:
             away = wall.lamp - wall.middle
             moves[6] = away[2] * moves[1] - away[1] * moves[2]
@@ -165,6 +166,13 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
         angle * largest(slice(3, 6)) + second + bent(slice(3, 6), angle),
         tilted,
     )
+
+
+def _turned(vectors: Array) -> Array:
+    """(3, 3, n) what a radian about each axis moves the ends of (3, n) by."""
+    x, y, z = vectors
+    none = np.zeros_like(x)
+    return np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
 
 
 def _aside(vectors: Array) -> Array:
