@@ -1,4 +1,4 @@
-"""Depth where people place carelessly: there is less of it, and less of the picture is lost, moved for real."""
+"""Depth where people place carelessly: there is less, and less of the picture is lost, moved for real."""
 
 from __future__ import annotations
 
