@@ -71,6 +71,7 @@ class Problem:
     depth_mm: float | None = (
         None  # of one view: extent of the centre lines along its axis; None: flat
     )
+    depth_open: bool = False  # whether less of it will do where the scene calls for that
     overhang_deg: float | None = (
         None  # steepest that prints without supports; None: they cost nothing
     )
@@ -92,10 +93,15 @@ class Problem:
 
 @dataclass(frozen=True)
 class DepthChoice:
-    """Depths (mm towards the light) of each template vertex, and the legibility they were chosen for."""
+    """Depths (mm towards the light) of each template vertex, and the legibility they were chosen for.
+
+    `extent_mm`: the best from the deepest to the highest, lanes left out; less than theirs where less is
+    better.
+    """
 
     depths: tuple[Array, ...]
     legibility: float
+    extent_mm: float
 
 
 @dataclass(frozen=True)

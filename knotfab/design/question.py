@@ -76,7 +76,8 @@ class Question:
             return self
         region, polygon = self.problem.region, self.problem.polygons[0]
         depth = depth_extent(self.scene, polygon, region, radius, self.problem.views[0].axes[2])
-        return replace(self, problem=replace(self.problem, depth_mm=depth))
+        kept = replace(self.problem, depth_mm=depth, depth_open=self.scene.piece.depth == "auto")
+        return replace(self, problem=kept)
 
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
         """The same question from other views of the same pictures."""

@@ -74,20 +74,20 @@ class OnWall:
     def touching(self, places: Array) -> tuple[Array, Array, Array]:
         """Where places (3, n) cast their shadows: points (3, n) of the wall, (2, n) of it unrolled.
 
-        Between them its right, up and normal there, (3, 3, n) rows of columns, all in the wall's axes. What
-        casts none on a column, beside it, is taken to the flat wall.
+        Between them its right, up and normal there, (3, 3, n) rows of columns or (3, 3, 1) of a flat wall,
+        all in the wall's axes. What casts none on a column, beside it, is taken to the flat wall.
         """
         flat = self.cast(places)
-        turn = np.zeros(flat.shape[1])
-        points, unrolled = np.stack([*flat, turn]), flat
-        if self.round is not None:
-            radius, line = self.round.radius, self.middle[:2] - [0.0, self.round.frame_mm[2]]
-            arc, up = self.round.unroll(flat.T - line).T
-            met = np.isfinite(arc)
-            turn = np.where(met, arc / radius, 0.0)
-            bent = [line[0] + radius * np.sin(turn), line[1] + up, radius * (1 - np.cos(turn))]
-            points = np.where(met, bent, points)
-            unrolled = np.where(met, [line[0] + arc, line[1] + up], flat)
+        points = np.stack([*flat, np.zeros(flat.shape[1])])
+        if self.round is None:
+            return points, np.eye(3)[:, :, None], flat
+        radius, line = self.round.radius, self.middle[:2] - [0.0, self.round.frame_mm[2]]
+        arc, up = self.round.unroll(flat.T - line).T
+        met = np.isfinite(arc)
+        turn = np.where(met, arc / radius, 0.0)
+        bent = [line[0] + radius * np.sin(turn), line[1] + up, radius * (1 - np.cos(turn))]
+        points = np.where(met, bent, points)
+        unrolled = np.where(met, [line[0] + arc, line[1] + up], flat)
         sine, cosine, none = np.sin(turn), np.cos(turn), np.zeros_like(turn)
         axes = [[cosine, none, sine], [none, none + 1, none], [-sine, none, cosine]]
         return points, np.array(axes), unrolled

@@ -17,6 +17,7 @@ __all__ = ["CONTRAST", "Contrast", "contrast_of"]
 
 _PLACES = (9, 513)  # across and up, of the frame, where the lamp's light is looked at
 _VARIES = 5.0  # times the square of a step between places over the light's distance: at most, of its light
+_PIECES = 500  # of strands, that throw it back
 _FEET = 200  # points of the wall behind strands, where their own light is
 _CHORDS = 200  # across a strand
 
@@ -150,8 +151,13 @@ def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> 
     long = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
     long = np.minimum(long, 4 * radius)  # a knot's last point is followed by another knot's first
     feet = wall.cast(places)[:, :: max(1, len(points) // _FEET)]
-    square = ((places[:2] - feet.T[:, :, None]) ** 2).sum(axis=1) + places[2] ** 2
-    filled = (2 * radius * long * np.maximum(places[2], 0) / (np.pi * square**1.5)).sum(axis=1)
+    some = np.arange(
+        0, len(points), max(1, len(points) // _PIECES)
+    )  # each for those up to the next
+    share = 2 * radius * np.maximum(places[2], 0) * long / np.pi
+    at, share = places[:, some], np.add.reduceat(share, some)
+    square = (at**2).sum(axis=0) + (feet**2).sum(axis=0)[:, None] - 2 * feet.T @ at[:2]
+    filled = (1 / (square * np.sqrt(square))) @ share
     own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
     light = float(linear @ [0.2126, 0.7152, 0.0722])

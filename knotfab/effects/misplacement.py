@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from shapely import MultiPolygon
 
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall, World
+from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext, OnWall, World
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["MISPLACEMENT", "Parting", "parting_mm"]
+__all__ = ["MISPLACEMENT", "Parting", "Steadying", "parting_mm"]
 
 _WORST = 0.7  # of the largest: points whose surroundings are looked at
 
@@ -54,22 +55,23 @@ class _Field:
         feet, axes, shadows = wall.touching(points)
 
         def local(vectors: Array) -> Array:
-            """(3, n) vectors in each point's own axes."""
-            return np.asarray(np.einsum("ijn,jn->in", axes, vectors))
+            """(.., 3, n) vectors in each point's own axes."""
+            return np.asarray(np.einsum("ijn,...jn->...in", axes, vectors))
 
         ray, high = local(points - wall.lamp[:, None]), local(wall.lamp[:, None] - feet)[2]
         below = -ray[2]
         w = ray[:2] / below
         moves = np.zeros((8, 2, points.shape[1]))
-        for number, axis in enumerate(np.eye(3)):
-            lamp = axes[:, number]
-            moves[number] = (below - high) / below * (lamp[:2] + lamp[2] * w)
-            point = local(np.cross(axis, (points - middle[:, None]).T).T)
-            moves[3 + number] = high / below * (point[:2] + point[2] * w)
+
+        def along(vectors: Array) -> Array:
+            """(k, 2, n) where vectors (k, 3, n) in each point's own axes are seen along its ray."""
+            return np.asarray(vectors[:, :2] + vectors[:, 2:] * w)
+
+        moves[:3] = (1 - high / below) * along(axes.swapaxes(0, 1))
+        moves[3:6] = high / below * along(local(_turned(points - middle[:, None])))
         if turns:
-            for number, line in ((6, (1.0, 0.0, 0.0)), (7, (0.0, -1.0, 0.0))):
-                itself = local(np.cross(line, (feet - wall.middle[:, None]).T).T)
-                moves[number] = -itself[:2] - itself[2] * w
+            right, up, _ = -along(local(_turned(feet - wall.middle[:, None])))
+            moves[6], moves[7] = right, -up
         else:
             away = wall.lamp - wall.middle
             moves[6] = away[2] * moves[1] - away[1] * moves[2]
@@ -167,6 +169,13 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     )
 
 
+def _turned(vectors: Array) -> Array:
+    """(3, 3, n) what a radian about each axis moves the ends of (3, n) by."""
+    x, y, z = vectors
+    none = np.zeros_like(x)
+    return np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
+
+
 def _aside(vectors: Array) -> Array:
     """(2, n), turned by a quarter."""
     return np.stack([-vectors[1], vectors[0]])
@@ -186,3 +195,48 @@ MISPLACEMENT = Effect(
     4.0,  # of parts against each other: the eye forgives more than a blur of that width
     "strands part where lamp, piece or wall are placed as people place them",
 )
+
+
+@dataclass(frozen=True)
+class Steadying:
+    """What careless placing asks of depth: that the piece has less of it.
+
+    `axes` (3, 3) rows: the view's, in the scene. `outline`: the silhouette in the plane through the origin,
+    mm.
+    """
+
+    decision: Decision
+    view: ResolvedView
+    axes: Array
+    outline: MultiPolygon
+    world: World
+
+    def cost(self, parts: list[Array]) -> float:
+        """The IoU that lifted points (n, 3) of each curve are expected to lose; from the threshold on."""
+        with self.decision.called("depth"):
+            return self.decision.excess * self.lost(np.concatenate(parts))
+
+    def lost(self, points: Array) -> float:
+        """The IoU that careless placing is expected to cost strands at points (n, 3) of the view's axes.
+
+        Lamp, piece and wall are off by as much as the scene expects along and about each axis, one regardless
+        of the other. What the best likeness leaves of the moves, to first order, has a root mean square u
+        over all strands. An edge moves along its normal by u / sqrt(pi) on average
+        (a normal variable's mean size, half of the square), so that the two silhouettes differ by a share
+        s = u / sqrt(pi) times the outline's length over the area of either, and 1 - IoU = s / (1 + s / 2).
+        """
+        wall, placing = OnWall.of(self.view), self.world.placing
+        local = wall.place(points @ self.axes)
+        middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
+        field = _Field.of(local, wall, middle, self.world.turns)
+        angle = np.radians(placing.turn_deg) if self.world.turns else 0.0
+        sizes = np.array([placing.lamp_mm, angle, np.tan(np.radians(placing.tilt_deg))])
+        moves = np.repeat(sizes, [3, 3, 2])[:, None, None] * field.moves
+        moves = moves - moves.mean(axis=2)[:, :, None]
+        spread = field.shadows - field.shadows.mean(axis=1)[:, None]
+        alike = np.stack([spread.ravel(), _aside(spread).ravel()])
+        seen = moves.reshape(8, -1) @ alike.T
+        left = (moves**2).sum() - (seen**2).sum() / max(float((spread**2).sum()), 1e-12)
+        parted = float(np.sqrt(max(left, 0.0) / len(points))) / self.view.magnification
+        share = parted / np.sqrt(np.pi) * self.outline.length / self.outline.area
+        return float(share / (1 + share / 2))

@@ -7,6 +7,7 @@ import numpy as np
 from knotfab.arrays import Array, Mask
 from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall
 from knotfab.geometry.polylines import Polylines
+from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["SAG", "measure_sag", "shifts_mm"]
@@ -53,21 +54,35 @@ def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) ->
 
 
 def measure_sag(
-    view: ResolvedView, mask: Mask, points: Array, moves: Array, rings: Polylines, radius: float
+    view: ResolvedView,
+    mask: Mask,
+    points: Array,
+    moves: Array,
+    rings: Polylines,
+    radius: float,
+    wall: CurvedWall | None = None,
 ) -> dict[str, float]:
     """IoU of the knots' own shadow with a picture's mask (H, W) as they are designed and as they sag.
 
-    `widest_px`: the furthest that a centre line's shadow is shifted.
+    `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
+    falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by
+    the area that it stands for on the round one, as light is straight.
     """
-    from knotfab.render.picture import image_at
+    from knotfab.render.picture import image_at, seen_in
 
     image = image_at(view, mask, radius, VERIFIED_PX)
     widest = float(shifts_mm(view, points, moves, 0.0).max()) / (view.longer_mm / VERIFIED_PX)
-    return {
-        "widest_px": widest,
-        "iou": image.iou(points + moves, rings, radius),
-        "iou_designed": image.iou(points, rings, radius),
-    }
+    wanted = np.asarray(image.target) > 0.5
+    pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
+    areas = np.ones(columns)
+    if wall is not None:
+        areas = wall.areas((np.arange(columns) - 0.5 * (columns - 1)) * pixel_mm, 0.5 * pixel_mm)
+
+    def iou(points: Array) -> float:
+        seen = np.asarray(seen_in(points, rings, image.frame, image.target, radius))
+        return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
+
+    return {"widest_px": widest, "iou": iou(points + moves), "iou_designed": iou(points)}
 
 
 SAG = Effect(

@@ -160,14 +160,19 @@ def add_sag(
     """
     from knotfab.effects.sag import SAG, measure_sag
     from knotfab.geometry.polylines import polylines_of_sizes
+    from knotfab.scene.curved_wall import CurvedWall
 
     decision, knots = made.result.effects.get(SAG.name), made.knots
     if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
         return
     rings = polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
+    bent = made.result.effects.get("wall")
     for view, mask, record in zip(made.scene.views, masks, views, strict=False):
+        wall = CurvedWall.of(view) if bent is not None and bent.simulated else None
         with decision.called("report"):
-            record["sag"] = measure_sag(view, mask, knots.points, moves, rings, knots.radius_mm)
+            record["sag"] = measure_sag(
+                view, mask, knots.points, moves, rings, knots.radius_mm, wall
+            )
 
 
 def tell_contrast(report: Record) -> None:

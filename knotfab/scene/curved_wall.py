@@ -69,6 +69,19 @@ class CurvedWall:
         arc = radius * np.arctan2(across / radius, 1 - before / radius)
         return np.column_stack([arc, flat[:, 1] - (flat[:, 1] - self.light[1]) * u])
 
+    def areas(self, across: Array, half: float) -> Array:
+        """(n,) what strips about places `across` (n,) of the flat wall stand for of this one, over their own.
+
+        Each is from `half` mm before its place to as far behind; 0 of what light does not bring here.
+        """
+        ends = [
+            self.unroll(np.column_stack([x, np.zeros_like(x)]))
+            for x in (across - half, across + half)
+        ]
+        above = self.unroll(np.column_stack([across, np.ones_like(across)]))[:, 1]
+        level = self.unroll(np.column_stack([across, np.zeros_like(across)]))[:, 1]
+        return np.nan_to_num((ends[1] - ends[0])[:, 0] / (2 * half) * (above - level))
+
     def stand(self, places: Array) -> tuple[Array, Array]:
         """Points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius

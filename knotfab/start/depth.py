@@ -3,17 +3,19 @@
 Moving points along rays leaves the picture of a simple curve simple, so the lifted curve is still an
 unknot by inspection. Of random smooth profiles the best are varied, by descent: those from which the
 picture can least be read elsewhere, and which need little support in print. Where the lamp is wide, strands
-that draw the outline are lowered towards the wall.
+that draw the outline are lowered towards the wall; where people place carelessly, the extent may be less.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import floor
 
 import numpy as np
 from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
+from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
@@ -34,6 +36,8 @@ _KEPT = 4  # profiles that are varied in turn
 _CHANGED = 0.5  # share of its waves that a variation changes
 _CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
 _RODS = 600  # that supports are estimated by
+_EXTENTS = 20  # that a profile is judged at where placing is careless
+_NOISE = 0.005  # of an IoU that is counted in pixels: less is no reason for another extent
 _TURNS = 3  # to the bed, that supports are weighed in: the best of the first profiles
 
 
@@ -191,6 +195,26 @@ class _Judge:
         """The weighted brightness error of a wide lamp; 0 where none is called for."""
         return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
+    def find_extent(
+        self, profile: _Profile | _Relief, least_mm: float, steadying: Steadying
+    ) -> float:
+        """The extent, mm, from `least_mm` to its own, at which a profile is best.
+
+        Shadows part by how far apart strands are in depth: a profile's shape has little say in what careless
+        placing costs, its extent all. An IoU that is lost counts as one that is read from aside.
+        """
+        most, costs = self.extent_mm, []
+        extents = np.linspace(max(least_mm / most, 1 / _EXTENTS), 1.0, _EXTENTS) * most
+        for extent in extents:
+            self.extent_mm = float(extent)
+            parts = self.place(profile)
+            costs.append(self.legibility(parts) + self.blur(parts) + steadying.cost(parts))
+        self.extent_mm = most
+        best = int(np.argmin(costs))
+        if costs[best] > costs[-1] - _NOISE:
+            return most
+        return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
+
     def legibility(self, parts: list[Array]) -> float:
         """From 45 and 30 degrees aside, and what strands hide each other."""
         points = np.concatenate(parts)
@@ -236,6 +260,8 @@ def choose_depth(
     overhang_deg: float | None = None,
     sharpening: Sharpening | None = None,
     lanes: tuple[Array, ...] | None = None,
+    steadying: Steadying | None = None,
+    least_mm: float = 0.0,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
@@ -249,6 +275,8 @@ def choose_depth(
         sharpening: what a wide lamp asks of depth; None: it is not called for.
         lanes: [(n,) mm] by which strands that hide each other differ; they are judged with them, and the
             depths that are returned leave them out.
+        steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
+        least_mm: no less than this.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
@@ -276,6 +304,9 @@ def choose_depth(
             cost = seen + float(judge.supports(parts).min())
             best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
+    best_mm = extent_mm
+    if steadying is not None and least_mm < extent_mm:
+        best_mm = judge.find_extent(profile, least_mm, steadying)
     seen = judge.legibility(judge.place(profile))
     drawing = [] if sharpening is None else sharpening.drawing(curves)
-    return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen)
+    return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen, best_mm)

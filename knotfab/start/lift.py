@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from knotfab.effects.base import Decision, EffectContext, decide
+from knotfab.effects.misplacement import MISPLACEMENT, Steadying
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
@@ -31,10 +32,12 @@ def lift_template(
     light = target.view.light_distance_mm
     flat = problem.depth_mm is None
     extent = _FLAT_RADII * radius if problem.depth_mm is None else problem.depth_mm
-    decision = _judge_penumbra(problem, template, extent, radius, settings)
-    sharpening = None
-    if decision.excess > 0 and not flat:
-        sharpening = Sharpening(decision, target.view, target.polygon, radius)
+    wide, moved = _judge_effects(problem, template, extent, radius, settings)
+    sharpening = steadying = None
+    if wide.excess > 0 and not flat:
+        sharpening = Sharpening(wide, target.view, target.polygon, radius)
+    if moved.excess > 0 and not flat and problem.depth_open:
+        steadying = Steadying(moved, target.view, target.axes, target.polygon, problem.world)
     separation = problem.limits(radius).separation
     lanes = assign_lanes(template.curves, separation) if template.passes else None
     depth = choose_depth(
@@ -48,7 +51,15 @@ def lift_template(
         problem.overhang_deg,
         sharpening,
         None if lanes is None else tuple(0.5 * separation * lane for lane in lanes),
+        steadying,
+        _FLAT_RADII * radius,
     )
+    if depth.extent_mm < extent:  # all that is judged by it is judged anew
+        less = replace(problem, depth_mm=depth.extent_mm, depth_open=False)
+        start = lift_template(less, template, radius, settings)
+        for decision in (wide, moved):
+            start.effects[decision.effect.name].add(decision)
+        return start
     if lanes is not None:
         depth = replace(
             depth, depths=part_passes(template.curves, depth.depths, lanes, separation, light)
@@ -71,17 +82,25 @@ def lift_template(
         )
     why = "simple and disjoint seen from the light: an unlink of unknots, by inspection"
     curves = tuple(p @ target.axes for p in parts)
-    return Start(curves, why, depth=depth, effects={PENUMBRA.name: decision})
+    return Start(curves, why, depth=depth, effects={d.effect.name: d for d in (wide, moved)})
 
 
-def _judge_penumbra(
+def _judge_effects(
     problem: Problem, template: Template, extent: float, radius: float, settings: SearchSettings
-) -> Decision:
-    """Whether the lamp is wide, before depths are known: by strands as near to it as any may come."""
+) -> tuple[Decision, Decision]:
+    """Whether the lamp is wide, and whether placing counts, before depths are known.
+
+    The one by strands as near to the lamp as any may come; the other by these and some as far from it.
+    """
     target = problem.views[0]
     view, light = target.view, target.view.light_distance_mm
-    highest = [lift(c, np.full(len(c), extent / 2), light) for c in template.curves]
-    context = EffectContext(
-        (view,), np.concatenate(highest) @ target.axes, radius, settings.tolerance_px
+    far, near = (
+        np.concatenate([lift(c, np.full(len(c), z), light) for c in template.curves]) @ target.axes
+        for z in (-extent / 2, extent / 2)
     )
-    return decide(PENUMBRA, context, problem.switches)
+    context = EffectContext((view,), near, radius, settings.tolerance_px, problem.world)
+    both = replace(context, points=np.concatenate([far, near]))
+    return (
+        decide(PENUMBRA, context, problem.switches),
+        decide(MISPLACEMENT, both, problem.switches),
+    )

@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, ResolvedView
+from knotfab.scene.model import Material, ResolvedScene, ResolvedView
 from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
     Deviation,
@@ -97,9 +97,11 @@ class ViewShadow:
 
 
 def cast_shadows(
-    views: Sequence[ResolvedView], pictures: Sequence[Path], knots: Knots
+    scene: ResolvedScene, pictures: Sequence[Path], knots: Knots
 ) -> tuple[ViewShadow, ...]:
-    """The shadow of a piece in each view, beside that view's picture.
+    """The shadow of a piece in each view of a scene, beside that view's picture.
+
+    On the wall that the validators take: a flat one where the scene's effect `wall` is off, or does not show.
 
     Args:
         pictures: the file of each view. knots: in scene coordinates.
@@ -107,16 +109,22 @@ def cast_shadows(
     from scipy.ndimage import distance_transform_edt
 
     from knotfab.design.frames import widen
+    from knotfab.scene.settings import search_settings
     from knotfab.target.read import read_target
+    from knotfab_validators.files.scene import Effects
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry
+    from knotfab_validators.shadows.wall import receive
 
+    tolerance = search_settings(scene.accuracy.name, scene.search).tolerance_px
+    effects = Effects(wall=scene.effects.wall, tolerance_px=tolerance)
     found = []
-    for view, picture in zip(views, pictures, strict=True):
+    for view, picture in zip(scene.views, pictures, strict=True):
         mask = widen(view, read_target(picture, view)).judged
         height, width = mask.shape
         frame = working_frame(width, height)
-        geometry = view_geometry(view, width, height).resample(frame)
+        whole, _ = receive(view_geometry(view, width, height), effects)
+        geometry = whole.resample(frame)
         shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
         inside = distance_transform_edt(shadow) * geometry.pixel_mm
         target = padded_mask(mask, frame)

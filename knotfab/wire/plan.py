@@ -129,7 +129,7 @@ def write_bending_plan(
     if floor is None:
         floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
     curves = [k.points for k in knots.knots]
-    shadows = cast_shadows(scene.views, pictures, knots)
+    shadows = cast_shadows(scene, pictures, knots)
     # what runs along the rays of one view lies across those of another
     light = shadows[0].geometry.light if len(shadows) == 1 else None
     names = (

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapely import MultiPolygon, box
 
-from examples.parting import bounds_and_truths
-from knotfab.effects.base import EffectContext, World
-from knotfab.effects.misplacement import MISPLACEMENT, parting_mm
+from examples.parting import bounds_and_truths, cast, turn_about
+from knotfab.effects.base import Decision, EffectContext, World
+from knotfab.effects.misplacement import MISPLACEMENT, Steadying, parting_mm
+from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import Mount, Placing, ResolvedView, Scene
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
@@ -71,3 +73,34 @@ def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
     free, hung = (World.of(Scene(mount=Mount(kind=kind))) for kind in ("none", "wall"))
     assert free.turns and not hung.turns
     assert parting_mm(VIEW, points, 2.0, hung).turn == 0 < parting_mm(VIEW, points, 2.0, free).turn
+
+
+@pytest.mark.parametrize("mount", ["none", "wall"])
+@pytest.mark.parametrize("aside", [{}, {"azimuth_deg": 40.0, "elevation_deg": 20.0}, {"bent": 1}])
+def test_the_loss_to_be_expected_is_that_of_moving_for_real(mount: str, aside: dict) -> None:
+    view = VIEW.model_copy(update={"wall_radius_mm": 400.0} if "bent" in aside else aside)
+    world = World.of(Scene(mount=Mount(kind=mount), placing=Placing(lamp_mm=2.0, turn_deg=0.5)))
+    side, t = 90.0, np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    square = MultiPolygon([box(-side / 2, -side / 2, side / 2, side / 2)])
+    axes, camera = view_axes(view), camera_of(view, 1, 1)
+    asks = Steadying(Decision(MISPLACEMENT, 2.0, 1.0), view, axes, square, world)
+    losses = []
+    for share in (0.3, 1.0):
+        z = share * 30 * np.sin(5 * t + 1)
+        points = np.column_stack([45 * np.cos(t) + 12 * np.cos(3 * t), 40 * np.sin(t), z])
+        losses.append(asks.lost(points))
+        turned = points @ axes
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) @ axes
+        was, moved = cast(turned, camera.eye, camera, view), []
+        for way in axes:
+            moved.append(cast(turned, camera.eye + 2.0 * way, camera, view))
+            if world.turns:
+                by = turn_about(way, np.radians(0.5))
+                moved.append(cast(middle + (turned - middle) @ by.T, camera.eye, camera, view))
+        one, *others = ((s - s.mean(axis=0)) @ [1, 1j] for s in (was, *moved))
+        left = [s - np.vdot(one, s) / np.vdot(one, one) * one for s in others]
+        parted = np.sqrt((np.abs(left) ** 2).sum() / len(t)) / view.magnification
+        lost = parted / np.sqrt(np.pi) * 4 / side  # of the square, on both sides of its outline
+        assert losses[-1] == pytest.approx(lost / (1 + lost / 2), rel=0.03)
+    assert losses[0] < 0.7 * losses[1]
+    assert asks.cost([points]) == pytest.approx(0.5 * losses[1]) and asks.decision.calls == 1

@@ -14,6 +14,9 @@ from knotfab.effects.base import EffectContext, World
 from knotfab.effects.sag import SAG, measure_sag
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.report.of_effects import add_sag, judge_made
+from knotfab.scene.curved_wall import CurvedWall
+from knotfab_validators.shadows.tube_field import tube_field
+from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 T = 2 * np.pi * np.arange(200) / 200
 RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
@@ -64,3 +67,26 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
         judge_made(made, made.scene, moves, None)
         add_sag(views, made, moves, [mask])
     assert views == [{}]
+
+
+@pytest.mark.parametrize("radius", [350.0, -110.0])
+def test_on_a_round_wall_it_is_the_shadow_there(radius: float) -> None:
+    seen, rings = view(wall_radius_mm=radius), polylines_of_sizes((200,))
+    there = view_geometry(seen, 1024, 1024)
+    # one side sags, where the wall bends most; the picture is the ring as it is designed
+    moves = np.outer(np.clip(FLAT[:, 0] - 25, 0, None), [0.0, -0.2, 0.0])
+
+    def cast(points: np.ndarray, where: ViewGeometry) -> np.ndarray:
+        return tube_field([points], 2.0, where).mask
+
+    def iou(where: ViewGeometry) -> float:
+        was, now = cast(FLAT, where), cast(FLAT + moves, where)
+        return float((was & now).sum() / (was | now).sum())
+
+    flat, wall = cast(FLAT, there.flat), CurvedWall.of(seen)
+    on_flat, on_wall = (
+        measure_sag(seen, flat, FLAT, moves, rings, 2.0, w)["iou"] for w in (None, wall)
+    )
+    assert on_wall == pytest.approx(iou(there), abs=0.0015)
+    assert on_flat == pytest.approx(iou(there.flat), abs=0.0015)
+    assert radius > 0 or abs(on_wall - on_flat) > 0.008

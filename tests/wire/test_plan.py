@@ -15,7 +15,7 @@ from knotfab.drawing.pages import PAPERS
 from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
 from knotfab.scene.catalogue import materials
-from knotfab.scene.model import ResolvedAccuracy, ResolvedScene, ResolvedView
+from knotfab.scene.model import ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
 from knotfab.wire.csv_file import read_bends
 from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_wire
 from knotfab.wire.plan import WirePlan, write_bending_plan
@@ -121,7 +121,7 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
         swapped = list(pictures)
         swapped[wrong] = tmp_path / "wrong.png"
         Image.open(pictures[wrong]).rotate(90).save(swapped[wrong])
-        shadows = cast_shadows(scene.views, swapped, knots)
+        shadows = cast_shadows(scene, swapped, knots)
         judge = Judge([k.points for k in knots.knots], shadows, STEEL, 0.5, 2.0, 0.78)
         checks = judge.of([rows], ["bends.csv"], [False]).checks
         failed = [c for c in checks if c["status"] == "fail"]
@@ -131,11 +131,22 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
 
 def test_the_plan_of_a_raised_view_is_drawn_from_its_light(tmp_path: Path) -> None:
     knots, scene, pictures = two_view_scene(tmp_path)
-    shadows = cast_shadows(scene.views, pictures, knots)
+    shadows = cast_shadows(scene, pictures, knots)
     for shadow in shadows:
         toward = np.cross(shadow.geometry.right, shadow.geometry.up)
         assert shadow.geometry.light == pytest.approx(900.0 * toward)
     assert shadows[1].geometry.light[1] == pytest.approx(900.0 * np.sin(np.deg2rad(20.0)))
+
+
+def test_the_shadow_falls_on_the_wall_that_is_taken(tmp_path: Path) -> None:
+    knots, scene, picture = ring_scene(tmp_path, 1)
+    bent = scene.views[0].model_copy(update={"wall_radius_mm": -60.0})
+    for word in ("auto", "off"):
+        told = scene.model_copy(update={"views": (bent,), "effects": Switches(wall=word)})
+        (shadow,) = cast_shadows(told, [picture], knots)
+        # the picture is that of the flat wall
+        assert (shadow.geometry.cylinder is None) == (word == "off")
+        assert (shadow.iou([k.points for k in knots.knots]) > 0.9) == (word == "off")
 
 
 def test_what_is_no_wire_or_of_another_thickness_is_refused(tmp_path: Path) -> None:

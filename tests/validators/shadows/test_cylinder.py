@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from validator_parts import Array, PlainView, circle, tangle, tube
 
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import Effects, parse_scene
+from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import turn_view
 from knotfab_validators.shadows.exact_shadow import (
     ShadowError,
@@ -90,6 +92,20 @@ def test_rays_lines_and_the_exact_tube_agree(radius: float) -> None:
     assert (rendered != exact).mean() < 0.005 < (flat != exact).mean()
     error = outline_error(tube_field([curve], 4.0, g), shapely.get_coordinates(outline), exact)
     assert error.largest_mm < 0.2  # of 24 sides, where light falls aslant
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_what_reaches_past_a_misplaced_light_throws_its_whole_shadow(radius: float) -> None:
+    low, high = np.array([-6.0, -6.0, -50.0]), np.array([6.0, 6.0, 560.0])
+    bar, light = box_mesh(tuple(high - low)), np.array([40.0, 15.0, 500.0])
+    g = replace(geometry(radius), light=light)
+    found = ShadowCaster(bar.vertices + (low + high) / 2, bar.faces).render(g)
+    # rays from the wall to the light against the six planes of the bar
+    at = places(radius)
+    ends = (np.stack([low, high])[:, None] - at) / (light - at)
+    enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+    dark = (np.maximum(enter, 0) < np.minimum(leave, 1)).reshape(PIXELS, PIXELS)
+    assert dark[:, 0].any() and (found != dark).mean() < 0.002
 
 
 def test_turned_with_the_piece_nothing_changes() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -81,10 +81,22 @@ def test_an_array_is_sampled_led_by_led() -> None:
     assert {int(n.sum()) for n in near} == {len(points) // 6}
 
 
-def test_a_large_array_is_a_point_an_led() -> None:
+def test_of_a_large_array_each_led_is_a_point_of_its_own_disc() -> None:
     for columns, each in ((10, 7), (11, 1)):
         leds = Lamp("shadow", "leds", 2.0, 30.0, 10.0, (columns, 10))
         assert len(lamp_points(leds, 30.0, 0.25)) == columns * 10 * each
+    for columns, rows in ((20, 20), (13, 11)):
+        lamp = Lamp("shadow", "leds", 2.0, 60.0, 40.0, (columns, rows))
+        small = replace(lamp, light_diameter_mm=0.0)
+        points, middles = lamp_points(lamp, 30.0, 0.25), lamp_points(small, 30.0, 0.25)
+        spots = points - middles
+        assert np.linalg.norm(spots, axis=1).max() <= 1.0
+        assert points == pytest.approx(-points[::-1])
+        # as bright as discs of that size wherever one looks: a quarter of their radius squared each way
+        quarters = np.array_split(spots, 4)
+        for part in quarters:
+            assert (part**2).mean(axis=0) == pytest.approx(0.25, rel=0.15)
+            assert np.abs(part.mean(axis=0)).max() < 0.12
     assert parse_scene({"views": [{"light_leds": [20, 20]}]}).views[0].light_leds == (20, 20)
 
 

@@ -14,7 +14,10 @@ __all__ = ["SceneLamp", "lamp_points", "lamp_size"]
 # the other side and has an odd number, so the half-light line of a straight edge is exact.
 RINGS = {7: (6,), 25: (8, 16), 101: (6, 14, 20, 26, 34)}
 GRIDS = {7: 3, 25: 5, 101: 11}  # of a rectangle: so many rows and columns
-MOST_DISCS = 100  # LEDs that are sampled as discs; of a larger array each is a point
+MOST_DISCS = 100  # LEDs of which each is sampled as a disc; of a larger array all together are
+# steps of a sequence that fills a square evenly from wherever it begins (M. Roberts' R2: 1 / g and 1 / g²
+# with g³ = g + 1)
+STEPS = (0.7548776662466927, 0.5698402909980532)
 WIDE_PX = 10.0  # a blur from which on all points are taken
 
 
@@ -49,7 +52,8 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
     """(n, 2) offsets to the right and up from the lamp's middle, mm, each for the same share of its light.
 
     A disc and a ball, which looks like one, are sampled on rings; a rectangle on a grid; of an array every
-    LED, for each throws a shadow of its own. An odd number, but for arrays.
+    LED, for each throws a shadow of its own: a large array by a point of each, elsewhere on it than on the
+    others, so that all points fill the disc that one LED is. An odd number, but for arrays.
 
     Args:
         blur_px: the widest blur: below 10 px fewer points serve, the fewest where `tolerance_px` is coarse.
@@ -66,7 +70,12 @@ def lamp_points(lamp: SceneLamp, blur_px: float, tolerance_px: float) -> Array:
     rows = [np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in lamp.light_leds]
     leds = np.stack(np.meshgrid(*rows), axis=-1).reshape(-1, 2) * half
     if len(leds) > MOST_DISCS:
-        return leds
+        share, turn = (np.arange(1, len(leds) // 2 + 1)[:, None] * STEPS % 1).T
+        angle = 2 * np.pi * turn
+        spots = np.sqrt(share)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        middle = np.zeros((len(leds) % 2, 2))
+        spots = np.concatenate([spots, middle, -spots[::-1]])  # alike from the other side
+        return leds + 0.5 * lamp.light_diameter_mm * spots
     each = 0.5 * lamp.light_diameter_mm * _disc(RINGS[7 if len(leds) > 4 else few])
     return (leds[:, None] + each).reshape(-1, 2)
 

@@ -43,9 +43,12 @@ class Renderer(ABC):
         lit = ((geometry.light - at) * normal).sum(axis=1) > 0
         flat = geometry.flat
         pixels, w = flat.project(at)
-        cast = flat.project(self._vertices)[0]
-        low, high = np.floor(cast.min(axis=0)) - 1, np.ceil(cast.max(axis=0)) + 1
-        lit &= (w > 0) & (pixels >= low).all(axis=1) & (pixels <= high).all(axis=1)
+        lit &= w > 0
+        cast = flat.lift(self._vertices)
+        if (cast[:, 2] > 0).all():  # what reaches past the light throws a shadow without bounds
+            cast = cast[:, :2] / cast[:, 2:]
+            low, high = np.floor(cast.min(axis=0)) - 1, np.ceil(cast.max(axis=0)) + 1
+            lit &= (pixels >= low).all(axis=1) & (pixels <= high).all(axis=1)
         shadow = np.zeros(len(at), dtype=bool)
         if lit.any():
             low, high = np.floor(pixels[lit].min(axis=0)), np.ceil(pixels[lit].max(axis=0))

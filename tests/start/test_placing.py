@@ -1,0 +1,124 @@
+"""Depth where people place carelessly: there is less, and less of the picture is lost, moved for real."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from questions import ask_views
+
+from examples.parting import cast, turn_about
+from knotfab.arrays import Array
+from knotfab.effects.base import World
+from knotfab.effects.misplacement import Steadying
+from knotfab.problem import Problem, Start
+from knotfab.scene.camera import camera_of
+from knotfab.scene.model import Placing, Switch
+from knotfab.scene.settings import PRESETS
+from knotfab.start.filling import Template, fill
+from knotfab.start.lift import lift_template
+
+FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
+RADIUS, DEPTH_MM = 3.0, 90.0
+FRAME = shapely.box(-50, -50, 50, 50).difference(shapely.box(-38, -38, 38, 38))
+BARS = shapely.MultiPolygon([FRAME.union(shapely.box(-50, -6, 50, 6))])
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return replace(ask_views([BARS], 0.0), depth_mm=DEPTH_MM, depth_open=True)
+
+
+@pytest.fixture(scope="module")
+def template() -> Template:
+    return fill(BARS, RADIUS)
+
+
+def _place(
+    problem: Problem, template: Template, lamp_mm: float, turn_deg: float, word: Switch = "auto"
+) -> Start:
+    world = World(placing=Placing(lamp_mm=lamp_mm, turn_deg=turn_deg))
+    placed = replace(problem, world=world, switches={"misplacement": word})
+    return lift_template(placed, template, RADIUS, FEW)
+
+
+def _extent(start: Start) -> float:
+    assert start.depth is not None
+    measured = float(np.ptp(np.concatenate(start.curves)[:, 2]))
+    assert measured == pytest.approx(start.depth.extent_mm, rel=0.02)
+    return start.depth.extent_mm
+
+
+def _ious(problem: Problem, start: Start, lamp_mm: float, turn_deg: float) -> Array:
+    """(6, 2) IoU of the piece's shadow where the lamp is off along an axis or the piece is turned about one.
+
+    With that of the piece as it is: raw, and after the best shift, scale and turn.
+    """
+    view = problem.views[0].view
+    camera, points = camera_of(view, 1, 1), np.concatenate(start.curves)
+    ends = np.cumsum([len(c) for c in start.curves])[:-1]
+    wide = RADIUS * view.magnification
+
+    def outline(shadow: Array) -> shapely.Geometry:
+        rings = [shapely.LinearRing(c) for c in np.split(shadow, ends)]
+        return shapely.union_all([ring.buffer(wide, quad_segs=2) for ring in rings])
+
+    was = cast(points, camera.eye, camera, view)
+    moved = [cast(points, camera.eye + lamp_mm * way, camera, view) for way in np.eye(3)]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    for way in np.eye(3):
+        turned = middle + (points - middle) @ turn_about(way, np.radians(turn_deg)).T
+        moved.append(cast(turned, camera.eye, camera, view))
+    found, truth = [], outline(was)
+    for now in moved:
+        one, other = ((s - s.mean(axis=0)) @ [1, 1j] for s in (was, now))
+        fitted = other * np.vdot(other, one) / np.vdot(other, other)
+        back = np.column_stack([fitted.real, fitted.imag]) + was.mean(axis=0)
+        shadows = [outline(now), outline(back)]
+        found.append([truth.intersection(s).area / truth.union(s).area for s in shadows])
+    return np.array(found)
+
+
+def test_the_coarser_the_placing_the_flatter_and_less_is_lost_of_the_picture(
+    problem: Problem, template: Template
+) -> None:
+    alike = _place(problem, template, 5.0, 1.0, "off")
+    usual, coarse = (_place(problem, template, *p) for p in ((5.0, 1.0), (50.0, 5.0)))
+    assert _extent(alike) == _extent(usual) == DEPTH_MM  # there it would cost more than it gains
+    for one, other in zip(alike.curves, usual.curves, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert _extent(coarse) < 0.8 * DEPTH_MM
+    deep, flat = (_ious(problem, start, 50.0, 5.0) for start in (alike, coarse))
+    # raw: the shadow merely moves; as a person sees it: the worst, and all
+    assert flat[:, 0].mean() >= deep[:, 0].mean()
+    assert flat[:, 1].min() > deep[:, 1].min() + 0.05
+    assert flat[:, 1].mean() > deep[:, 1].mean() + 0.05
+
+
+def test_a_depth_that_the_scene_gives_is_kept(problem: Problem, template: Template) -> None:
+    given = _place(replace(problem, depth_open=False), template, 50.0, 5.0)
+    assert _extent(given) == DEPTH_MM and given.effects["misplacement"].calls == 0
+    # a rebuild from the depth that was chosen finds the same piece
+    chosen = _place(problem, template, 50.0, 5.0)
+    again = replace(problem, depth_mm=_extent(chosen), depth_open=False)
+    for one, other in zip(chosen.curves, _place(again, template, 50.0, 5.0).curves, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_placing_that_is_not_called_for_runs_no_code(
+    problem: Problem, template: Template, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def explode(*_: object) -> None:
+        raise AssertionError("the lamp was moved")
+
+    called = _place(problem, template, 5.0, 1.0).effects["misplacement"]
+    assert called.where == ["depth"] and called.calls > 0
+    for name in ("lost", "cost"):
+        monkeypatch.setattr(Steadying, name, explode)
+    for lamp_mm, word in ((0.0, "auto"), (0.0, "on"), (60.0, "off")):
+        off = _place(problem, template, lamp_mm, 0.0, word).effects["misplacement"]  # type: ignore[arg-type]
+        assert off.calls == 0 and off.where == [] and off.seconds == 0.0
+    with pytest.raises(AssertionError, match="moved"):
+        _place(problem, template, 60.0, 0.0)
