@@ -230,18 +230,18 @@ def _fonts() -> Finding:
 
 
 def _slicer() -> Finding:
-    from knotfab.slicer.find import REMEDY, find_slicer
+    from knotfab.slicer.find import REMEDY, ask_help, find_slicer
 
     name, path = "prusa-slicer", find_slicer()
     if path is None:
         detail = "not found: builds go without the slicer's own reading of the file"
         return Finding(name, "warning", detail, REMEDY)
-    code, said, error = _run([path, "--help"])
-    if code:
-        lines = error.strip().splitlines()
-        detail = f"{path} does not run: {lines[-1] if lines else _ending(code)}"
+    ended = ask_help(path)
+    if ended.code:
+        lines = ended.err.strip().splitlines() or [ended.stopped or _ending(ended.code)]
+        detail = f"{path} does not run: {lines[-1]}"
         return Finding(name, "warning", detail, f"{REMEDY} --reinstall")
-    version = next((word for word in said.split() if word.startswith("PrusaSlicer")), "")
+    version = next((word for word in ended.out.split() if word.startswith("PrusaSlicer")), "")
     return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
 
 
@@ -282,13 +282,9 @@ def _answer(code: str) -> tuple[bool, str]:
 
 def _child(code: str, *arguments: str) -> tuple[int, str, str]:
     """Run `code` in a Python of its own: exit code (128: too slow), standard output and error."""
-    return _run([sys.executable, "-c", code, *arguments])
-
-
-def _run(command: Sequence[str]) -> tuple[int, str, str]:
     try:
         done = subprocess.run(
-            command,
+            [sys.executable, "-c", code, *arguments],
             capture_output=True,
             text=True,
             errors="replace",
@@ -297,8 +293,6 @@ def _run(command: Sequence[str]) -> tuple[int, str, str]:
         )
     except subprocess.TimeoutExpired:
         return TOO_SLOW, "", ""
-    except OSError as error:
-        return TOO_SLOW, "", str(error)
     return done.returncode, done.stdout, done.stderr
 
 

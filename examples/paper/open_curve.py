@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from examples.paper.curves import spiral
-from examples.paper.open_tube import Cap, open_volume, sweep_open
+from examples.paper.open_tube import Cap, sweep_open
 from knotfab.cli.app import validate
 from knotfab.files.stl import write_stl
-from knotfab.geometry.tube import sides_for, tube_manifold
+from knotfab.geometry.tube import sides_for
 from knotfab.knots import Knot, Knots
 
 RADIUS_MM = 2.0
@@ -34,7 +34,6 @@ def main(arguments: list[str] | None = None) -> int:
     line -= line.min(axis=0) - 2.0 * RADIUS_MM  # on the bed's positive octant
     cap: Cap = "flat" if given.flat else "round"
     vertices, faces = sweep_open(line, RADIUS_MM, sides_for(RADIUS_MM, 0.01), cap)
-    tube_manifold(vertices, faces, open_volume(line, RADIUS_MM, cap), genus=0)
     given.out.mkdir(parents=True, exist_ok=True)
     Knots((Knot(line, "open", closed=False),), RADIUS_MM).write(given.out / "knots.json")
     write_stl(given.out / "part.stl", [(vertices, faces)])

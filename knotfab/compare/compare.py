@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 import json
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from knotfab.arrays import Array, Mask
 from knotfab.compare.lamp import LampFit, find_lamp
@@ -31,7 +30,9 @@ from knotfab.mount.marks import CARD_MM, card_middles
 from knotfab.scene.camera import camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
-from knotfab.target.read import read_target
+from knotfab.target.masks import mask_iou
+from knotfab.target.raster import decode
+from knotfab.target.read import read_bytes, read_target
 
 __all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 
@@ -39,7 +40,6 @@ _LONGER_PX = 640
 _MARGIN = 0.15  # of the frame on each side, so that spill counts
 _PLATE_SHARE = 0.7  # of the plate's margin: its edge may be rounded, and is found to a px or two
 _LARGEST_PX = 12000
-_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "GIF")  # others would be handed to other programs
 _GAIN = 0.004  # of IoU below which the lamp may stay
 _LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
@@ -119,7 +119,7 @@ def compare_photo(
     lamp = None if knots is None else find_lamp(knots, camera, shadow)
     area = max(1, int(wanted.sum()))
     return Comparison(
-        float((wanted & shadow).sum() / max(1, (wanted | shadow).sum())),
+        mask_iou(wanted, shadow),
         float((wanted & ~shadow).sum() / area),
         float((shadow & ~wanted).sum() / area),
         lamp,
@@ -191,22 +191,8 @@ def _plate_margin(scene: Scene) -> float:
 
 def read_photo(path: Path) -> Array:
     """(H, W, 3), 0 to 1, upright."""
-    large = InputError(str(path), f"it has more than {_LARGEST_PX} px on a side", "Scale it down.")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow's, of large pictures: the size is checked here
-        try:
-            with Image.open(path, formats=_FORMATS) as image:
-                if max(image.size) > _LARGEST_PX:
-                    raise large
-                upright = ImageOps.exif_transpose(image).convert("RGB")
-        except InputError:
-            raise
-        except Image.DecompressionBombError as error:
-            raise large from error
-        except Exception as error:  # Pillow's plug-ins raise many kinds on damaged data
-            why = getattr(error, "strerror", None) or "it is no photograph that can be read"
-            raise InputError(str(path), why.lower(), "Name a JPEG or PNG.") from error
-    return np.asarray(upright, dtype=np.float64) / 255.0
+    image, _ = decode(read_bytes(path, str(path)), str(path), largest=_LARGEST_PX)
+    return np.asarray(image.convert("RGB"), dtype=np.float64) / 255.0
 
 
 def _corners_of(view: ResolvedView) -> Array:

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
+from knotfab.target.masks import mask_iou
 
 __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 
@@ -89,8 +90,7 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
         found = minimize(unlike, found, method="Nelder-Mead", options=options).x
 
     def likeness(at: Array) -> float:
-        cast = cast_shadow(knots, full, full.eye + at @ axes) > 0.5
-        return float((cast & seen).sum() / max(1, (cast | seen).sum()))
+        return mask_iou(cast_shadow(knots, full, full.eye + at @ axes) > 0.5, seen)
 
     right, up, away = (float(v) for v in found * step)
     return LampFit(right, up, away, likeness(np.zeros(3)), likeness(found * step))

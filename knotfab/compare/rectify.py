@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from knotfab.arrays import Array, Mask
 from knotfab.errors import InputError
+from knotfab.target.masks import mask_iou
 
 __all__ = [
     "find_plate",
@@ -222,4 +223,4 @@ def from_top_left(corners: Array) -> Array:
 def _likeness(corners: Array, region: Mask) -> float:
     y, x = np.mgrid[: region.shape[0], : region.shape[1]]
     inside = shapely.contains_xy(shapely.Polygon(corners).buffer(0), x, y)
-    return float((inside & region).sum() / (inside | region).sum())
+    return mask_iou(inside, region)

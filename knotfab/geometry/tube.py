@@ -11,19 +11,14 @@ segment itself, leaves the section alone.
 from __future__ import annotations
 
 from math import atan2, ceil, pi, sin, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold
 
-if TYPE_CHECKING:
-    from manifold3d import Manifold
-
-__all__ = ["mesh_volume", "sides_for", "sweep", "tube_manifold"]
+__all__ = ["mesh_volume", "sides_for", "sweep"]
 
 Faces = NDArray[np.int32]
 
@@ -104,36 +99,6 @@ def mesh_volume(vertices: Array, faces: Faces) -> float:
     """Signed volume (mm³) of a closed mesh; positive when the faces are turned outwards."""
     corner = (vertices - vertices.mean(axis=0))[faces]
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
-
-
-def tube_manifold(
-    vertices: Array, faces: Faces, volume_mm3: float | None = None, genus: int = 1
-) -> Manifold:
-    """The tube as a manifold3d solid, after it has been found to be one: closed, genus, volume.
-
-    `volume_mm3` is what the volume must be to 1e-4 of it (pi r² L for a tube); None: any positive.
-    `genus` is 1 for the tube of a closed curve, 0 for that of an open one.
-    Self-overlap is not detected here.
-
-    Raises:
-        SceneError: the mesh is no such solid.
-    """
-    from manifold3d import Error
-
-    solid = as_manifold((vertices, faces))
-    remedy = "Rebuild with a thinner tube or more samples"
-    if solid.status() != Error.NoError:
-        raise SceneError("the tube's mesh", f"it is not closed ({solid.status().name})", remedy)
-    if solid.genus() != genus:
-        why = f"its genus is {solid.genus()} instead of {genus}"
-        raise SceneError("the tube's mesh", why, remedy)
-    volume = solid.volume()
-    wanted = volume if volume_mm3 is None else volume_mm3
-    if volume <= 0 or abs(volume - wanted) > 1e-4 * abs(wanted):
-        raise SceneError(
-            "the tube's mesh", f"it encloses {volume:.6g} mm³ instead of {wanted:.6g} mm³", remedy
-        )
-    return solid
 
 
 def _check_points(points: Array, radius_mm: float, sides: int, least: int) -> Array:

@@ -13,7 +13,7 @@ from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
-from knotfab.geometry.tube import sweep, tube_manifold
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted, mount_piece
 from knotfab.part.clean import clean_body
@@ -62,8 +62,6 @@ def part_of(
     radius = made.knots.radius_mm
     with progress.stage("part"):
         tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
-        for (vertices, faces), knot in zip(tubes, made.knots.knots, strict=True):
-            tube_manifold(vertices, faces, np.pi * radius**2 * knot.length_mm)
     scene = made.scene
     own: dict[str, Any] = {"piece": scene.piece.model_copy(update={"printed": printing})}
     if not printing:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
 from knotfab.target.masks import holes_of, mask_iou, pieces_of
-from knotfab.target.thicken import thicken
+from knotfab.target.thicken import draw_discs, thicken
 
 __all__ = ["Likeness", "compare_lines", "estimate_likeness", "opened_share", "recognisable_radius"]
 
@@ -131,7 +131,7 @@ def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:
     from scipy import fft, ndimage
 
     inside = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
-    yield _discs(inside >= radius, radius)
+    yield draw_discs(inside >= radius, radius)
     yield thicken(mask, 2.0 * radius)
     size = [fft.next_fast_len(n + 2 * int(np.ceil(radius)), real=True) for n in mask.shape]
     v, u = (fft.fftfreq(n, 1.0 / n) for n in size)  # whole pixels, either way around
@@ -139,15 +139,7 @@ def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:
     spectrum = fft.rfft2(mask, size) * fft.rfft2(disc / disc.sum())
     density: Array = fft.irfft2(spectrum, size)[: mask.shape[0], : mask.shape[1]]
     for least in _DENSITIES:
-        yield _discs(density >= least, radius)
-
-
-def _discs(middles: Mask, radius: float) -> Mask:
-    from scipy import ndimage
-
-    if not middles.any():
-        return middles
-    return np.asarray(ndimage.distance_transform_edt(~middles) <= radius)
+        yield draw_discs(density >= least, radius)
 
 
 class _Features:

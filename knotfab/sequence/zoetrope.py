@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_mesh
-from knotfab.geometry.tube import sweep, tube_manifold
+from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 
 if TYPE_CHECKING:
@@ -189,10 +189,9 @@ def _tube(knot: Knot, radius: float) -> Manifold:
     count = len(knot.points)
     most = max(1, int(_EDGE_RADII * radius * count / knot.length_mm))
     step = next(k for k in range(most, 0, -1) if count % k == 0)
-    few = Knot(knot.points[::step])
     try:
-        return tube_manifold(*sweep(few.points, radius, _SIDES), np.pi * radius**2 * few.length_mm)
+        return as_manifold(sweep(knot.points[::step], radius, _SIDES))
     except SceneError:
         if step == 1:
             raise
-    return tube_manifold(*sweep(knot.points, radius, _SIDES), np.pi * radius**2 * knot.length_mm)
+    return as_manifold(sweep(knot.points, radius, _SIDES))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 from functools import cache
+from pathlib import Path
 
-__all__ = ["REMEDY", "find_slicer", "read_version"]
+from knotfab.slicer.process import Ended, run_limited
+
+__all__ = ["REMEDY", "ask_help", "find_slicer", "read_version"]
 
 NAMES = ("prusa-slicer", "PrusaSlicer", "prusaslicer", "prusa-slicer-console")
 # where its installers put it, which is on nobody's path
@@ -28,20 +30,16 @@ def find_slicer() -> str | None:
 
 
 @cache
+def ask_help(program: str) -> Ended:
+    """What it says of itself, its version first."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
+        try:
+            return run_limited([program, "--help"], Path(home), _ANSWERS_IN_S)
+        except OSError as error:
+            return Ended(1, "", str(error))
+
+
 def read_version(program: str) -> tuple[int, int] | None:
     """Its version's first two numbers, as it says them itself; None where it does not."""
-    quiet = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    try:
-        # where it keeps things
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
-            said = subprocess.run(
-                [program, "--help"],
-                capture_output=True,
-                env={**quiet, "HOME": home, "XDG_CONFIG_HOME": home},
-                timeout=_ANSWERS_IN_S,
-                check=False,
-            ).stdout
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    found = re.search(rb"PrusaSlicer-(\d+)\.(\d+)", said)
+    found = re.search(r"PrusaSlicer-(\d+)\.(\d+)", ask_help(program).out)
     return None if found is None else (int(found[1]), int(found[2]))

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,11 +34,10 @@ class Ended:
 def run_limited(
     command: Sequence[str],
     folder: Path,
-    environment: Mapping[str, str],
     timeout_s: float,
     stop: threading.Event | None = None,
 ) -> Ended:
-    """Run `command` in `folder`, in a process group of its own that is killed when it must stop.
+    """Run `command` in `folder`, which is its home, in a process group that is killed when it must stop.
 
     It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
     set. What it says goes to files of the folder, so that it never waits for a reader.
@@ -51,7 +50,7 @@ def run_limited(
         child = subprocess.Popen(
             command,
             cwd=folder,
-            env=dict(environment),
+            env=_environment(folder),
             stdin=subprocess.DEVNULL,
             stdout=to_out,
             stderr=to_err,
@@ -75,6 +74,16 @@ def run_limited(
         finally:
             _kill_group(child)
     return Ended(child.returncode, _text(out), _text(err), stopped)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """That of this process, but with a home of its own, no display and no other language."""
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("LC_", "XDG_")) and key not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
+    return {**kept, "HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "LANG": "C.UTF-8"}
 
 
 def _kill_group(child: subprocess.Popen[bytes]) -> None:

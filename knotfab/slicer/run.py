@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import shutil
 import tempfile
@@ -165,7 +164,7 @@ class _Job:
         left = self.timeout_s - (time.monotonic() - self.began)
         command = [self.program, "--datadir", "settings", *arguments]
         try:
-            ended = run_limited(command, self.folder, self._environment(), left, self.stop)
+            ended = run_limited(command, self.folder, left, self.stop)
         except OSError as error:
             reason = f"{Path(self.program).name} cannot be started ({error.strerror})"
             return NotSliced("missing", reason, REMEDY)
@@ -180,16 +179,6 @@ class _Job:
             reason = said or f"exit code {ended.code}, without a word"
             return NotSliced("refused", f"PrusaSlicer refuses the part: {reason}", said=said)
         return ended
-
-    def _environment(self) -> dict[str, str]:
-        """That of this process, but with a home of its own, no display and no other language."""
-        home = str(self.folder)
-        kept = {
-            key: value
-            for key, value in os.environ.items()
-            if not key.startswith(("LC_", "XDG_")) and key not in ("DISPLAY", "WAYLAND_DISPLAY")
-        }
-        return {**kept, "HOME": home, "XDG_CONFIG_HOME": home, "LANG": "C.UTF-8"}
 
 
 def _quote(ended: Ended) -> str:

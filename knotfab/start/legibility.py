@@ -10,6 +10,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.compiled import compiled
+from knotfab.target.masks import mask_iou
 
 __all__ = ["legibility", "stretch_mask"]
 
@@ -76,5 +77,5 @@ def legibility(
     worst = 0.0
     for turn in _turns(angle_deg):
         seen = _silhouette(centred @ turn.T, radius, light_distance)
-        worst = max(worst, float((seen & target).sum() / (seen | target).sum()))
+        worst = max(worst, mask_iou(seen, target))
     return worst

@@ -52,12 +52,14 @@ def looks_like_raster(data: bytes) -> bool:
     return data.startswith(_BEGINNINGS) or (data[:4] == b"RIFF" and data[8:12] == b"WEBP")
 
 
-def _check_size(what: str, width: int, height: int, smallest: int) -> None:
-    if max(width, height) > LARGEST_SIDE:
+def _check_size(
+    what: str, width: int, height: int, smallest: int, largest: int = LARGEST_SIDE
+) -> None:
+    if max(width, height) > largest:
         raise InputError(
             what,
-            f"it is {width} x {height} pixels, more than {LARGEST_SIDE} on a side",
-            f"Scale it down to at most {LARGEST_SIDE} pixels on the longer side.",
+            f"it is {width} x {height} pixels, more than {largest} on a side",
+            f"Scale it down to at most {largest} pixels on the longer side.",
         )
     if min(width, height) < smallest:
         raise InputError(
@@ -67,20 +69,22 @@ def _check_size(what: str, width: int, height: int, smallest: int) -> None:
         )
 
 
-def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Image.Image, str]:
+def decode(
+    data: bytes, what: str, *, smallest: int = SMALLEST_SIDE, largest: int = LARGEST_SIDE
+) -> tuple[Image.Image, str]:
     """Decode a pixel picture, turned upright by its EXIF tag.
 
     Args:
         data: the file's bytes.
         what: how an error names the picture.
-        smallest: fewest pixels allowed on a side.
+        smallest, largest: pixels allowed on a side.
 
     Returns:
         The first frame, in its own mode, and Pillow's name of the format.
 
     Raises:
-        InputError: unknown format, damaged data, or a size outside 16 .. 8000 pixels on a side
-            (checked before any pixel is decoded).
+        InputError: unknown format, damaged data, or a size outside what is allowed (checked before any
+            pixel is decoded).
     """
     with warnings.catch_warnings():
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
@@ -90,8 +94,8 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
         except Image.DecompressionBombError as error:
             raise InputError(
                 what,
-                f"it has more than {LARGEST_SIDE} pixels on a side",
-                f"Scale it down to at most {LARGEST_SIDE} pixels on the longer side.",
+                f"it has more than {largest} pixels on a side",
+                f"Scale it down to at most {largest} pixels on the longer side.",
             ) from error
         except Exception as error:  # Pillow's plug-ins raise many kinds on damaged headers
             raise InputError(
@@ -99,7 +103,7 @@ def decode(data: bytes, what: str, *, smallest: int = SMALLEST_SIDE) -> tuple[Im
                 f"it is not a picture that can be read (a damaged file, or not {_READABLE})",
                 f"Save or export the picture as {_READABLE} and try again.",
             ) from error
-        _check_size(what, *image.size, smallest)
+        _check_size(what, *image.size, smallest, largest)
         kind = str(image.format)
         try:
             image.load()

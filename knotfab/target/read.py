@@ -17,7 +17,15 @@ from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
 from knotfab.target.masks import smooth
 
-__all__ = ["PLAIN", "TEXT_PREFIX", "Target", "name_picture", "read_target", "read_targets"]
+__all__ = [
+    "PLAIN",
+    "TEXT_PREFIX",
+    "Target",
+    "name_picture",
+    "read_bytes",
+    "read_target",
+    "read_targets",
+]
 
 TEXT_PREFIX = "text:"
 PLAIN = Reading()
@@ -104,7 +112,12 @@ def name_picture(source: str) -> str:
     return _to_plain_name(Path(source).stem, "picture")
 
 
-def _read_bytes(path: Path, what: str) -> bytes:
+def read_bytes(path: Path, what: str) -> bytes:
+    """What a picture's file holds; `what` is how an error names it.
+
+    Raises:
+        InputError: there is none, it may not be read, it is empty, or too much for a picture.
+    """
     try:
         if path.is_dir():
             raise InputError(what, "it is a directory", "Name a picture file in it.")
@@ -165,7 +178,7 @@ def read_target(
     path = Path(source).expanduser()
     if base is not None:
         path = base / path
-    data = _read_bytes(path, what)
+    data = read_bytes(path, what)
     suffix = path.suffix.lower()
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):

@@ -6,7 +6,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 
-__all__ = ["is_thin", "run_together", "thicken"]
+__all__ = ["draw_discs", "is_thin", "run_together", "thicken"]
 
 _MOST = 0.5  # of the middle lines of a drawing of lines are thinner than the tube
 _SOLID = 0.2  # of its area, at most, is twice as thick
@@ -22,12 +22,18 @@ def _inside(mask: Mask) -> Array:
     return np.maximum(found, 0.0)
 
 
-def _opened(inside: Array, radius: float) -> Mask:
-    """What discs of a radius cover that lie in a mask."""
+def draw_discs(middles: Mask, radius: float) -> Mask:
+    """What discs of a radius (px) about these pixels cover."""
     from scipy import ndimage
 
-    core = inside >= radius
-    return np.asarray(ndimage.distance_transform_edt(~core) <= radius) if core.any() else core
+    if not middles.any():
+        return middles
+    return np.asarray(ndimage.distance_transform_edt(~middles) <= radius)
+
+
+def _opened(inside: Array, radius: float) -> Mask:
+    """What discs of a radius cover that lie in a mask."""
+    return draw_discs(inside >= radius, radius)
 
 
 def _ridge(mask: Mask, inside: Array) -> Mask:
@@ -85,5 +91,4 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     long = ndimage.maximum(reach, labels, np.arange(count + 1)) > radius
     strokes = np.asarray(long)[labels] & thin
     middle = strokes & _ridge(mask, inside)
-    away = ndimage.distance_transform_edt(~middle) if middle.any() else None
-    return mask if away is None else mask | (away <= radius)
+    return mask | draw_discs(middle, radius)

@@ -283,15 +283,15 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
         (place / "knots.json").write_text(text)
     for call, why in (
         ((dark, folder, "--corners", *words()), "no shadow stands out"),
-        ((huge, folder), "more than 12000 px"),
-        ((script, folder), "no photograph"),
+        ((huge, folder), "more than 12000 pixels"),
+        ((script, folder), "not a picture that can be read"),
         *(
             ((photo, place, "--corners", *words()), "knots.json: it is damaged")
             for place in damaged
         ),
         ((photo, folder), "nor the plate's outline"),
         ((plain, folder, "--corners", *words()), "no shadow stands out"),
-        ((tmp_path / "words.png", folder), "no photograph"),
+        ((tmp_path / "words.png", folder), "not a picture that can be read"),
         ((photo, tmp_path), "no such scene file"),
         ((photo, folder, "--corners", *words()[::-1]), "clockwise"),
         ((photo, folder, "--corners", "1,2", "3,4", "5,6", "x"), "not four points"),

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from knotfab.errors import SceneError
-from knotfab.geometry.tube import mesh_volume, sides_for, sweep, tube_manifold
+from knotfab.geometry.meshes import as_manifold
+from knotfab.geometry.tube import mesh_volume, sides_for, sweep
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,13 @@ def edges_are_matched(faces: NDArray[np.int32]) -> bool:
     return len(np.unique(ahead)) == len(ahead) and np.array_equal(np.sort(ahead), np.sort(back))
 
 
+def genus(vertices: Array, faces: NDArray[np.int32]) -> int:
+    """Of a closed mesh, as another library counts it, which is empty where it is not closed."""
+    solid = as_manifold((vertices, faces))
+    assert solid.num_tri() == len(faces)
+    return int(solid.genus())
+
+
 @pytest.mark.parametrize("sides", [3, 7, 16, 48])
 @pytest.mark.parametrize("seed", range(3))
 def test_volume_is_that_of_the_round_tube(sides: int, seed: int) -> None:
@@ -52,7 +60,7 @@ def test_volume_is_that_of_the_round_tube(sides: int, seed: int) -> None:
     # What is missing is the rest of the twist, spread over 400 rings.
     assert mesh_volume(vertices, faces) == pytest.approx(wanted, rel=3e-6 if sides > 3 else 1e-5)
     assert edges_are_matched(faces)
-    tube_manifold(vertices, faces, wanted)
+    assert genus(vertices, faces) == 1
 
 
 @pytest.mark.parametrize("corners", [3, 4, 5, 12])
@@ -83,8 +91,8 @@ def test_corners_lie_on_the_ring_around_both_segments() -> None:
 def test_knotted_curve_and_many_samples() -> None:
     p = trefoil(3000)
     vertices, faces = sweep(p, 2.0, 8)
-    solid = tube_manifold(vertices, faces, np.pi * 4 * length(p))
-    assert solid.genus() == 1 and solid.num_tri() == 2 * 8 * 3000
+    assert genus(vertices, faces) == 1 and len(faces) == 2 * 8 * 3000
+    assert mesh_volume(vertices, faces) == pytest.approx(np.pi * 4 * length(p), rel=1e-4)
 
 
 def test_straight_stretches_and_every_axis() -> None:
@@ -118,7 +126,7 @@ def test_closing_twist_of_any_angle(writhe: float) -> None:
     # No corner line is longer than the straight mitred one by more than a twist of half a corner.
     spread = np.linalg.norm(rings[1:] - rings[:-1], axis=2)
     assert spread.max() < 2.0 * np.linalg.norm(np.diff(p, axis=0), axis=1).max()
-    tube_manifold(vertices, faces)
+    assert genus(vertices, faces) == 1
 
 
 def test_too_tight_a_bend_is_refused_and_placed() -> None:
@@ -134,7 +142,7 @@ def test_bend_limit_is_min_rad() -> None:
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     p = np.stack([10 * np.cos(t), 10 * np.sin(t), 0 * t], axis=1)
     limit = 10 * np.cos(np.pi / 60)
-    tube_manifold(*sweep(p, 0.998 * limit, 128))
+    assert genus(*sweep(p, 0.998 * limit, 128)) == 1
     for radius in (limit * (1 + 1e-9), 1.1 * limit):
         with pytest.raises(SceneError, match="bends to a radius of"):
             sweep(p, radius, 128)
@@ -168,20 +176,6 @@ def test_fold_back_and_coincident_vertices_are_refused() -> None:
 def test_what_is_no_polyline_is_refused(points: Array, radius: float, sides: int) -> None:
     with pytest.raises(ValueError):
         sweep(points, radius, sides)
-
-
-def test_manifold_refuses_other_solids() -> None:
-    p = wiggle(60)
-    vertices, faces = sweep(p, 1.0, 12)
-    with pytest.raises(SceneError, match="not closed"):
-        tube_manifold(vertices, faces[1:])
-    with pytest.raises(SceneError, match="encloses"):
-        tube_manifold(vertices, faces[:, ::-1])
-    with pytest.raises(SceneError, match="encloses"):
-        tube_manifold(vertices, faces, 1.01 * np.pi * length(p))
-    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
-    with pytest.raises(SceneError, match="genus is 0"):
-        tube_manifold(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), tetrahedron)
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 0.02, 0.002])

@@ -251,7 +251,7 @@ def test_without_process_groups_the_system_ends_what_was_started(
         folder.mkdir(exist_ok=True)
         path = f"{tmp_path / 'bin'}:/usr/bin:/bin"
         monkeypatch.setenv("PATH", path)
-        ended = process.run_limited(["sleep", "30"], folder, {"PATH": path}, 0.2)
+        ended = process.run_limited(["sleep", "30"], folder, 0.2)
         assert ended.stopped == process.OUT_OF_TIME and ended.code == -9
     assert told.read_text().startswith("/F /T /PID ")
 
