@@ -37,7 +37,7 @@ class Pegs:
 def choose_pegs(
     knots: Knots,
     rays: Rays,
-    top_radius_mm: float,
+    top_radius_mm: Array,
     foot_radius_mm: Array,
     stiffness: Stiffness,
     *,
@@ -51,7 +51,7 @@ def choose_pegs(
 
     Args:
         knots: in scene coordinates, those that `rays` belong to.
-        top_radius_mm, foot_radius_mm: of a peg, at the tube and (n,) at the wall, for each ray.
+        top_radius_mm, foot_radius_mm: (n,) of a peg along each ray, at the tube and at the wall.
 
     Raises:
         ValueError: a knot has no free ray at all; the message names it.
@@ -138,7 +138,7 @@ class _Model:
         rays: Rays,
         k: int,
         own: Indices,
-        top_radius: float,
+        top_radius: Array,
         foot_radius: Array,
         stiffness: Stiffness,
     ) -> None:
@@ -177,13 +177,13 @@ class _Model:
 
     @staticmethod
     def _peg(
-        rays: Rays, ray: int, top: float, foot: Array, stiffness: Stiffness
+        rays: Rays, ray: int, top: Array, foot: Array, stiffness: Stiffness
     ) -> tuple[Array, Array]:
         """A peg as its top feels it: (6, 6) stiffness and (6,) load."""
         share = np.arange(PIECES + 1)[:, None] / PIECES
         joints = rays.top[ray] + share * (rays.foot[ray] - rays.top[ray])
         chain = np.column_stack([np.arange(PIECES), np.arange(1, PIECES + 1)])
-        beams = round_beams(joints, chain, taper(np.array(top), foot[ray]))
+        beams = round_beams(joints, chain, taper(top[ray], foot[ray]))
         frame = frame_of(
             beams, np.array([PIECES]), stiffness.young_mpa, stiffness.density_g_cm3, DOWN
         )
