@@ -43,7 +43,8 @@ def flatten(
         except NotHeldError as error:
             if settled:
                 raise
-            place = _propose_place(made, shallower, nearer)
+            with progress.stage("mount"):
+                place = _propose_place(made, shallower, nearer)
             if place is not None:
                 unheld = unheld or error.why
                 progress.say(
