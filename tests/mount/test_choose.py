@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rings import RADIUS, camera, knots, ring
 
-from knotfab.mount.choose import choose_pegs
+from knotfab.mount.choose import _Model, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall_brace import pegs_on, sites_with
@@ -43,6 +43,20 @@ def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
         assert sag_on(rays, left, top, foot, soft)[0] > 0.19
     stiff = choose_pegs(ONE, rays, top, foot, PLA)
     assert len(stiff.rays) <= len(chosen.rays)
+
+
+def test_pegs_held_one_by_one_are_the_pegs_held_at_once() -> None:
+    view = camera()
+    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    top = np.full(len(rays.top), 0.9 * RADIUS)
+    model = _Model(ONE, rays, 0, np.flatnonzero(rays.free), top, 1.2 * top, PLA)
+    pegs = [0]
+    for peg in range(1, len(model.candidates), len(model.candidates) // 6):
+        one_more, at_once = model.sag_with(peg), model.sag([*pegs, peg])
+        assert one_more.sag_mm == pytest.approx(at_once.sag_mm, rel=1e-9)
+        assert one_more.all_mm == pytest.approx(at_once.all_mm, rel=1e-9)
+        model.hold(peg)
+        pegs.append(peg)
 
 
 def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
