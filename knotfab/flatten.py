@@ -51,14 +51,13 @@ def flatten(
                     f"{error.why}: searched again, {place.depth_mm:.0f} mm deep and "
                     f"{place.wall_mm:.0f} mm from the wall"
                 )
-                made = replace(_search(request, target, place, progress), radius=first.radius)
+                made = _search(request, target, made, place, progress)
                 continue
             part = part_of(made, request.printing, [target], progress)
         proposal = _propose_depth(made, part) if request.printing else None
         if proposal is None or not (left and shallower):
             break
-        place = Place(proposal, _wall_mm(made), made.knots.radius_mm)
-        made = replace(_search(request, target, place, progress), radius=first.radius)
+        made = _search(request, target, made, Place(proposal, _wall_mm(made)), progress)
     if proposal is None and made is first:
         return made, part, None
     walls = _wall_mm(first), _wall_mm(made)
@@ -73,14 +72,19 @@ def _open(request: Request) -> tuple[bool, bool]:
     return free and scene.piece.depth == "auto", free and wall
 
 
-def _search(request: Request, target: Target, place: Place, progress: Progress) -> Design:
-    """The design that is found at another place."""
+def _search(
+    request: Request, target: Target, made: Design, place: Place, progress: Progress
+) -> Design:
+    """The design at another place; its tube is chosen anew where the wall, and so the size, differs."""
+    same = place.wall_mm == _wall_mm(made)
+    radius = made.knots.radius_mm if same else request.scene.piece.tube_radius_mm
     piece = request.scene.piece.model_copy(
-        update={"depth": place.depth_mm, "tube_radius_mm": place.radius_mm}
+        update={"depth": place.depth_mm, "tube_radius_mm": radius}
     )
     view = request.scene.views[0].model_copy(update={"wall_distance_mm": place.wall_mm})
     scene = request.scene.model_copy(update={"piece": piece, "views": (view,)})
-    return design_knots(scene, [target], request.device, progress)
+    again = design_knots(scene, [target], request.device, progress)
+    return replace(again, radius=made.radius) if same else again
 
 
 def _propose_place(made: Design, shallower: bool, nearer: bool) -> Place | None:

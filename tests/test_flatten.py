@@ -76,7 +76,8 @@ def run(
     request = Request(parse_scene(scene), ("i",), Path("out"), **{"printing": True, **keys})
     first = replace(maker.design(request.scene), radius="chosen")
     made, _, said = flatten(request, target, first, Progress("quiet"))
-    assert made.radius == "chosen"  # how it was chosen is told, not that it was then given
+    if len({scene.views[0].wall_distance_mm for scene in maker.asked}) == 1:
+        assert made.radius == "chosen"  # how it was chosen is told, not that it was then given
     return maker, said
 
 
@@ -97,8 +98,9 @@ def test_what_pegs_do_not_hold_is_searched_again_nearer_to_its_wall(
     assert said.unheld == MESSAGE and said.wall_mm == (100.0, again.views[0].wall_distance_mm)
     assert said.from_mm == pytest.approx(90.0) and said.to_mm <= said.from_mm
     assert again.piece.depth == pytest.approx(said.to_mm, abs=0.1)
-    ratio = again.views[0].magnification / maker.asked[0].views[0].magnification
-    assert again.piece.tube_radius_mm == pytest.approx(0.8 / ratio, abs=1e-3)
+    assert (
+        again.piece.tube_radius_mm == "auto"
+    )  # the piece is larger there: its tube is chosen anew
 
 
 def test_it_is_searched_no_oftener_than_that(

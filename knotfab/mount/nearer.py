@@ -28,14 +28,10 @@ _ROUND = 10  # parts of a mm
 
 @dataclass(frozen=True)
 class Place:
-    """Depth of the centre lines along the view, distance of the wall from the scene's middle, radius: mm.
-
-    The tube's radius is that whose shadow is as wide as before.
-    """
+    """Depth of the centre lines along the view, and distance of the wall from the scene's middle: mm."""
 
     depth_mm: float
     wall_mm: float
-    radius_mm: float
 
 
 def propose_place(
@@ -84,10 +80,7 @@ def _at(depth: float, radius: float, view: ResolvedView, nearer: bool) -> Place:
         leans = 0.5 * view.longer_mm * abs(float(np.tan(np.deg2rad(view.wall_tilt_deg))))
         least = 0.5 * depth + radius + LEAST_PEG_MM + leans
         wall = min(wall, float(np.ceil(_ROUND * least)) / _ROUND)
-    light = view.light_distance_mm
-    radius *= (light + view.wall_distance_mm) / (light + wall)
-    shown = float(np.floor(_ROUND * depth)) / _ROUND
-    return Place(max(shown, 1 / _ROUND), wall, round(radius, 4))
+    return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
 
 
 def _move(
@@ -95,12 +88,12 @@ def _move(
 ) -> tuple[Knots, ResolvedView]:
     """The knots moved along their light rays to `share` of their heights, as large as the view there asks."""
     axes, light = view_axes(view), view.light_distance_mm
-    scale = place.radius_mm / knots.radius_mm
+    there = view.model_copy(update={"wall_distance_mm": place.wall_mm})
+    scale = view.magnification / there.magnification
     moved = []
     for knot in knots.knots:
         across, height = np.split(knot.points @ axes.T, [2], axis=1)
         plane = across / (1 - height / light)
-        there = scale * plane * (1 - share * height / light)
-        moved.append(Knot(np.hstack([there, share * height]) @ axes, closed=True))
-    wall = view.model_copy(update={"wall_distance_mm": place.wall_mm})
-    return Knots(tuple(moved), place.radius_mm), wall
+        across = scale * plane * (1 - share * height / light)
+        moved.append(Knot(np.hstack([across, share * height]) @ axes, closed=True))
+    return Knots(tuple(moved), knots.radius_mm), there

@@ -56,7 +56,6 @@ def test_what_is_given_stays() -> None:
     near, flat = propose(SOFT, shallower=False), propose(SOFT, nearer=False)
     assert near is not None and near.depth_mm == pytest.approx(DEPTH, abs=0.1)
     assert flat is not None and flat.wall_mm == VIEW.wall_distance_mm
-    assert flat.radius_mm == LOOSE.radius_mm  # its shadow is as wide as before
 
 
 @pytest.mark.parametrize("keys", [{}, {"azimuth_deg": 40.0, "elevation_deg": 20.0}])
@@ -68,9 +67,6 @@ def test_the_shadow_of_what_is_moved_stays(keys: dict[str, float]) -> None:
     moved, there = _move(turned, view, 0.5, place)
     assert pixels(moved, there) == pytest.approx(pixels(turned, view), abs=0.01)
     assert np.ptp(moved.points @ view_axes(view)[2]) == pytest.approx(0.5 * DEPTH)
-    assert moved.radius_mm * there.magnification == pytest.approx(
-        turned.radius_mm * view.magnification, rel=1e-4
-    )
 
 
 def pixels(some: Knots, view: ResolvedView) -> Array:
