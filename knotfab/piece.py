@@ -124,9 +124,10 @@ def write_piece(
     if made.start_json is not None:
         folder.write(START_FILE, made.start_json)
     try:
-        part = part_of(made, request.printing, targets, progress)
-        if len(targets) == 1 and not suffix:  # all frames move in one depth
-            made, part, flattening = flatten(request, targets[0], made, part, progress)
+        if len(targets) == 1 and not suffix:  # all frames move in one depth, before one wall
+            made, part, flattening = flatten(request, targets[0], made, progress)
+        else:
+            part = part_of(made, request.printing, targets, progress)
     except SceneError as error:
         why = str(error)
         scene = write_unbuilt(folder, made, targets, suffix)

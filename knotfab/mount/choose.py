@@ -37,7 +37,7 @@ class Pegs:
 def choose_pegs(
     knots: Knots,
     rays: Rays,
-    top_radius_mm: float,
+    top_radius_mm: Array,
     foot_radius_mm: Array,
     stiffness: Stiffness,
     *,
@@ -51,7 +51,7 @@ def choose_pegs(
 
     Args:
         knots: in scene coordinates, those that `rays` belong to.
-        top_radius_mm, foot_radius_mm: of a peg, at the tube and (n,) at the wall, for each ray.
+        top_radius_mm, foot_radius_mm: (n,) of a peg along each ray, at the tube and at the wall.
 
     Raises:
         ValueError: a knot has no free ray at all; the message names it.
@@ -91,10 +91,11 @@ def _of_knot(
             break
         gap = np.abs(model.arc_of[free] - now.arc_mm)
         gap = np.minimum(gap, model.perimeter - gap)
-        tried = [[*pegs, int(p)] for p in free[np.argsort(gap, kind="stable")[:TRIED]]]
-        outcomes = [model.sag(t) for t in tried]
+        tried = free[np.argsort(gap, kind="stable")[:TRIED]]
+        outcomes = [model.sag_with(int(p)) for p in tried]
         best = int(np.argmin([o.all_mm for o in outcomes]))
-        pegs, now = tried[best], outcomes[best]
+        pegs, now = [*pegs, int(tried[best])], outcomes[best]
+        model.hold(pegs[-1])
         history.append(now.all_mm)
     needed = max(stiffness.max_sag_mm, now.sag_mm)
     for peg in pegs[1:]:
@@ -129,7 +130,8 @@ class _Model:
 
     With the frame's flexibility F at all candidates known, pegs S with stiffness k and loads f at
     their tops move them by u_S = (I + F_SS k)⁻¹ (u0_S + F_SS f), and the rest by what they then
-    exert: a dense problem of six unknowns a peg instead of the whole frame.
+    exert: a dense problem of six unknowns a peg instead of the whole frame. Pegs that are to stay are
+    held: they stiffen F by F_·S k (I + F_SS k)⁻¹ F_S· (Woodbury 1950), and one more costs six unknowns.
     """
 
     def __init__(
@@ -138,7 +140,7 @@ class _Model:
         rays: Rays,
         k: int,
         own: Indices,
-        top_radius: float,
+        top_radius: Array,
         foot_radius: Array,
         stiffness: Stiffness,
     ) -> None:
@@ -174,16 +176,19 @@ class _Model:
         self.at_rest = self.own.reshape(-1)[at_tops]
         moves = flexibility.reshape(self.n, 6, -1)[:, :3].reshape(3 * self.n, -1)
         self.moves = np.ascontiguousarray(moves.T)  # (6 c, 3 n)
+        # the same on the pegs that are held
+        self._moved, self._rest = self.own[:, :3].ravel(), self.at_rest
+        self._among, self._moves = self.among.copy(), self.moves.copy()
 
     @staticmethod
     def _peg(
-        rays: Rays, ray: int, top: float, foot: Array, stiffness: Stiffness
+        rays: Rays, ray: int, top: Array, foot: Array, stiffness: Stiffness
     ) -> tuple[Array, Array]:
         """A peg as its top feels it: (6, 6) stiffness and (6,) load."""
         share = np.arange(PIECES + 1)[:, None] / PIECES
         joints = rays.top[ray] + share * (rays.foot[ray] - rays.top[ray])
         chain = np.column_stack([np.arange(PIECES), np.arange(1, PIECES + 1)])
-        beams = round_beams(joints, chain, taper(np.array(top), foot[ray]))
+        beams = round_beams(joints, chain, taper(top[ray], foot[ray]))
         frame = frame_of(
             beams, np.array([PIECES]), stiffness.young_mpa, stiffness.density_g_cm3, DOWN
         )
@@ -192,8 +197,34 @@ class _Model:
         )
         return spring, spring @ frame.displacements()[0]
 
+    def hold(self, peg: int) -> None:
+        """Keep a peg for all that is asked by `sag_with`."""
+        rows = slice(6 * peg, 6 * peg + 6)
+        exerted = self._exert(peg)
+        among, moves = self._among[rows].copy(), self._moves[rows].copy()
+        stiff = np.linalg.solve((np.eye(6) + among[:, rows] @ self.spring[peg]).T, self.spring[peg])
+        self._moved = self._moved + exerted @ moves
+        self._rest = self._rest + self._among[:, rows] @ exerted
+        back = (
+            stiff.T @ among
+        ).T  # (6 c, 6): what the peg answers to a unit load at each candidate
+        self._moves -= back @ moves
+        self._among -= self._among[:, rows] @ back.T
+
+    def sag_with(self, peg: int) -> _Sag:
+        """How the tube moves on the pegs that are held and one more."""
+        moves = self._moves[6 * peg : 6 * peg + 6]
+        return self._sag_of((self._moved + self._exert(peg) @ moves).reshape(-1, 3))
+
+    def _exert(self, peg: int) -> Array:
+        """(6,) force and couple of one more peg on the tube."""
+        rows = slice(6 * peg, 6 * peg + 6)
+        among, spring, push = self._among[rows, rows], self.spring[peg], self.push[peg]
+        top = np.linalg.solve(np.eye(6) + among @ spring, self._rest[rows] + among @ push)
+        return np.asarray(push - spring @ top)
+
     def sag(self, pegs: list[int]) -> _Sag:
-        """How the tube moves on these pegs."""
+        """How the tube moves on these pegs, the first among them."""
         more = np.array(pegs[1:], dtype=np.int64)
         moved = self.own[:, :3]
         if len(more):
@@ -206,6 +237,9 @@ class _Model:
             top = np.linalg.solve(left, right).reshape(-1, 6)
             force = (push - np.einsum("pij,pj->pi", self.spring[more], top)).ravel()
             moved = moved + (force @ self.moves[rows]).reshape(-1, 3)
+        return self._sag_of(moved)
+
+    def _sag_of(self, moved: Array) -> _Sag:
         size = np.linalg.norm(moved, axis=1)
         worst = int(size.argmax())
         largest = float(size[worst])

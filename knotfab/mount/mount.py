@@ -76,6 +76,7 @@ class Mounted:
         if self.wall is None:
             return {"kind": "none"}
         lengths = [peg.length_mm for peg in self.wall.pegs]
+        thick = [peg.top_radius_mm for peg in self.wall.pegs]
         knots = range(len(self.scene.mount.pegs))
         pegs = [sum(peg.knot == k for peg in self.wall.pegs) for k in knots]
         return {
@@ -85,7 +86,8 @@ class Mounted:
             "struts": len(self.wall.struts),
             "pegs_of_knots": pegs,
             "peg_length_mm": [min(lengths), max(lengths)],
-            "peg_diameter_mm": 2 * self.wall.pegs[0].top_radius_mm,
+            "peg_diameter_mm": 2 * max(thick),
+            "thinnest_peg_mm": 2 * min(thick),
             "sag_mm": self.wall.sag_again_mm,
             "max_sag_mm": self.scene.mount.max_sag_mm,
         }
@@ -117,13 +119,15 @@ class Mounted:
         x, y, z = mount.sag_at
         if isinstance(mount, WallMount):
             on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
+            less = "less depth (--depth) or a nearer wall (--wall-distance)"
         else:
             on = f"{len(mount.posts)} posts and {len(mount.struts)} struts"
+            less = "less depth"
         remedy = ""
         if sag > limit:
             remedy = (
-                ", and no free member would help more: use a stiffer material, a thicker tube or "
-                f"less depth, or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
+                f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
+                f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
             )
         return {
             "name": "sag",
@@ -144,6 +148,8 @@ def mount_piece(
     tubes: list[Mesh],
     cameras: Sequence[Camera],
     targets: Sequence[Mask] = (),
+    *,
+    thoroughly: bool = True,
 ) -> Mounted:
     """Add the scene's mount to the tubes (one per knot, scene coordinates).
 
@@ -153,9 +159,11 @@ def mount_piece(
     Args:
         cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand needs and in
             which struts hide.
+        thoroughly: as for `plan_wall`.
 
     Raises:
         InputError: a wall mount, and several views.
+        NotHeldError: a wall mount does not hold it (`plan_wall`).
         SceneError: there is no such mount for this piece.
         ValueError: a stand without the silhouettes.
     """
@@ -192,6 +200,7 @@ def mount_piece(
             asked.dowel_depth_mm,
         ),
         targets[0] if targets else None,
+        thoroughly=thoroughly,
     )
     count = [
         sum(peg.knot == k for peg in mount.pegs) + int((mount.struts_of == k).sum())

@@ -23,7 +23,8 @@ class Rays:
     """The light rays through the vertices of the knots, (n,) in the knots' order.
 
     `top` and `foot` (n, 3) are where a ray leaves the tube's middle and where it meets the wall, mm;
-    `free` says that a peg may stand there; `tangent` (n, 3) are the tube's unit directions.
+    `free` says that a peg may stand there whose radius is `share` of that of the tube's shadow; `tangent`
+    (n, 3) are the tube's unit directions.
     """
 
     knot: Indices
@@ -32,6 +33,7 @@ class Rays:
     foot: Array
     tangent: Array
     free: Mask
+    share: Array
 
     @property
     def length_mm(self) -> Array:
@@ -69,7 +71,7 @@ def free_rays(
     sine = np.linalg.norm(np.cross(unit, tangent), axis=1)
     free = sine >= LEAST_SINE
     free &= _clear(knots, light, knot, vertex, top, foot, peg_share, clearance_mm)
-    return Rays(knot, vertex, top, foot, tangent, free)
+    return Rays(knot, vertex, top, foot, tangent, free, np.full(len(knot), peg_share))
 
 
 def _tangents(points: Array) -> Array:

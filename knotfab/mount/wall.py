@@ -12,7 +12,7 @@ from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
 from knotfab.geometry.meshes import as_manifold, as_mesh
 from knotfab.knots import Knots
-from knotfab.mount.choose import choose_pegs
+from knotfab.mount.choose import Pegs, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import frame_along, strut_solid
@@ -23,12 +23,21 @@ from knotfab.scene.camera import Camera
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["Peg", "WallMount", "WallSettings", "plan_wall", "wall_bodies"]
+__all__ = [
+    "NotHeldError",
+    "Peg",
+    "WallMount",
+    "WallSettings",
+    "plan_wall",
+    "sag_on_pegs",
+    "wall_bodies",
+]
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
 # thin ones pass between more strands
+THIN_SHARES = (0.5, 0.4)  # of a knot alone that bars all thicker ones itself
 ROOT_SHARE = 0.1  # by which the filleted root is wider
 MOST_SHARE = 0.98
 HOPELESS = 4.0  # times the limit: thinner pegs do not take away so much
@@ -38,6 +47,10 @@ LEAST_MARK_MM = 0.5  # none where no deeper ones have room
 PLAY_MM = 0.3  # by which a hole is wider than its dowel
 DRILLS_MM = (*(0.5 * k for k in range(2, 14)), 7.0, 8.0, 9.0, 10.0, 12.0)  # that shops sell
 OVERLAP_MM = 0.3  # by which a peg goes into its plate or dowel, beyond what its slant needs
+
+
+class NotHeldError(SceneError):
+    """No pegs that were tried hold the piece where it is."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +129,8 @@ def plan_wall(
     stiffness: Stiffness,
     settings: WallSettings,
     target: Mask | None = None,
+    *,
+    thoroughly: bool = True,
 ) -> WallMount:
     """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not enough.
 
@@ -123,24 +138,30 @@ def plan_wall(
 
     Args:
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
+        thoroughly: all that may help is tried, and what then sags is returned; otherwise, where the piece
+            could be moved instead, what takes long and hardly helps is left out.
 
     Raises:
-        SceneError: a knot has no free ray to the wall.
+        NotHeldError: a knot has no free ray to the wall; and not `thoroughly`, where it sags too much.
     """
     best: WallMount | None = None
-    why = ""
-    for share in PEG_SHARES:
+    remedy = "Use --mount none, a thinner tube, or fewer knots"
+    for share in PEG_SHARES if thoroughly else PEG_SHARES[:1]:
         try:
-            found = _with_share(share, knots, camera, clearance_mm, stiffness, settings, target)
-        except ValueError as error:
-            why = str(error)
-            continue
+            found = _with_share(
+                share, knots, camera, clearance_mm, stiffness, settings, target, thoroughly
+            )
+        except ValueError as error:  # nor is there room for a thinner one
+            raise NotHeldError("the wall mount", str(error), remedy) from error
         if best is None or found.sag_again_mm < best.sag_again_mm:
             best = found
         if not stiffness.max_sag_mm < best.sag_again_mm <= HOPELESS * stiffness.max_sag_mm:
             break
-    if best is None:
-        raise SceneError("the wall mount", why, "Use --mount none, a thinner tube, or fewer knots")
+    assert best is not None
+    if not thoroughly and best.sag_again_mm > stiffness.max_sag_mm:
+        sag, limit = best.sag_again_mm, stiffness.max_sag_mm
+        why = f"it sags {sag:.2f} mm on its pegs, {limit:g} are allowed"
+        raise NotHeldError("the wall mount", why, remedy)
     return best
 
 
@@ -152,21 +173,20 @@ def _with_share(
     stiffness: Stiffness,
     settings: WallSettings,
     target: Mask | None,
+    thoroughly: bool,
 ) -> WallMount:
     """Pegs that fill `share` of the tube's shadow; raises ValueError where a knot has no free ray."""
-    rays = free_rays(knots, camera.eye, camera.receiver, share, clearance_mm)
-    spread = _spread(rays, camera.eye)
-    top, foot = share * knots.radius_mm, share * knots.radius_mm * spread
-    chosen = choose_pegs(knots, rays, top, foot, stiffness)
-    root = min(share + ROOT_SHARE, MOST_SHARE)
+    rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
+    wide = np.minimum(rays.share + ROOT_SHARE, MOST_SHARE)
+    root = wide * knots.radius_mm * _spread(rays, camera.eye)
     pegs = tuple(
         Peg(
             int(rays.knot[i]),
             rays.top[i],
             rays.foot[i],
-            top,
+            float(top[i]),
             float(foot[i]),
-            root * knots.radius_mm * float(spread[i]),
+            float(root[i]),
         )
         for i in chosen.rays
     )
@@ -175,11 +195,12 @@ def _with_share(
     moves = sag_moves(knots, sites, bare, stiffness, feet)
     again, at = worst_of(moves, knots.points)
     mount = WallMount(pegs, chosen.sag_mm, at, again, settings, moves=moves)
-    if again <= stiffness.max_sag_mm or settings.foot != "plate":
+    hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
+    if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
     if target is None:
         target = np.zeros((camera.height, camera.width), dtype=bool)
-    roots = root * knots.radius_mm * spread[chosen.rays]
+    roots = root[chosen.rays]
     braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
     every, ends = join([bare, braces]), np.concatenate([feet, braces.radius])
     moves = sag_moves(knots, sites, every, stiffness, ends)
@@ -205,6 +226,37 @@ def _with_share(
         struts_of=sites.knot[struts.first],
         moves=moves,
     )
+
+
+def sag_on_pegs(knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness) -> float:
+    """How far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
+
+    Raises:
+        ValueError: a knot has no free ray to the wall.
+    """
+    return _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1].sag_mm
+
+
+def _choose(
+    share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
+) -> tuple[Rays, Pegs, Array, Array]:
+    """Rays, the pegs chosen among them, and (n,) the radii of a peg along each at its tube and at the wall.
+
+    Pegs fill `share` of the tube's shadow, and less of a knot that leaves none as thick a way: what is
+    hardly larger than its tube is in the way itself.
+    """
+    rays = free_rays(knots, camera.eye, camera.receiver, share, clearance_mm)
+    for thinner in (s for s in (*PEG_SHARES, *THIN_SHARES) if s < share):
+        barred = np.bincount(rays.knot, rays.free, len(knots.knots)) == 0
+        if not barred.any():
+            break
+        thin = free_rays(knots, camera.eye, camera.receiver, thinner, clearance_mm)
+        own = barred[rays.knot]
+        free, shares = np.where(own, thin.free, rays.free), np.where(own, thinner, rays.share)
+        rays = replace(rays, free=free, share=shares)
+    top = rays.share * knots.radius_mm
+    foot = top * _spread(rays, camera.eye)
+    return rays, choose_pegs(knots, rays, top, foot, stiffness), top, foot
 
 
 def _spread(rays: Rays, light: Array) -> Array:

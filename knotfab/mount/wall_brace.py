@@ -72,14 +72,15 @@ def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
 
-def pegs_on(sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: float) -> Candidates:
-    """The pegs along the chosen rays as members, as thick all along as at the tube."""
+def pegs_on(sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array) -> Candidates:
+    """The pegs along the chosen rays as members, as thick all along as at the tube: (n,) of each ray."""
     first = [
         int(np.flatnonzero((sites.knot == rays.knot[i]) & (sites.vertex == rays.vertex[i]))[0])
         for i in chosen
     ]
-    ground, radius = np.full(len(chosen), GROUND), np.full(len(chosen), top_radius_mm)
-    return Candidates(np.array(first), ground, rays.top[chosen], rays.foot[chosen], radius)
+    ground = np.full(len(chosen), GROUND)
+    top, foot = rays.top[chosen], rays.foot[chosen]
+    return Candidates(np.array(first), ground, top, foot, top_radius_mm[chosen])
 
 
 def _leaning(sites: Sites, shadows: Shadows, camera: Camera, tube_mm: float) -> Candidates:

@@ -48,14 +48,21 @@ class Part:
 
 
 def part_of(
-    made: Design, printing: bool, targets: Sequence[Target], progress: Progress | None = None
+    made: Design,
+    printing: bool,
+    targets: Sequence[Target],
+    progress: Progress | None = None,
+    *,
+    thoroughly: bool = True,
 ) -> Part:
     """One watertight tube per knot, its mount if it is to be printed, in print pose.
 
     Args:
         targets: the pictures of all views.
+        thoroughly: as for `plan_wall`.
 
     Raises:
+        NotHeldError: a wall mount does not hold the piece (`plan_wall`).
         SceneError: the piece does not fit the printer, or its mount does not fit the piece.
     """
     progress = progress or Progress("quiet")
@@ -70,7 +77,7 @@ def part_of(
     cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
     masks = [target.mask for target in targets]
     with progress.stage("mount"):
-        mounted = mount_piece(scene, made.knots, tubes, cameras, masks)
+        mounted = mount_piece(scene, made.knots, tubes, cameras, masks, thoroughly=thoroughly)
     if scene.mount.kind == "auto" and mounted.wall is not None:
         progress.say(
             f"{len(tubes)} loose knots: a wall mount holds them (--mount none leaves it out)"

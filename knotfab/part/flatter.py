@@ -31,15 +31,18 @@ RODS = 2000  # that stand for the strands
 
 @dataclass(frozen=True)
 class Flattening:
-    """What was done about supports beyond the printer's limit: depths in mm.
+    """What was done about supports beyond the printer's limit, and pegs that do not hold: depths in mm.
 
     `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal where
-    none followed), and `proposed_mm` what the kept one would still need, None where nothing.
+    none followed), and `proposed_mm` what the kept one would still need, None where nothing. `unheld` says
+    why no pegs held the first, `wall_mm` how far before its wall the first and the kept one stand.
     """
 
     from_mm: float
     to_mm: float
     proposed_mm: float | None
+    unheld: str = ""
+    wall_mm: tuple[float, float] = (0.0, 0.0)
 
 
 def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:

@@ -59,7 +59,15 @@ def add_posing(
             "kept": round(flattening.to_mm, 2),
             "proposed": flattening.proposed_mm,
         }
-        if flattening.to_mm < flattening.from_mm:
+        if flattening.unheld:
+            first, kept = flattening.wall_mm
+            pose["wall_distance_mm"] = {"first": round(first, 2), "kept": round(kept, 2)}
+            notes.append(
+                f"It was searched again for its mount, {flattening.to_mm:.0f} mm deep and {kept:.0f} mm from "
+                f"its wall: {flattening.from_mm:.0f} mm deep and {first:.0f} mm from it, "
+                f"{flattening.unheld}."
+            )
+        elif flattening.to_mm < flattening.from_mm:
             notes.append(
                 f"Its depth was lowered from {flattening.from_mm:.0f} to {flattening.to_mm:.0f} mm, "
                 "as no pose kept the printer's limit for supports."

@@ -133,10 +133,11 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     knots = Knots((Knot(flower), Knot(inner)), 2.0)
     camera = camera_of(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
     rays = free_rays(knots, camera.eye, camera.receiver, 0.95, 0.4)
-    foot = 1.9 * np.linalg.norm(rays.foot - camera.eye, axis=1)
+    thick = np.full(len(rays.top), 1.9)
+    foot = thick * np.linalg.norm(rays.foot - camera.eye, axis=1)
     foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)
     stiffness = Stiffness(E, RHO, 0.2)
-    pegs = choose_pegs(knots, rays, 1.9, foot, stiffness).rays
+    pegs = choose_pegs(knots, rays, thick, foot, stiffness).rays
     sites = sites_with(knots, rays, pegs)
     pairs = np.array([[int(np.flatnonzero(sites.knot == 1)[0]), 0]])
     strut = struts(sites, pairs, 2.0, 1.5)
@@ -144,7 +145,7 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     leaning = Candidates(
         np.array([5]), ground, top, top + [10.0, 40.0, -100.0 - top[0, 2]], np.array([1.5])
     )
-    members = join([pegs_on(sites, rays, pegs, 1.9), strut, leaning])
+    members = join([pegs_on(sites, rays, pegs, thick), strut, leaning])
     assert len(members) == len(pegs) + 2
     ends = np.concatenate([foot[pegs], [1.5, 1.5]])
     beams, fixed = piece_beams(knots.radius_mm, sites, members, PIECES, ends)

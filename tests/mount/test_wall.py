@@ -130,3 +130,16 @@ def test_a_united_body_survives_single_precision() -> None:
 def test_a_peg_knows_its_length() -> None:
     peg = Peg(0, np.array([0.0, 3.0, 0.0]), np.array([4.0, 0.0, 0.0]), 1.0, 1.2, 1.3)
     assert peg.length_mm == 5.0
+
+
+def test_a_bead_that_bars_thick_pegs_gets_a_thinner_one() -> None:
+    """A dot is a ring hardly larger than its tube, and in the way of a peg as thick as that."""
+    dot = ring(1.1 * RADIUS * 1.25, n=24, wave=0.3)
+    piece = knots(ring(50.0), dot)
+    tubes = [sweep(k.points, RADIUS, 24) for k in piece.knots]
+    view = camera(wall_distance_mm=60.0)
+    mount = plan_wall(piece, view, 0.4, PLA, PLATE)
+    thick = {k: {peg.top_radius_mm / RADIUS for peg in mount.pegs if peg.knot == k} for k in (0, 1)}
+    assert thick[0] == {0.95} and max(thick[1]) < 0.95
+    ((vertices, faces),) = wall_bodies(tubes, mount, view)  # as many handles as pegs predict
+    assert mesh_volume(vertices, faces) > 0

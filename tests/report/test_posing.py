@@ -70,6 +70,14 @@ def test_a_depth_that_was_lowered_or_should_be(
     assert found["print"]["pose"]["depth_mm"]["kept"] == to
 
 
+def test_a_piece_that_was_brought_to_its_wall() -> None:
+    found = report()
+    add_posing(found, part(), Flattening(90.0, 60.0, None, "it sags 1.00 mm", (100.0, 45.0)))
+    (note,) = found["notes"][2:]
+    assert "60 mm deep and 45 mm from its wall: 90 mm deep and 100 mm from it, it sags 1.00" in note
+    assert found["print"]["pose"]["wall_distance_mm"] == {"first": 100.0, "kept": 45.0}
+
+
 def test_powder_asks_for_neither_supports_nor_access() -> None:
     found = report()
     add_posing(found, part(scene="[printer]\nname = 'hp-mjf'"), None, printing=True)

@@ -75,13 +75,13 @@ def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
 
     Its vertices there, and where its edges leave the layer.
     """
-    used = vertices[np.unique(faces)]
-    start, end = vertices[faces].reshape(-1, 3), vertices[np.roll(faces, -1, axis=1)].reshape(-1, 3)
-    leaves = (start[:, 2] <= layer_mm) & (end[:, 2] > layer_mm)
-    start, end = start[leaves], end[leaves]
+    first, second = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    low = vertices[:, 2] <= layer_mm
+    leaves = low[first] & ~low[second]
+    start, end = vertices[first[leaves]], vertices[second[leaves]]
     t = (layer_mm - start[:, 2]) / (end[:, 2] - start[:, 2])
     cut = start + t[:, None] * (end - start)
-    points: Array = np.concatenate([used[used[:, 2] <= layer_mm], cut])[:, :2]
+    points: Array = np.concatenate([vertices[np.unique(first[low[first]])], cut])[:, :2]
     return points
 
 

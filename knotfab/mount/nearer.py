@@ -1,0 +1,99 @@
+"""How near to its wall, and how flat, a piece must be for pegs to hold it: an estimate from its curves.
+
+A peg is bent by its own weight as the fourth power of its length: half as far from the wall it sags a
+sixteenth. So a piece that is too heavy for its pegs is moved to the wall as it is, and flattened only as far
+as that is not enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from knotfab.knots import Knot, Knots
+from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.wall import sag_on_pegs
+from knotfab.scene.camera import camera_of, view_axes
+from knotfab.scene.model import ResolvedView
+
+__all__ = ["Place", "propose_place"]
+
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the depth
+LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is nearest to it
+AIM = 0.9  # of the limit: the search that follows lays the strands anew
+_PX = 64  # of a camera of which only eye and wall are asked
+_ROUND = 10  # parts of a mm
+
+
+@dataclass(frozen=True)
+class Place:
+    """Depth of the centre lines along the view, and distance of the wall from the scene's middle: mm."""
+
+    depth_mm: float
+    wall_mm: float
+
+
+def propose_place(
+    knots: Knots,
+    view: ResolvedView,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    *,
+    shallower: bool,
+    nearer: bool,
+) -> Place | None:
+    """The deepest place at which pegs are estimated to hold a piece, or else the flattest that is tried.
+
+    The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
+    them anew.
+
+    Args:
+        knots: in scene coordinates. view: the one that they draw.
+        shallower, nearer: whether depth and wall may be changed.
+
+    Returns:
+        None: nothing may be changed, or is.
+    """
+    place: Place | None = None
+    firm = replace(stiffness, max_sag_mm=AIM * stiffness.max_sag_mm)
+    depth = float(np.ptp(knots.points @ view_axes(view)[2]))
+    for share in SHARES if shallower else SHARES[:1]:
+        found = _at(share * depth, knots.radius_mm, view, nearer)
+        if found.wall_mm >= view.wall_distance_mm and share == 1.0:
+            continue  # it is there
+        place = found
+        moved, there = _move(knots, view, share, found)
+        camera = camera_of(there, _PX, _PX)
+        try:
+            if sag_on_pegs(moved, camera, clearance_mm, firm) <= firm.max_sag_mm:
+                break
+        except ValueError:  # a knot has no peg: strands that are only pressed flat meet
+            continue
+    return place
+
+
+def _at(depth: float, radius: float, view: ResolvedView, nearer: bool) -> Place:
+    """The place of a piece so deep."""
+    wall = view.wall_distance_mm
+    if nearer:
+        leans = 0.5 * view.longer_mm * abs(float(np.tan(np.deg2rad(view.wall_tilt_deg))))
+        least = 0.5 * depth + radius + LEAST_PEG_MM + leans
+        wall = min(wall, float(np.ceil(_ROUND * least)) / _ROUND)
+    return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
+
+
+def _move(
+    knots: Knots, view: ResolvedView, share: float, place: Place
+) -> tuple[Knots, ResolvedView]:
+    """The knots moved along their light rays to `share` of their heights, as large as the view there asks."""
+    axes, light = view_axes(view), view.light_distance_mm
+    there = view.model_copy(update={"wall_distance_mm": place.wall_mm})
+    scale = view.magnification / there.magnification
+    moved = []
+    for knot in knots.knots:
+        across, height = np.split(knot.points @ axes.T, [2], axis=1)
+        plane = across / (1 - height / light)
+        across = scale * plane * (1 - share * height / light)
+        moved.append(Knot(np.hstack([across, share * height]) @ axes, closed=True))
+    return Knots(tuple(moved), knots.radius_mm), there
