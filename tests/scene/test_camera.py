@@ -140,3 +140,10 @@ def test_a_mirrored_picture_is_noticed() -> None:
     # right-handed: x right, y up, z towards the light
     cam = camera()
     assert np.cross(cam.du, -cam.dv) @ cam.receiver[:3] > 0
+
+
+def test_a_light_as_far_as_the_sun_casts_parallel_rays() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (500, 3)) * [90, 45, 45]
+    seen = camera(light_distance_mm=1e7).project(points)
+    parallel = np.column_stack([points[:, 0], -points[:, 1]]) * 400 / 180 + [199.5, 99.5]
+    assert np.abs(seen - parallel).max() < 0.008 * 400 / 1024
