@@ -96,12 +96,12 @@ class DepthChoice:
     """Depths (mm towards the light) of each template vertex, and the legibility they were chosen for.
 
     `extent_mm`: the best from the deepest to the highest, lanes left out; less than theirs where less is
-    better.
+    better. None: flat.
     """
 
     depths: tuple[Array, ...]
     legibility: float
-    extent_mm: float
+    extent_mm: float | None
 
 
 @dataclass(frozen=True)

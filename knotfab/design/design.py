@@ -350,8 +350,8 @@ def _resolve(
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
     if len(problem.views) == 1:
-        chosen = problem.depth_mm if result.depth is None else result.depth.extent_mm
-        depth = "flat" if problem.depth_mm is None or chosen is None else chosen
+        chosen = None if result.depth is None else result.depth.extent_mm
+        depth = "flat" if problem.depth_mm is None else chosen or problem.depth_mm
     piece = {"tube_radius_mm": radius, "depth": depth, "knots": len(result.knots.knots)}
     bend = problem.limits(radius).bend_radius
     resolved = {

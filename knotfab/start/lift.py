@@ -54,7 +54,10 @@ def lift_template(
         steadying,
         _FLAT_RADII * radius,
     )
-    if depth.extent_mm < extent:  # all that is judged by it is judged anew
+    if flat:
+        depth = replace(depth, extent_mm=None)
+    elif depth.extent_mm is not None and depth.extent_mm < extent:
+        # all that is judged by the extent is judged anew
         less = replace(problem, depth_mm=depth.extent_mm, depth_open=False)
         start = lift_template(less, template, radius, settings)
         for decision in (wide, moved):
