@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,7 @@ def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) 
     )
 
 
+@lru_cache(maxsize=8)  # of the same views many times
 def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     """Least light over largest within the frame; and in its middle, of a lamp of intensity 1, per mm²."""
     camera = camera_of(view, *_PLACES)

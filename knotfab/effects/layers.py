@@ -26,9 +26,9 @@ def magnitude(context: EffectContext) -> float:
         return 0.0
 
     def shift(view: ResolvedView) -> float:
-        moves = (0.5 * height * upwards, height**2 / (8 * radius) * view_axes(view)[1])
-        each = [shifts_mm(view, points, np.tile(m, (len(points), 1)), radius) for m in moves]
-        return float(np.sum(each, axis=0).max()) / (view.longer_mm / VERIFIED_PX)
+        moves = np.array([0.5 * height * upwards, height**2 / (8 * radius) * view_axes(view)[1]])
+        each = shifts_mm(view, points, moves[:, None], radius)
+        return float(each.sum(axis=0).max()) / (view.longer_mm / VERIFIED_PX)
 
     return max(shift(view) for view in context.views)
 

@@ -25,7 +25,9 @@ def magnitude(context: EffectContext) -> float:
 
 
 def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) -> Array:
-    """(N,) bounds of how far shadows of what is within `radius` of points (N, 3) are shifted by moves (N, 3).
+    """(.., N) bounds of how far shadows of what is within `radius` of points (N, 3) are shifted.
+
+    By moves (.., N, 3), or (.., 1, 3) of all points alike.
 
     A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
 
@@ -36,16 +38,17 @@ def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) ->
     surface's falls, and is shifted to, that leans by as much as they lie aside over the wall's radius.
     """
     wall = OnWall.of(view)
-    place, move = wall.place(points), wall.axes @ moves.T
+    place, move = wall.place(points), wall.axes @ moves.swapaxes(-1, -2)
     foot, axes, _ = wall.touching(place)
-    ray, move = (np.einsum("ijn,jn->in", axes, v) for v in (place - wall.lamp[:, None], move))
+    ray, move = (np.einsum("ijn,...jn->...in", axes, v) for v in (place - wall.lamp[:, None], move))
+    along, towards = move[..., :2, :], move[..., 2, :]
     high = np.einsum("jn,jn->n", axes[2], wall.lamp[:, None] - foot)
     below = np.maximum(-ray[2], 1e-9)
     across = ray[:2] / below
-    near = np.maximum(below - radius - np.abs(move[2]), 1e-9)
-    shift = np.linalg.norm(move[:2] + move[2] * across, axis=0)
+    near = np.maximum(below - radius - np.abs(towards), 1e-9)
+    shift = np.linalg.norm(along + towards[..., None, :] * across, axis=-2)
     slope = np.linalg.norm(across, axis=0)
-    leaning = np.abs(move[2]) * radius / near * (1 + slope)
+    leaning = np.abs(towards) * radius / near * (1 + slope)
     found = high / near * (shift + leaning)
     if wall.round is not None:
         aside = found + high / near * radius * np.hypot(1, slope)
