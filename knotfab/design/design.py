@@ -278,7 +278,8 @@ def choose_tube(
         give: as for `choose_radius`.
 
     Returns:
-        The question with the depth that this radius leaves, radius, start, and how the radius was chosen.
+        The question with the depth that this radius leaves and the start takes, radius, start, and how the
+        radius was chosen.
 
     Raises:
         SceneError: the printer makes no tube as thin as the scene asks for, or no tube draws the pictures.
@@ -306,10 +307,10 @@ def choose_tube(
     question = question.with_depth(radius)
     with progress.stage("template"):
         if choice is not None and choice.start is not None:
-            return question, radius, choice.start, choice
+            return question.as_started(choice.start), radius, choice.start, choice
         template = None if choice is None else choice.template
         start = make_start(question.problem, radius, settings, knots, template=template)
-    return question, radius, start, choice
+    return question.as_started(start), radius, start, choice
 
 
 def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
@@ -350,8 +351,7 @@ def _resolve(
     scene, problem = question.scene, question.problem
     depth = scene.piece.depth
     if len(problem.views) == 1:
-        chosen = None if result.depth is None else result.depth.extent_mm
-        depth = "flat" if problem.depth_mm is None else chosen or problem.depth_mm
+        depth = "flat" if problem.depth_mm is None else problem.depth_mm
     piece = {"tube_radius_mm": radius, "depth": depth, "knots": len(result.knots.knots)}
     bend = problem.limits(radius).bend_radius
     resolved = {

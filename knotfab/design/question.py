@@ -18,7 +18,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.errors import InputError
-from knotfab.problem import Problem, TargetView
+from knotfab.problem import Problem, Start, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
@@ -78,6 +78,13 @@ class Question:
         depth = depth_extent(self.scene, polygon, region, radius, self.problem.views[0].axes[2])
         kept = replace(self.problem, depth_mm=depth, depth_open=self.scene.piece.depth == "auto")
         return replace(self, problem=kept)
+
+    def as_started(self, start: Start) -> Question:
+        """The question with the depth that the start chose for itself, which is open no more."""
+        if not self.problem.depth_open or start.depth is None:
+            return self
+        depth = start.depth.extent_mm or self.problem.depth_mm
+        return replace(self, problem=replace(self.problem, depth_mm=depth, depth_open=False))
 
     def seen_from(self, views: Sequence[ResolvedView], targets: Sequence[Target]) -> Question:
         """The same question from other views of the same pictures."""

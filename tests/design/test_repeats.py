@@ -1,0 +1,56 @@
+"""A build repeats from its own scene: what was chosen on the way is written, as one number, into it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knotfab.design.design import design_knots
+from knotfab.scene.model import Scene
+from knotfab.target.read import read_target
+
+pytestmark = pytest.mark.slow
+
+FEW = {
+    "coarse_px": 64,
+    "fine_px": 96,
+    "coarse_iterations": 20,
+    "fine_iterations": 20,
+    "depth_candidates": 4,
+}
+
+
+@pytest.mark.parametrize(
+    ("scene", "flatter", "sparser"),
+    [
+        ({"placing": {"lamp_mm": 80.0, "turn_deg": 8.0}}, True, False),
+        # strands as the picture's own filling has them bend more than that
+        (
+            {
+                "piece": {"tube_radius_mm": 5.0},
+                "placing": {"lamp_mm": 80.0, "turn_deg": 8.0},
+                "material": {"min_bend_radius_mm": 27.0},
+            },
+            False,
+            True,
+        ),
+        ({"piece": {"depth": "flat"}}, False, False),
+    ],
+    ids=["careless placing", "sparser strands", "flat"],
+)
+def test_the_scene_of_a_build_repeats_it(
+    scene: dict[str, Any], flatter: bool, sparser: bool
+) -> None:
+    target = read_target("text:8")
+    piece = {"tube_radius_mm": 3.0, **scene.pop("piece", {})}
+    given = {"schema": 1, "views": [{"picture": "8.png"}], "search": FEW, "piece": piece, **scene}
+    made = design_knots(Scene.model_validate(given), [target])
+    assert (made.unmet is not None) == sparser
+    if flatter:
+        usual = design_knots(Scene.model_validate({**given, "placing": {}}), [target])
+        assert made.scene.piece.depth < 0.7 * usual.scene.piece.depth
+    again = design_knots(made.scene, [target])
+    assert again.scene.piece == made.scene.piece
+    np.testing.assert_array_equal(made.knots.points, again.knots.points)
