@@ -396,7 +396,7 @@ def test_interrupted_in_the_middle_of_the_search(tmp_path: Path, asked: signal.S
     (out / "part.stl").write_text("earlier")
     call = [sys.executable, "-m", "knotfab", "build", "text:♥", "--tube-radius", "2.5"]
     build = subprocess.Popen(
-        [*call, "--accuracy", "fine", "--verbose", "--out", str(out)],
+        [*call, "--accuracy", "fine", "--skip", "shadow-render", "--verbose", "--out", str(out)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

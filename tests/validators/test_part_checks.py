@@ -10,11 +10,13 @@ from knotfab_validators.check import Check
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.names import KNOTS, PRINTING
+from knotfab_validators.names import MESH as MESH_CHECKS
 from knotfab_validators.part_checks import part_checks
 
-CURVE = circle(360, 40.0) + [50.0, 50.0, 10.0]
+CURVE = circle(180, 40.0) + [50.0, 50.0, 10.0]
 POSE = [[1, 0, 0, -50], [0, 1, 0, -50], [0, 0, 1, -10], [0, 0, 0, 1]]
-MESH = Mesh(*tube(CURVE, 3.0, 64))
+MESH = Mesh(*tube(CURVE, 3.0, 48))
 
 
 def knot(radius: float | None = 3.0) -> Curves:
@@ -67,6 +69,15 @@ def test_limits_come_from_the_scene() -> None:
     assert small.status == "fail" and small.measured == pytest.approx(3.0)
     low = run(MESH, knot(), scene(printer={"build_volume_mm": [250, 210, 10]}))["build_volume"]
     assert low.status == "fail" and low.measured == pytest.approx(3.0, abs=1e-2)
+
+
+def test_a_group_that_is_left_out_whole_is_not_measured() -> None:
+    groups = {"mesh": MESH_CHECKS, "knot type": KNOTS, "tube": ("tube", "clearance")}
+    for stage, names in groups.items():
+        seconds: dict[str, float] = {}
+        checks = part_checks(MESH, knot(), scene(), seconds, skip=(*names, *PRINTING))
+        assert stage not in seconds and seconds.keys() | {stage} >= groups.keys()
+        assert {c.name for c in checks if c.detail == "left out on request"} == {*names, *PRINTING}
 
 
 def test_a_part_alone_is_checked_for_its_surface() -> None:
