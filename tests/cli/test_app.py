@@ -246,6 +246,7 @@ def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> No
     assert "at least 0.8 mm" in refuse(1, *call)
 
 
+@pytest.mark.slow
 def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
     import torch
 
@@ -277,6 +278,7 @@ def test_a_full_disk_is_noticed_before_the_work(bad: Path, full_disk: Path) -> N
     assert [p.name for p in full_disk.iterdir()] == ["mine"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("call", "code", "why"),
     [
@@ -317,6 +319,7 @@ def test_help() -> None:
     assert groups == sorted(groups)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["batch", "build", "compare", "preview", "shadow", "studio", "tradeoff", "validate"]
 )

@@ -24,6 +24,7 @@ def state() -> SearchState:
     return begin(ask_heart(), Start((ring,), "a circle"), 2.5, SETTINGS)
 
 
+@pytest.mark.slow
 def test_timing_a_phase_leaves_the_search_where_it_was(state: SearchState) -> None:
     points, calls = state.points.copy(), {n: g.calls for n, g in state.guards.items()}
     steps = state.log.accepted

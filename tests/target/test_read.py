@@ -303,6 +303,7 @@ def again(tmp_path: Path, target: Target, invert: bool = False) -> Target:
     return read_target(path, Reading(invert=invert))
 
 
+@pytest.mark.slow
 def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
     target = svg(tmp_path, '<circle cx="5" cy="5" r="3"/>')
     assert (target.width, target.height, target.file_name) == (2048, 2048, "drawing.png")
@@ -310,6 +311,7 @@ def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
     assert (again(tmp_path, target).mask == target.mask).all()
 
 
+@pytest.mark.slow
 def test_svg_with_a_background_uses_half_contrast(tmp_path: Path) -> None:
     body = '<rect width="10" height="10" fill="#ffd"/><rect x="2" y="2" width="5" height="4"/>'
     target = svg(tmp_path, body)
@@ -461,6 +463,7 @@ def test_text_keeps_holes_and_kerning() -> None:
     assert not wide.mask.any(axis=0)[200:-200].all()
 
 
+@pytest.mark.slow
 def test_text_of_a_glyph_from_another_font_and_with_a_variation_selector() -> None:
     plain, styled = read_target("text:☺"), read_target("text:☺\ufe0f")
     assert (plain.mask == styled.mask).all()

@@ -37,6 +37,7 @@ def check_block(target: Target, *, size: tuple[int, int] = (2048, 1024)) -> None
 UNITS = ["mm", "cm", "in", "pt", "pc", "px", "em", "ex", ""]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [*UNITS, "%", "e1mm", " mm ", "MM", "Q"])
 def test_svg_sizes_of_every_unit_with_a_view_box(tmp_path: Path, unit: str) -> None:
     size = (

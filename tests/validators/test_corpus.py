@@ -353,6 +353,7 @@ def list_others(meant: str) -> list[str]:
     return ["shadow-render", *others]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", list(some(BROKEN)), ids=lambda case: f"{case.meant}: {case.name}")
 def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Path) -> None:
     row = judge_case(case, tmp_path, list_others(case.meant))
@@ -367,11 +368,13 @@ def test_a_good_part_is_not_rejected(case: Good, tmp_path: Path) -> None:
     assert row.right, row.said
 
 
+@pytest.mark.slow
 def test_the_corpus_is_as_large_as_promised() -> None:
     assert len(broken()) >= 200 and len(GOOD) >= 100
     assert sum(case.meant != READ for case in BROKEN) >= 140
 
 
+@pytest.mark.slow
 def test_every_required_check_has_a_part_that_it_must_reject(tmp_path: Path) -> None:
     """`shadow_exact` compares two pictures that we draw: a file cannot make them differ."""
     asked: set[str] = set()

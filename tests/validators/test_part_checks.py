@@ -80,6 +80,7 @@ def test_a_group_that_is_left_out_whole_is_not_measured() -> None:
         assert {c.name for c in checks if c.detail == "left out on request"} == {*names, *PRINTING}
 
 
+@pytest.mark.slow
 def test_a_part_alone_is_checked_for_its_surface() -> None:
     checks = run(MESH, None, None)
     assert len({name for name in ran(checks) if name.startswith("mesh_")}) == 9
@@ -95,6 +96,7 @@ def test_without_any_radius_the_bend_cannot_be_judged() -> None:
     assert known["thickness"].status == known["bend"].status == "fail"
 
 
+@pytest.mark.slow
 def test_every_check_is_named_whatever_is_given() -> None:
     everything = set(run(MESH, knot(), scene()))
     for given in [(MESH, None, None), (None, knot(), None), (None, None, scene())]:

@@ -250,6 +250,7 @@ def test_rigid_layers_turn_about_the_origin_then_shift() -> None:
     torch.testing.assert_close(layer.inverse(layer(x)), x, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_gradients_of_points_and_weights() -> None:
     network = CouplingNetwork(3, 5, 1)
     _shaken(network, 0.4)

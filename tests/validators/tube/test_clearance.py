@@ -140,6 +140,7 @@ def test_the_limit() -> None:
         assert np.hypot(under.at[0][0], under.at[0][1]) == pytest.approx(20, abs=0.01)
 
 
+@pytest.mark.slow
 def test_facets_that_keep_the_volume_are_allowed_for() -> None:
     """Corners that stand out by 0.16 % of the radius narrow the gap; by 2 % they are a fault."""
     for grown, status in ((1.0016, "pass"), (1.009, "pass"), (1.011, "fail"), (1.02, "fail")):

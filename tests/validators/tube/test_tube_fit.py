@@ -88,6 +88,7 @@ def test_round_ends_pass() -> None:
     assert tube_fit(ball, curve).off < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -154,6 +155,7 @@ def test_the_limit_is_four_percent_of_the_radius(sign: int) -> None:
     assert check_tube(coarse, knots(circle(200))).status == "fail"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "shift"), [(0.95, 0.0), (1.05, 0.0), (1.0, 0.15)])
 def test_a_thin_thick_or_shifted_tube_is_refused(factor: float, shift: float) -> None:
     wrong = Mesh(*tube(TREFOIL + [0, 0, shift * RADIUS], factor * RADIUS, SIDES))
