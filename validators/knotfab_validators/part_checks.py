@@ -76,13 +76,12 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_check_build_volume(printed, scene))
-    if left := _leave_out(PRINTING, skip):
-        return checks + left
+    left = _leave_out(PRINTING, skip)
     if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
             checks += check_plates(printed, plates, scene.printer.build_volume_mm)
-        return checks + check_plates_printable(plates, scene.printer, checks, seconds)
-    return checks + _check_printability(printed, scene, checks, seconds)
+        return checks + (left or check_plates_printable(plates, scene.printer, checks, seconds))
+    return checks + (left or _check_printability(printed, scene, checks, seconds))
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
