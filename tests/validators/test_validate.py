@@ -38,7 +38,7 @@ def to_part(points: Array) -> Array:
 def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A part, its knots, its scene, and as its picture the shadow that it casts."""
     tmp_path = tmp_path_factory.mktemp("right")
-    curve = trefoil(300, 16.0)
+    curve = trefoil(240, 16.0)
     vertices, faces = tube(curve, RADIUS, 48)
     (tmp_path / "part.stl").write_bytes(encode(Body(to_part(vertices), faces), "stl"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
