@@ -277,6 +277,7 @@ def move(laid: Plate, shift: float) -> Plate:
     return replace(laid, to_part=motion)
 
 
+@pytest.mark.slow
 def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, _, _ = written
     assert checks_of(part, [move(plates[0], 0.03), *plates[1:]])["plates"][0] == "pass"

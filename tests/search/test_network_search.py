@@ -266,6 +266,7 @@ def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPa
         _search(problem, QUICK)
 
 
+@pytest.mark.slow
 def test_a_circle_cannot_be_a_trefoil(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"network_start": "circle"})
     tied = replace(problem, knot="trefoil")

@@ -300,6 +300,7 @@ def test_what_one_view_may_have_several_may_have_too(scene: Scene) -> None:
     assert asked.problem.knot == scene.piece.knot and len(asked.bounds) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printing", [False, True])
 def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     tmp_path: Path, printing: bool

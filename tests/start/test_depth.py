@@ -62,6 +62,7 @@ def test_depth_keeps_the_picture_and_lowers_legibility(
     assert legibility(flat, 3.0, light, target, 0.0) > 0.9
 
 
+@pytest.mark.slow
 def test_more_candidates_are_less_legible_and_the_same_ones_the_same(
     problem: Problem, template: Template
 ) -> None:
@@ -95,6 +96,7 @@ def _lift_by(
     return lift_template(_lit_by(problem, diameter_mm, word), template, 3.0, FEW)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 40.0), (-75.0, -90.0)])
 def test_a_piece_stands_before_its_light_wherever_that_is(
     problem: Problem, template: Template, azimuth: float, elevation: float

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
 from validator_parts import circle
 
 from knotfab_validators.validate import validate
@@ -29,6 +30,7 @@ def answers(*requests: dict[str, Any]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_verdicts_are_those_of_validate_and_a_bad_file_is_one_sentence(tmp_path: Path) -> None:
     asked = [("pass", 0, 3.0), ("fail", 1, 41.0)]
     for status, _, radius in asked:

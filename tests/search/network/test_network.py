@@ -125,6 +125,7 @@ def test_adversarial_weights(dtype: torch.dtype, size: float, depth: int) -> Non
         assert digits.double().mean() > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log_scale", [1e-6, 30.0])
 def test_scales_near_zero_and_huge(log_scale: float) -> None:
     layer = _layer((0, 1, 2))
@@ -141,6 +142,7 @@ def test_scales_near_zero_and_huge(log_scale: float) -> None:
             torch.testing.assert_close(layer.inverse(y), x, rtol=1e-14, atol=0)
 
 
+@pytest.mark.slow
 def test_every_layer_keeps_the_handedness() -> None:
     network = CouplingNetwork(6, 16, 4)
     _shaken(network, 2.0)

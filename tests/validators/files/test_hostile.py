@@ -46,6 +46,7 @@ def test_every_format_reads_the_same_cube(name: str, tmp_path: Path) -> None:
     assert volume(other) == pytest.approx(8000.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
     for file in handmade():
         place = tmp_path / "place"

@@ -149,6 +149,7 @@ def test_facets_that_keep_the_volume_are_allowed_for() -> None:
         assert found.measured == pytest.approx(4.4 - 4 * grown, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.7, 0.95, 0.999])
 def test_strands_nearer_than_a_diameter_are_rejected(factor: float) -> None:
     mesh, curves = rings(4 * factor), two_circles(4 * factor)
