@@ -50,7 +50,8 @@ def validate(
             scene. Where its material shrinks, they are measured as they are then, but for what the
             printer must hold and can print.
         skip: names of checks to leave out; "shadow-render" lets the exact polygons alone decide
-            about the shadow. A group that is left out whole is not measured.
+            about the shadow. A group that is left out whole is not measured (`part_checks`); of the
+            shadows, no view is reported then, unless their pictures are to be written.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
         only: one half of the work, "geometry" or "shadows", for two processes that share it. strands:
