@@ -7,10 +7,11 @@ import pytest
 from validator_parts import circle, tube
 
 from knotfab_validators.check import Check
+from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import KNOTS, PRINTING
+from knotfab_validators.names import KNOTS, PLATES, PRINTING
 from knotfab_validators.names import MESH as MESH_CHECKS
 from knotfab_validators.part_checks import part_checks
 
@@ -78,6 +79,38 @@ def test_a_group_that_is_left_out_whole_is_not_measured() -> None:
         checks = part_checks(MESH, knot(), scene(), seconds, skip=(*names, *PRINTING))
         assert stage not in seconds and seconds.keys() | {stage} >= groups.keys()
         assert {c.name for c in checks if c.detail == "left out on request"} == {*names, *PRINTING}
+
+
+SMALL = Mesh(*tube(circle(24, 20.0) + [30.0, 30.0, 4.0], 3.0, 8))
+OPEN = Mesh(SMALL.vertices, SMALL.faces[1:])
+NO_NUMBER = Mesh(
+    np.where(np.arange(len(SMALL.vertices))[:, None] == 7, np.nan, SMALL.vertices), SMALL.faces
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "printed", "why"),
+    [
+        (SMALL, None, None),
+        (OPEN, None, "the surface is broken (mesh_closed"),
+        (NO_NUMBER, None, "the surface is broken (mesh_"),
+        (SMALL, SMALL, None),
+        (SMALL, OPEN, "the surface of a plate is broken"),
+    ],
+)
+def test_a_broken_surface_is_not_called_printable_though_its_checks_are_left_out(
+    part: Mesh, printed: Mesh | None, why: str | None
+) -> None:
+    """The part's, or that of the plate on which it is printed."""
+    plates = []
+    if printed is not None:
+        body = np.zeros(len(printed.vertices), dtype=np.int64)
+        plates = [Plate("plate-1.3mf", printed, body, np.eye(4)[None])]
+    asked, *others = PRINTING
+    skip = (*MESH_CHECKS, *PLATES, *others, "centre_line")
+    (check,) = (c for c in part_checks(part, None, scene(), {}, plates, skip) if c.name == asked)
+    assert check.status == ("skipped" if why else "pass")
+    assert check.detail.startswith(why or check.detail)
 
 
 @pytest.mark.slow

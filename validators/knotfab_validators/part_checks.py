@@ -51,7 +51,8 @@ def part_checks(
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
     Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
     are what must fit the printer and can be printed, and must make up the part. A group of checks that
-    is to be left out whole (`skip`) is not measured. `printed`: the part before it shrinks, where it does.
+    is to be left out whole (`skip`) is not measured, but for the surface where printability is asked.
+    `printed`: the part before it shrinks, where it does.
 
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
@@ -61,8 +62,10 @@ def part_checks(
             "surface", the rest.
     """
     checks: list[Check] = []
+    left = _leave_out(PRINTING, skip)
     if "surface" in groups:
-        checks = _leave_out(MESH, skip) or _check_surface(mesh, curves, scene, seconds)
+        # of a broken surface printability means nothing: where that is asked, the surface is too
+        checks = (left and _leave_out(MESH, skip)) or _check_surface(mesh, curves, scene, seconds)
     if "strands" in groups:
         line, strands = _check_strands(mesh, curves, scene, seconds, skip)
         checks = [line, *checks, *strands]
@@ -76,7 +79,6 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_check_build_volume(printed, scene))
-    left = _leave_out(PRINTING, skip)
     if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
             checks += check_plates(printed, plates, scene.printer.build_volume_mm)
