@@ -284,6 +284,8 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     dark, huge, script = tmp_path / "dark.png", tmp_path / "huge.png", tmp_path / "script.eps"
     Image.new("RGB", SIZE).save(dark)
     Image.new("1", (16000, 12000)).save(huge)
+    with (tmp_path / "heavy.png").open("wb") as file:
+        file.truncate(10 * 12000**2)  # bytes, of which a disk holds none
     Image.new("L", (20, 20)).save(script)
     damaged = [tmp_path / name for name in ("cut", "empty")]
     for place, text in zip(damaged, ('{"knots": [', "{}"), strict=True):
@@ -292,6 +294,7 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     for call, why in (
         ((dark, folder, "--corners", *words()), "no shadow stands out"),
         ((huge, folder), "more than 12000 pixels"),
+        ((tmp_path / "heavy.png", folder), "at most 12000 pixels on a side"),
         ((script, folder), "not a picture that can be read"),
         *(
             ((photo, place, "--corners", *words()), "knots.json: it is damaged")

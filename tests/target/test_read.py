@@ -17,7 +17,7 @@ from PIL import Image
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
-from knotfab.target.read import Target, read_target
+from knotfab.target.read import Target, read_bytes, read_target
 from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60
@@ -258,6 +258,18 @@ def test_missing_files_directories_and_pipes(tmp_path: Path) -> None:
         read_target(tmp_path / "pipe")
     with pytest.raises(InputError, match="cannot be read"):
         read_target("nul\0l")
+
+
+def test_a_file_too_large_for_a_picture_is_told_how_large_one_may_be(tmp_path: Path) -> None:
+    with (tmp_path / "large.png").open("wb") as file:
+        file.truncate(10 * 8000**2)  # bytes, of which a disk holds none
+    with pytest.raises(InputError, match="at most 8000 pixels on a side"):
+        read_target(tmp_path / "large.png")
+    noise = tmp_path / "noise.bin"  # 16-bit RGBA of 100 x 100 px
+    noise.write_bytes(bytes(8 * 100**2 + 500))
+    assert len(read_bytes(noise, "noise", 100)) == 80_500
+    with pytest.raises(InputError, match=r"too much.*at most 90 pixels on a side"):
+        read_bytes(noise, "noise", 90)
 
 
 def test_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
