@@ -25,6 +25,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 import knotfab
+from knotfab_validators.names import PRINTING
 
 _PX = 160
 _QUICK = """
@@ -169,7 +170,8 @@ ROWS: tuple[Row, ...] = (
         "plates",
         lambda f: len(f.files("plate-*.3mf")) > f.pieces and f.check("plates") == ["pass"],
         "[printer]\nname = 'prusa-mk4'\nbuild_volume_mm = [70.0, 60.0, 60.0]\n",
-        (("print", True),),
+        # whether each can be printed is measured as that of any part
+        (("print", True), ("skip", ("slicer", "shadow-render", *PRINTING))),
     ),
     Row(
         "wire plan",

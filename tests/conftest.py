@@ -1,11 +1,17 @@
 """What all tests share: the locale, and how they are dealt out to several workers."""
 
 import locale
+import os
 import signal
+import sys
 from collections.abc import Iterator
 
 import pytest
 from kept_validators import keep_validators
+
+# what is compiled once is kept: workers and the many children would compile all sources anew
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(scope="session", autouse=True)

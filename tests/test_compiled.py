@@ -51,6 +51,7 @@ def test_a_loop_uses_nothing_of_our_own_from_another_file(name: str) -> None:
     assert not brought & set(loop.py_func.__code__.co_names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", ["knotfab", "knotfab_validators"])
 def test_a_full_disk_keeps_no_loop_from_running(
     package: str, monkeypatch: pytest.MonkeyPatch

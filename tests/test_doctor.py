@@ -45,6 +45,7 @@ def test_loops_are_compiled_and_kept() -> None:
     assert {"find_winners", "evaluate", "step_margin", "gap_hinge", "bend_hinge", "_cover"} <= run
 
 
+@pytest.mark.slow
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", "raise SystemExit('no disk')"])
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
@@ -131,6 +132,7 @@ def test_memory_that_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor._memory().status == "warning"
 
 
+@pytest.mark.slow
 def test_examining_loads_nothing_heavy() -> None:
     code = (
         "import sys; from knotfab import doctor; doctor._child = lambda *a: (0, 'x', '');"

@@ -23,6 +23,7 @@ def crossing(folder: str, barred: str) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_no_test_imports_a_study_and_no_example_a_test() -> None:
     assert crossing("tests", "examples.studies") == []
     assert crossing("examples", "tests") == []

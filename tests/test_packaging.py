@@ -83,6 +83,7 @@ def test_everything_that_is_required_is_pinned() -> None:
     assert set(re.findall(r"\w+", everything)) == {"knotfab", *extras} - {"all"}
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_named_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -70,6 +70,7 @@ def run(folder: Path, calls: list[list[str]], before: str = "") -> list[tuple[st
     return [tuple(told) for told in json.loads(done.stderr.splitlines()[-1])]
 
 
+@pytest.mark.slow
 def test_a_light_command_and_what_is_refused_load_nothing_heavy(tmp_path: Path) -> None:
     picture(tmp_path / "good.png", square())
     picture(tmp_path / "blank.png", np.zeros((64, 64), dtype=bool))
@@ -82,6 +83,7 @@ def test_a_light_command_and_what_is_refused_load_nothing_heavy(tmp_path: Path) 
         assert code == (0 if call.split() in LIGHT else None if call == "import" else 2), call
 
 
+@pytest.mark.slow
 def test_what_was_loaded_is_seen(tmp_path: Path) -> None:
     for _, _, heavy in run(tmp_path, [["validate", "missing"]], "import torch"):
         assert heavy == ["torch"]

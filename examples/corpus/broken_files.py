@@ -1,4 +1,4 @@
-"""Files that must be refused: those made by hand, and a picture and a light that the part cannot have."""
+"""Files that must be refused: a picture and a light that the part cannot have, and those made by hand."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ from .hostile import Hostile, handmade
 
 def broken_files() -> Iterator[Broken]:
     """Faults that the readers must name in a sentence."""
-    for file in handmade():
-        if file.says is not None:
-            yield Broken(file.name, partial(_alone, file), READ, says=file.says)
     yield Broken(
         "a picture that is none",
         lambda: replace(with_scene(make_part(circle())), raw={"front.png": b"GIF89a and no more"}),
@@ -34,6 +31,13 @@ def broken_files() -> Iterator[Broken]:
         READ,
         says="light",
     )
+
+
+def refused_files() -> Iterator[Broken]:
+    """The files made by hand that must be refused."""
+    for file in handmade():
+        if file.says is not None:
+            yield Broken(file.name, partial(_alone, file), READ, says=file.says)
 
 
 def _alone(file: Hostile) -> Part:

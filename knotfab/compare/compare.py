@@ -190,8 +190,13 @@ def _plate_margin(scene: Scene) -> float:
 
 
 def read_photo(path: Path) -> Array:
-    """(H, W, 3), 0 to 1, upright."""
-    image, _ = decode(read_bytes(path, str(path)), str(path), largest=_LARGEST_PX)
+    """(H, W, 3), 0 to 1, upright.
+
+    Raises:
+        InputError: there is no such file, or it is no photograph that can be read (`read_bytes`, `decode`).
+    """
+    data = read_bytes(path, str(path), _LARGEST_PX)
+    image, _ = decode(data, str(path), largest=_LARGEST_PX)
     return np.asarray(image.convert("RGB"), dtype=np.float64) / 255.0
 
 

@@ -30,7 +30,7 @@ __all__ = [
 TEXT_PREFIX = "text:"
 PLAIN = Reading()
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
-_LARGEST_FILE = 512 * 2**20  # bytes: 8000 x 8000 pixels of 16-bit RGBA
+_PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,8 @@ def name_picture(source: str) -> str:
     return _to_plain_name(Path(source).stem, "picture")
 
 
-def read_bytes(path: Path, what: str) -> bytes:
-    """What a picture's file holds; `what` is how an error names it.
+def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> bytes:
+    """What a picture's file holds, of at most `largest` px on a side; `what` is how an error names it.
 
     Raises:
         InputError: there is none, it may not be read, it is empty, or too much for a picture.
@@ -124,11 +124,11 @@ def read_bytes(path: Path, what: str) -> bytes:
         if path.exists() and not path.is_file():
             raise InputError(what, "it is not a regular file", "Name a picture file.")
         size = path.stat().st_size
-        if size > _LARGEST_FILE:
+        if size > _PIXEL_BYTES * largest**2:
             raise InputError(
                 what,
                 f"the file has {size / 2**20:.0f} MiB, too much for a picture",
-                f"Scale the picture down to at most {raster.LARGEST_SIDE} pixels on a side.",
+                f"Scale the picture down to at most {largest} pixels on a side.",
             )
         data = path.read_bytes()
     except FileNotFoundError as error:

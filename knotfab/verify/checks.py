@@ -30,8 +30,6 @@ CHECKS = (
     "shadow-render",
     "slicer",
     *SHADOWS,
-    "intrusion",
-    "tone",
     *KNOTS,
     *MESH,
     *TUBE,

@@ -119,6 +119,7 @@ def test_bad_input_is_one_sentence_each(played: Path, tmp_path: Path) -> None:
     assert count(played) == {} and not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_unreadable_picture_among_good_ones(played: Path, tmp_path: Path) -> None:
     """The real build's sentence is in its record, and the others are built."""
     pictures = draw(tmp_path / "pictures", a="pass", b="real", c="pass")
@@ -147,6 +148,7 @@ def test_a_full_disk_is_one_sentence(played: Path, tmp_path: Path) -> None:
     assert count(played) == {"a": 1, "b": 1}
 
 
+@pytest.mark.slow
 def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
     played: Path, tmp_path: Path
 ) -> None:

@@ -32,6 +32,7 @@ def ask(stem: Workers, *arguments: str | Path, **environment: str) -> tuple[int,
     return answer["code"], answer["said"]
 
 
+@pytest.mark.slow
 def test_each_build_is_one_of_its_own(stem: Workers, tmp_path: Path) -> None:
     """With its exit code, its own words, its own environment, and nothing of the one before."""
     for name in ("one", "other"):
@@ -43,6 +44,7 @@ def test_each_build_is_one_of_its_own(stem: Workers, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_asked_to_end_it_ends_its_build_first(stem: Workers, tmp_path: Path) -> None:
     """The build, as one that is interrupted, which leaves nothing; then the stem."""
     (process,) = stem._processes

@@ -131,12 +131,14 @@ def words(corners: Array = CORNERS) -> list[str]:
     return [f"{x:.0f},{y:.0f}" for x, y in corners]
 
 
+@pytest.mark.slow
 def test_a_lamp_in_its_place(folder: Path, tmp_path: Path) -> None:
     found = compare_photo(photograph(tmp_path / "photo.png"), folder, words())
     assert found.iou > 0.97 and found.missing < 0.02 and found.spilled < 0.02
     assert advise(found) == "The lamp stands where it should."
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moved", "advice"),
     [
@@ -154,6 +156,7 @@ def test_a_lamp_beside_its_place_is_found(
     assert all(f" mm {way}" in advise(found) for way in advice)
 
 
+@pytest.mark.slow
 def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
     photo = photograph(tmp_path / "photo.png", plate=True)
     found = compare_photo(photo, unknown)
@@ -162,6 +165,7 @@ def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
     assert found.iou == pytest.approx(named.iou, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wall", "stand"])
 def test_the_frame_is_found_by_four_marks(folder: Path, kind: str, tmp_path: Path) -> None:
     """Of a wall mount they lie about its plate; a stand has none, and nothing else tells its frame."""
@@ -216,6 +220,7 @@ def test_marks_are_told_from_what_is_like_them() -> None:
     assert np.abs(marks - wanted).max() < 1.0
 
 
+@pytest.mark.slow
 def test_the_printed_marks_are_those_that_are_looked_for() -> None:
     figure = draw_marks_page(PAPERS["a4"], plate=False)
     file = io.BytesIO()
@@ -226,6 +231,7 @@ def test_the_printed_marks_are_those_that_are_looked_for() -> None:
     assert sides * 25.4 / 100 == pytest.approx([70.0] * 4, abs=0.2)
 
 
+@pytest.mark.slow
 def test_four_clicks(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page says a command with the corners in order, whatever order they are pointed at in."""
     opened: list[str] = []
@@ -254,6 +260,7 @@ def test_four_clicks(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert knotfab(*command[1:]).code == 0 and out.is_file()
 
 
+@pytest.mark.slow
 def test_where_they_differ_is_drawn(unknown: Path, tmp_path: Path) -> None:
     photo, out = photograph(tmp_path / "photo.png", (15.0, 0.0, 0.0)), tmp_path / "out.png"
     done = knotfab("compare", photo, unknown, "--corners", *words(), "--out", out, "--json")
@@ -268,6 +275,7 @@ def test_where_they_differ_is_drawn(unknown: Path, tmp_path: Path) -> None:
     assert told["iou"] < 0.9 and told["lamp"] is None
 
 
+@pytest.mark.slow
 def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     photo = photograph(tmp_path / "photo.png")
     plain = tmp_path / "plain.png"
@@ -276,6 +284,8 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     dark, huge, script = tmp_path / "dark.png", tmp_path / "huge.png", tmp_path / "script.eps"
     Image.new("RGB", SIZE).save(dark)
     Image.new("1", (16000, 12000)).save(huge)
+    with (tmp_path / "heavy.png").open("wb") as file:
+        file.truncate(10 * 12000**2)  # bytes, of which a disk holds none
     Image.new("L", (20, 20)).save(script)
     damaged = [tmp_path / name for name in ("cut", "empty")]
     for place, text in zip(damaged, ('{"knots": [', "{}"), strict=True):
@@ -284,6 +294,7 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
     for call, why in (
         ((dark, folder, "--corners", *words()), "no shadow stands out"),
         ((huge, folder), "more than 12000 pixels"),
+        ((tmp_path / "heavy.png", folder), "at most 12000 pixels on a side"),
         ((script, folder), "not a picture that can be read"),
         *(
             ((photo, place, "--corners", *words()), "knots.json: it is damaged")

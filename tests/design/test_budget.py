@@ -70,6 +70,7 @@ def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPa
         assert found.unmet == unmet.feasibility and len(asked) == prices
 
 
+@pytest.mark.slow
 def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:
     target = read_target("text:♥")
     made = design_knots(Scene(search=TINY), [target], budget=Budget(time.perf_counter() + 1.5))

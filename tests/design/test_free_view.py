@@ -152,6 +152,7 @@ def test_pose_and_light_distance_are_found_again(share: float) -> None:
     assert (found.numbers.wall_distance_mm, found.numbers.radius_mm) == (100.0, 3.0)
 
 
+@pytest.mark.slow
 def test_bounds_hold_whatever_is_asked() -> None:
     start = ViewNumbers(400.0, 100.0, 3.0)
     bounds = Bounds(turn_deg=5.0, least_radius_mm=2.0, most_radius_mm=3.5)
@@ -218,6 +219,7 @@ def _value_and_slope(objective: Objective, points: np.ndarray) -> tuple[float, n
     return float(loss.detach()), np.asarray(gradient.numpy())
 
 
+@pytest.mark.slow
 def test_from_a_pose_the_objective_is_that_of_the_turned_knot(problem: Problem) -> None:
     numbers = ViewNumbers(430.0, 120.0, 4.0, 6.0, 3.0, -20.0)
     free = _objective(_state(problem, TIGHT, Pose(numbers, Bounds())))
@@ -304,6 +306,7 @@ def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None
     assert fixed.numbers is None and fixed.views == (problem.views[0].view,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "least"), [("inn", 0.85), ("inn+flow", 0.95)])
 def test_the_network_finds_the_view_along(problem: Problem, method: str, least: float) -> None:
     few = {"network_depth": 4, "network_width": 16, "network_iterations": 30, "method": method}

@@ -41,6 +41,7 @@ def block(top: int, bottom: int, left: int = 30, right: int = 90) -> Mask:
     return mask
 
 
+@pytest.mark.slow
 def test_a_ball_contradicts_itself_from_no_side() -> None:
     masks = [disc(40.0)] * 3
     cameras = [shot(a, m) for a, m in zip((0.0, 60.0, 120.0), masks, strict=True)]

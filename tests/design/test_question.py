@@ -7,6 +7,7 @@ from knotfab.scene.catalogue import material_of, printer_of
 from knotfab.scene.model import Scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("printer", "material", "overhang_deg"),
     [

@@ -25,6 +25,7 @@ def question() -> Question:
     return ask(Scene(), [read_target("text:♥")])
 
 
+@pytest.mark.slow
 def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> None:
     choice = choose_radius(question, DRAFT)
     drawn = {t.radius_mm: t.template_iou for t in choice.trials}
@@ -33,6 +34,7 @@ def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> 
     assert choice.template is not None and choice.template.radius == choice.radius_mm
 
 
+@pytest.mark.slow
 def test_a_radius_without_a_place_for_the_knot_is_passed_over(
     question: Question, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,7 @@ def placed(**keys: float) -> World:
     return World(placing=Placing(**keys))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("turns", "bent"), [(True, False), (False, False), (True, True)])
 def test_it_bounds_the_truth_and_closely(turns: bool, bent: bool) -> None:
     rng = np.random.default_rng(3)

@@ -45,6 +45,7 @@ def test_it_is_the_makers_rule() -> None:
     assert found == pytest.approx(5.0 * (300.0 + 2.0) / (1000.0 - 2.0), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_it_bounds_the_truth_and_closely() -> None:
     rng = np.random.default_rng(7)
     ratios = []

@@ -37,6 +37,7 @@ def test_without_a_mount_nothing_sags() -> None:
     assert sagging == pytest.approx(0.2 * 600 / (500 - 15 - 2) / (180 / 1024), rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

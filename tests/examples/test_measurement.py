@@ -25,6 +25,7 @@ from examples.measurement import (
 BUILT = Built(0, 1.0, 1.0, 1.0, None, "")
 
 
+@pytest.mark.slow
 def test_a_refused_picture_is_a_clear_end_without_a_report(tmp_path: Path) -> None:
     built = build_apart(tmp_path / "nowhere.png", tmp_path / "out")
     assert (built.code, built.report) == (2, None)

@@ -25,6 +25,7 @@ def pieces_and_holes(image: Image.Image) -> tuple[int, int]:
     return counts[0], counts[1] - 1
 
 
+@pytest.mark.slow
 def test_there_are_enough_and_they_are_black_on_white(images: dict[str, Image.Image]) -> None:
     assert len(images) >= 16
     for name, image in images.items():

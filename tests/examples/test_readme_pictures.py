@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from examples.readme_pictures import HERE, write_pictures
@@ -21,6 +22,7 @@ def calls() -> list[list[str]]:
     return [shlex.split(re.split(r"\s{2,}#|\s#\s", line)[0]) for line in lines]
 
 
+@pytest.mark.slow
 def test_every_command_is_one_and_its_pictures_are_there() -> None:
     assert len(calls()) > 20
     pictures = set()
@@ -34,6 +36,7 @@ def test_every_command_is_one_and_its_pictures_are_there() -> None:
         assert (HERE / name).exists(), name
 
 
+@pytest.mark.slow
 def test_the_pictures_are_those_that_the_script_draws(tmp_path: Path) -> None:
     for path in write_pictures(tmp_path):
         kept = HERE / path.relative_to(tmp_path)

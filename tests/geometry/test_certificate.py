@@ -80,6 +80,7 @@ def _linking(points: np.ndarray, n: int) -> int:
     return total
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.05, 3.0))
 def test_random_certified_steps_never_change_the_linking_number(seed: int, size: float) -> None:

@@ -137,6 +137,7 @@ def test_an_inset_that_splits_gives_one_curve_all_the_same() -> None:
     assert shapely.LinearRing(found.curves[0]).is_simple
 
 
+@pytest.mark.slow
 def test_noise_is_filled_at_the_tubes_own_scale() -> None:
     case = next(c for c in hard_pictures() if c.name == "noise")
     found = fill(trace_polygon(case.draw()), 8.0)

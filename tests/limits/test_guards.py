@@ -132,6 +132,7 @@ def test_slopes_are_those_of_finite_differences(tmp_path: Path, kind: str) -> No
             assert found == pytest.approx(float((slope * way).sum()), rel=1e-4, abs=1e-5 * value)
 
 
+@pytest.mark.slow
 def test_an_unfelt_limit_runs_no_code(monkeypatch: pytest.MonkeyPatch) -> None:
     def explode(*_: object) -> None:
         raise AssertionError("a limit that cannot be felt was called")
@@ -151,6 +152,7 @@ def test_an_unfelt_limit_runs_no_code(monkeypatch: pytest.MonkeyPatch) -> None:
         start_and_search(tight, 4.0, QUICK, repairs=0)
 
 
+@pytest.mark.slow
 def test_watching_changes_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """A budget that only comes to be felt along the walk, watched and always called: the same knots."""
     problem = ask_heart()

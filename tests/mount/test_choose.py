@@ -28,6 +28,7 @@ def sag_on(
     return worst_of(sag_moves(ONE, sites, members, stiffness, foot[chosen]), ONE.points)
 
 
+@pytest.mark.slow
 def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     view = camera()
     rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)

@@ -125,6 +125,7 @@ def test_a_portal_frame_that_leans_out_of_its_plane() -> None:
     assert moved[4, 1] < 0 < moved[4, 2]
 
 
+@pytest.mark.slow
 def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     """The whole frame of a wall mount, as `sag_moves` solves it, and what it says of the sag."""
     t = 2 * np.pi * np.arange(160) / 160

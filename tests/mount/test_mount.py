@@ -74,6 +74,7 @@ def test_the_piece_on_its_stand() -> None:
         mount_piece(scene, ONE, tubes, [camera()])
 
 
+@pytest.mark.slow
 def test_several_loose_knots_get_a_wall_mount_by_themselves() -> None:
     tubes = [sweep(k.points, RADIUS, 12) for k in TWO.knots]
     open_scene = scene().model_copy(update={"mount": Mount()})

@@ -32,6 +32,7 @@ def sag_at(place: Place, share: float, stiffness: Stiffness) -> float:
     return sag_on_pegs(moved, camera_of(there, 64, 64), 0.4, stiffness)
 
 
+@pytest.mark.slow
 def test_pegs_that_sag_before_a_far_wall_hold_before_a_near_one() -> None:
     with pytest.raises(NotHeldError, match=r"sags \d\.\d\d mm on its pegs, 0\.2 are allowed"):
         plan_wall(LOOSE, camera(), 0.4, PLA, PLATE, thoroughly=False)
@@ -51,6 +52,7 @@ def test_only_a_softer_material_asks_for_less_depth() -> None:
         assert place is not None and place.wall_mm >= 0.5 * place.depth_mm + LEAST_PEG_MM
 
 
+@pytest.mark.slow
 def test_what_is_given_stays() -> None:
     assert propose(SOFT, shallower=False, nearer=False) is None
     near, flat = propose(SOFT, shallower=False), propose(SOFT, nearer=False)

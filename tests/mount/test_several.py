@@ -114,6 +114,7 @@ def test_an_eye_is_as_a_lamp() -> None:
         assert (pose.size_mm <= asked.printer.build_volume_mm).all()
 
 
+@pytest.mark.slow
 def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
     """A bar across the ring, in the first picture's disc, that stands out of the second's band."""
     shadows = Shadows(ONE, CAMERAS, TARGETS)
@@ -185,6 +186,7 @@ def draw(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
     return texts(folder / "setup.svg"), last
 
 
+@pytest.mark.slow
 def test_the_drawing_shows_all_lamps_and_walls_from_above(tmp_path: Path) -> None:
     said, steps = draw(tmp_path, 90.0)
     assert {"wall: view-1", "wall: view-2", "lamp, 5 mm: view-1", "lamp, 5 mm: view-2"} <= set(said)
@@ -196,6 +198,7 @@ def test_the_drawing_shows_all_lamps_and_walls_from_above(tmp_path: Path) -> Non
     assert "2.5 mm to the right" in second
 
 
+@pytest.mark.slow
 def test_a_view_that_is_not_square_to_the_base_is_placed_by_its_corner(tmp_path: Path) -> None:
     _, steps = draw(tmp_path, 60.0, 120.0)
     assert "nearest corner" in steps[0] and "120.0° anticlockwise" in steps[0]

@@ -132,6 +132,7 @@ def test_a_peg_knows_its_length() -> None:
     assert peg.length_mm == 5.0
 
 
+@pytest.mark.slow
 def test_a_bead_that_bars_thick_pegs_gets_a_thinner_one() -> None:
     """A dot is a ring hardly larger than its tube, and in the way of a peg as thick as that."""
     dot = ring(1.1 * RADIUS * 1.25, n=24, wave=0.3)

@@ -41,6 +41,7 @@ def test_a_ring_in_the_air_is_open_to_all() -> None:
     assert found.area_cm2 == pytest.approx(2 * np.pi * 40 * 2.0 * np.pi / 2 / 100, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_is_shut_in_is_reached_by_nothing() -> None:
     found = measured(room(0.0))
     assert all(share == 0.0 for share in found.reached.values())
@@ -50,6 +51,7 @@ def test_what_is_shut_in_is_reached_by_nothing() -> None:
     assert 2 < x < 38 and 2 < y < 38 and z == pytest.approx(38.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("window", "largest"), [(5.0, "pliers"), (10.0, "cutter"), (20.0, "finger")]
 )

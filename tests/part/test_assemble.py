@@ -59,6 +59,7 @@ def test_all_that_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
     assert report["print"]["pose"]["shrinkage_percent"] == 4.0
 
 
+@pytest.mark.slow
 def test_the_printer_must_hold_it_as_it_is_printed_and_plates_are_larger_too() -> None:
     whole, parted = posed(0.0, 61.0), posed(4.0, 61.0)
     assert whole.plates is None and parted.plates is not None

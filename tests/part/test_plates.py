@@ -210,6 +210,7 @@ def test_whole_knots_that_fit_alone_are_not_cut() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_pieces_that_leave_no_room_for_supports_use_the_whole_printer() -> None:
     """Bends too tight to be cut: their pieces, 30 mm wide, fit the bed, but not the bed less margins."""
     room, rules, points = (40.0, 36.0, 10.0), Rules(margin_mm=3.0), track(120.0, 24.0)
@@ -276,6 +277,7 @@ def move(laid: Plate, shift: float) -> Plate:
     return replace(laid, to_part=motion)
 
 
+@pytest.mark.slow
 def test_a_body_out_of_its_place_fails(written: tuple[Surface, list[Plate], Path, str]) -> None:
     part, plates, _, _ = written
     assert checks_of(part, [move(plates[0], 0.03), *plates[1:]])["plates"][0] == "pass"

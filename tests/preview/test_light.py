@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 CALLS = """
@@ -33,6 +34,7 @@ call("preview", "good.png", "--json")
 """
 
 
+@pytest.mark.slow
 def test_nothing_heavy_loads_before_it_is_needed(tmp_path: Path) -> None:
     Image.new("L", (80, 80), 255).save(tmp_path / "blank.png")
     (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\nnot one")

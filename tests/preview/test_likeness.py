@@ -42,6 +42,7 @@ def checks(count: int, side: int = 256) -> Mask:
     return np.pad((u + v) % 2 == 0, 16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mask",
     [noise(256), noise(512), HARD["checkerboard"].draw(), HARD["carpet"].draw()],
@@ -52,6 +53,7 @@ def test_what_no_tube_can_draw_is_not_recognisable(mask: Mask) -> None:
     assert found is not None and not found.recognisable
 
 
+@pytest.mark.slow
 def test_a_finer_tube_that_is_named_draws_it() -> None:
     mask = noise(96, 2)
     radius = recognisable_radius(mask, 5.0)
@@ -87,9 +89,10 @@ def widen(mask: Mask, radius: float) -> Mask:
     return np.asarray(ndimage.distance_transform_edt(~mask) <= radius)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_a_stroke_of_few_px_is_one_stroke_to_every_radius(width: int) -> None:
-    mask = strokes(2048, width)
+    mask = strokes(1400, width)
     for radius in (8.0, 40.0):
         found = compare_lines(mask, widen(mask, radius), radius)
         assert found.recognisable and found.changes == 0, radius
@@ -117,6 +120,7 @@ def test_the_finest_meshes_are_no_specks() -> None:
         assert not compare_lines(mask, widen(mask, radius), radius).recognisable
 
 
+@pytest.mark.slow
 def test_noise_is_refused_without_a_polygon_being_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,6 +140,7 @@ def test_noise_is_refused_without_a_polygon_being_opened(
     assert list_figures(found)["views"][0]["recognisable"] is False
 
 
+@pytest.mark.slow
 def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
     Image.fromarray(np.where(noise(64, 2), 0, 255).astype(np.uint8)).save(tmp_path / "few.png")
     view, target = View(frame_width_mm=40.0), read_target(tmp_path / "few.png")
@@ -150,6 +155,7 @@ def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
         assert "nobody would know" not in str(refused)
 
 
+@pytest.mark.slow
 def test_a_radius_that_is_given_is_asked_for_a_thinner_one(tmp_path: Path) -> None:
     Image.fromarray(np.where(checks(32), 0, 255).astype(np.uint8)).save(tmp_path / "checks.png")
     target = read_target(tmp_path / "checks.png")

@@ -84,6 +84,7 @@ def remedies(path: Path, scene: Scene) -> tuple[int, int, float]:
     return int(named[1]), int(named[2]), float(named[3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [3, 4])
 def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
     scene = Scene()
@@ -180,6 +181,7 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     assert [v.lines for v in widen_targets(resolve(two), (thin, thin))[0].views] == ["off", "off"]
 
 
+@pytest.mark.slow
 def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
     image = Image.new("L", (SIDE, SIDE), 255)
     draw = ImageDraw.Draw(image)
@@ -205,6 +207,7 @@ def test_several_pictures_are_not_drawn_along_lines(tmp_path: Path) -> None:
         widen_targets(resolve(Scene(views=scene.views[:1])), (target, target), sequence=True)
 
 
+@pytest.mark.slow
 def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
     """It is read shrunk, and its px are those of the picture."""
     image = Image.open(lines(tmp_path / "a.png", width=6, body=True))
@@ -222,6 +225,7 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
         assert glanced[key] == pytest.approx(whole[key], abs=0.25)
 
 
+@pytest.mark.slow
 def test_a_glance_tells_places_and_rules_in_the_pictures_own_px(tmp_path: Path) -> None:
     dots = np.zeros((2000, 4000), dtype=bool)
     dots[400:1600, 400:3600] = True

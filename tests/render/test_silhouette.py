@@ -124,6 +124,7 @@ def test_winners_are_those_within_reach() -> None:
         assert torch.equal(within.nonzero()[:, 0], pixel.long().sort().values)
 
 
+@pytest.mark.slow
 def test_slopes_in_the_views_own_numbers_are_those_of_torch() -> None:
     p, frame = tangle(40, 3, torch.float64), frame_at(torch.float64)
     target = target_at(frame, torch.float64)

@@ -375,6 +375,7 @@ SLICED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_each_section_of_fabrication_is_there_only_where_it_applies() -> None:
     assert sections(fabrication_page()) == []
     assert sections(fabrication_page(print_={"mount": {"kind": "none"}, "drawings": []})) == []
@@ -421,6 +422,7 @@ def test_the_bending_plan_lists_each_wire() -> None:
         assert part in text
 
 
+@pytest.mark.slow
 def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
     def ious(*ways: str) -> dict[str, dict[str, float]]:
         return {way: {"raw": 0.858 - 0.1 * n, "fitted": 0.958} for n, way in enumerate(ways)}

@@ -86,6 +86,7 @@ def test_the_limits_themselves_are_allowed() -> None:
     assert parse_scene(text).printer.max_overhang_deg == 90
 
 
+@pytest.mark.slow
 def test_printability_needs_none_of_the_makers_libraries() -> None:
     code = """
 import sys

@@ -66,6 +66,7 @@ def _trefoil(count: int, mirror: bool = False) -> np.ndarray:
     return np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), z])
 
 
+@pytest.mark.slow
 def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None:
     curves = (np.array([[0.0, 0], [40, 0], [40, 90]]), np.array([[1.0, 0], [1, 9], [0, 0]]))
     template = Template(curves, problem.polygons[0], 2.0)
@@ -252,6 +253,7 @@ def test_what_is_not_all_of_the_way_is_not_told_as_all(reached: float, told: str
     assert said.endswith(told) and ("in 12 steps" in said) == (reached > 0)
 
 
+@pytest.mark.slow
 def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     def explode(*_: object, **__: object) -> None:
         raise AssertionError("a network where none is asked for")
@@ -264,6 +266,7 @@ def test_the_flow_runs_no_network(problem: Problem, monkeypatch: pytest.MonkeyPa
         _search(problem, QUICK)
 
 
+@pytest.mark.slow
 def test_a_circle_cannot_be_a_trefoil(problem: Problem) -> None:
     settings = QUICK.model_copy(update={"network_start": "circle"})
     tied = replace(problem, knot="trefoil")

@@ -24,6 +24,7 @@ def state() -> SearchState:
     return begin(ask_heart(), Start((ring,), "a circle"), 2.5, SETTINGS)
 
 
+@pytest.mark.slow
 def test_timing_a_phase_leaves_the_search_where_it_was(state: SearchState) -> None:
     points, calls = state.points.copy(), {n: g.calls for n, g in state.guards.items()}
     steps = state.log.accepted
@@ -33,6 +34,7 @@ def test_timing_a_phase_leaves_the_search_where_it_was(state: SearchState) -> No
     assert {n: g.calls for n, g in state.guards.items()} == calls and state.log.accepted == steps
 
 
+@pytest.mark.slow
 def test_the_last_phase_gets_what_the_others_left(
     state: SearchState, monkeypatch: pytest.MonkeyPatch
 ) -> None:

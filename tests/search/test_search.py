@@ -92,6 +92,7 @@ def test_bend_radius_of_a_regular_polygon_is_its_inradius() -> None:
     np.testing.assert_allclose(found, 7.0 * np.cos(np.pi / n), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_feasibility_finds_each_violation(problem: Problem) -> None:
     t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.column_stack([40 * np.cos(t), 40 * np.sin(t), 0 * t])

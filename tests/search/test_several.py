@@ -234,6 +234,7 @@ def test_two_views_end_feasible_certified_and_drawn() -> None:
     assert found.views == tuple(v.view for v in problem.views)
 
 
+@pytest.mark.slow
 def test_a_trefoil_is_tied_in_where_one_of_two_views_sees_no_crossing() -> None:
     problem = replace(ask_views([DISC, SQUARE], 0.0, 90.0), knot="trefoil")
     start = make_start(problem, 2.5, QUICK)
@@ -283,6 +284,7 @@ def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: st
         ask(scene.model_copy(update={"views": scene_views()}), pictures)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene",
     [
@@ -298,6 +300,7 @@ def test_what_one_view_may_have_several_may_have_too(scene: Scene) -> None:
     assert asked.problem.knot == scene.piece.knot and len(asked.bounds) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printing", [False, True])
 def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     tmp_path: Path, printing: bool

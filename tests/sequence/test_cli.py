@@ -58,6 +58,7 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     assert "2 views" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "why"),
     [

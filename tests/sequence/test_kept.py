@@ -27,6 +27,7 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KNOTFAB_CACHE", str(tmp_path / "cache"))
 
 
+@pytest.mark.slow
 def test_an_interrupted_sequence_goes_on_to_the_same_knots(tmp_path: Path) -> None:
     targets = discs(tmp_path, (40, 36, 33))
     place = KeptFrames(tmp_path / "kept")

@@ -95,6 +95,7 @@ def test_a_finished_frame_has_twice_the_vertices_and_its_limits_mended(first: Se
     assert anchor.kept(found.points)
 
 
+@pytest.mark.slow
 def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
     points = first.knots.points
     far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]

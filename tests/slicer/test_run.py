@@ -113,38 +113,20 @@ def _knots_apart() -> list[Mesh]:
     return [(vertices - low, faces) for vertices, faces in meshes]
 
 
+@pytest.mark.slow
 @needs_slicer
 def test_three_loose_knots_are_printed_each_where_it_belongs(tmp_path: Path) -> None:
-    """Read from the G-code by hand, with the printed command, as a person would slice the folder."""
+    """By the report's command, as a person would slice the folder: from the very files, byte for byte, the
+    same G-code that was checked, but for its date, with each knot in its place, read by hand.
+    """
     knots = _knots_apart()
-    found = _slice_meshes(tmp_path, *knots)
-    assert found.problems == [] and found.objects == 1
-    for name in ("part.3mf", "slicer.ini"):
-        shutil.copy(tmp_path / name, tmp_path / "work" / name)
-    subprocess.run(
-        found.command, shell=True, cwd=tmp_path / "work", check=True, capture_output=True
-    )
-    gcode = read_gcode(tmp_path / "work" / "part.gcode")
-    every = np.concatenate([vertices for vertices, _ in knots])
-    middle = np.array([125.0, 105.0]) - (every.min(axis=0) + every.max(axis=0))[:2] / 2
-    lines = np.concatenate([gcode.start, gcode.end]) - [*middle, 0.0]
-    for vertices, _ in knots:
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        own = lines[((lines > low - 1) & (lines < high + 1)).all(axis=1)]
-        assert own.min(axis=0) == pytest.approx(low, abs=0.6)
-        assert own.max(axis=0) == pytest.approx(high, abs=0.6)
-
-
-@needs_slicer
-def test_the_command_of_the_report_gives_the_gcode_that_was_checked(tmp_path: Path) -> None:
-    """The very files, byte for byte; and the same G-code, but for its date."""
     kept = tmp_path / "kept"
     kept.mkdir()
     program = tmp_path / "prusa-slicer"
     program.write_text(f'#!/bin/sh\n{find_slicer()} "$@" && cp * {kept}\n')
     program.chmod(0o755)
-    found = _slice(tmp_path, str(program), *_knots_apart())
-    assert isinstance(found, Sliced) and found.problems == []
+    found = _slice(tmp_path, str(program), *knots)
+    assert isinstance(found, Sliced) and found.problems == [] and found.objects == 1
     for name in ("part.3mf", "slicer.ini"):
         assert (kept / name).read_bytes() == (tmp_path / name).read_bytes()
     subprocess.run(found.command, shell=True, cwd=tmp_path, check=True, capture_output=True)
@@ -154,6 +136,15 @@ def test_the_command_of_the_report_gives_the_gcode_that_was_checked(tmp_path: Pa
         for folder in (tmp_path, kept)
     )
     assert len(by_hand) > 1000 and by_hand == checked
+    gcode = read_gcode(tmp_path / "part.gcode")
+    every = np.concatenate([vertices for vertices, _ in knots])
+    middle = np.array([125.0, 105.0]) - (every.min(axis=0) + every.max(axis=0))[:2] / 2
+    lines = np.concatenate([gcode.start, gcode.end]) - [*middle, 0.0]
+    for vertices, _ in knots:
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        own = lines[((lines > low - 1) & (lines < high + 1)).all(axis=1)]
+        assert own.min(axis=0) == pytest.approx(low, abs=0.6)
+        assert own.max(axis=0) == pytest.approx(high, abs=0.6)
 
 
 @pytest.mark.slow
@@ -177,6 +168,7 @@ def test_a_body_in_the_air_without_supports(tmp_path: Path) -> None:
     assert not found.warnings[0].settled and found.warnings[0].explanation
 
 
+@pytest.mark.slow
 @needs_slicer
 def test_a_part_that_is_refused(tmp_path: Path) -> None:
     thin = _slice(tmp_path, None, box((0, 0, 0), (10, 0.1, 10)))
@@ -185,6 +177,7 @@ def test_a_part_that_is_refused(tmp_path: Path) -> None:
     assert isinstance(high, NotSliced) and high.kind == "refused" and "ayer height" in high.reason
 
 
+@pytest.mark.slow
 @needs_slicer
 def test_no_setting_of_the_user_is_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     home = tmp_path / "home"

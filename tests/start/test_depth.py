@@ -41,6 +41,7 @@ def _choose(
     return choose_depth(template.curves, 3.0, light, 90.0, target, candidates, 0, overhang_deg)
 
 
+@pytest.mark.slow
 def test_depth_keeps_the_picture_and_lowers_legibility(
     problem: Problem, template: Template
 ) -> None:
@@ -61,6 +62,7 @@ def test_depth_keeps_the_picture_and_lowers_legibility(
     assert legibility(flat, 3.0, light, target, 0.0) > 0.9
 
 
+@pytest.mark.slow
 def test_more_candidates_are_less_legible_and_the_same_ones_the_same(
     problem: Problem, template: Template
 ) -> None:
@@ -70,6 +72,7 @@ def test_more_candidates_are_less_legible_and_the_same_ones_the_same(
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: Template) -> None:
     light = problem.views[0].view.light_distance_mm
 
@@ -93,6 +96,7 @@ def _lift_by(
     return lift_template(_lit_by(problem, diameter_mm, word), template, 3.0, FEW)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 40.0), (-75.0, -90.0)])
 def test_a_piece_stands_before_its_light_wherever_that_is(
     problem: Problem, template: Template, azimuth: float, elevation: float
@@ -134,6 +138,7 @@ def test_under_a_wide_lamp_what_draws_the_outline_stands_near_the_wall(
     assert cost[20.0] < 0.85 * cost[0.0]
 
 
+@pytest.mark.slow
 def test_a_lamp_that_is_not_called_for_runs_no_code(
     problem: Problem, template: Template, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +157,7 @@ def test_a_lamp_that_is_not_called_for_runs_no_code(
         _lift_by(problem, template, 20.0)
 
 
+@pytest.mark.slow
 def test_what_a_lamp_does_to_depth_grows_from_nothing(problem: Problem, template: Template) -> None:
     point = _lift_by(problem, template, 0.0)
     first = _lift_by(problem, template, 1.0).effects["penumbra"]

@@ -45,6 +45,7 @@ def test_what_is_written_is_read_to_the_last_bit(tmp_path: Path) -> None:
     assert [k.type for k in found.knots] == ["3_1", "unknot"]
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_and_keeps_the_type(tmp_path: Path) -> None:
     problem = ask_heart()
     knots = read_start(write(tmp_path / "start.json", Knots((Knot(TREFOIL, "3_1"),), 2.0)))

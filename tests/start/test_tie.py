@@ -187,6 +187,7 @@ def test_a_flat_piece_holds_a_knot_too(problem: Problem) -> None:
     assert knot_types(curves).knots[0].verdict == "proved"
 
 
+@pytest.mark.slow
 def test_a_knot_is_tied_only_where_a_view_sees_the_curve_simple(problem: Problem) -> None:
     ring = Start((circle(20.0, 60),), "simple from a side that is no view's", facing=None)
     with pytest.raises(ValueError, match="sees the curve simple"):

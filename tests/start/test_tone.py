@@ -51,6 +51,7 @@ def test_a_tour_is_short_and_simple() -> None:
     assert length(many[tour]) < 0.7124 * np.sqrt(400) * 1.2  # of the best as it is for many points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [0.3, 0.7])
 def test_an_even_grey_is_as_dark_as_it_is_asked_to_be(dark: float) -> None:
     mask, line = draw_tones(np.full((220, 220), dark), WIDTH, GAP)

@@ -135,6 +135,7 @@ def test_what_is_no_picture(client: TestClient, tmp_path: Path) -> None:
     assert not (tmp_path / "studio" / "pictures").exists()
 
 
+@pytest.mark.slow
 def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_path: Path) -> None:
     svg = (
         b'<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">'
@@ -151,6 +152,7 @@ def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_pat
         assert client.get(path).status_code == 404
 
 
+@pytest.mark.slow
 def test_no_two_pictures_share_a_name(client: TestClient, tmp_path: Path) -> None:
     """Of uploads and texts, of this session and earlier ones, and of what a disk may take for the same."""
     data = [picture(tmp_path / "p.png", square(px)).read_bytes() for px in (64, 96)]
@@ -175,6 +177,7 @@ def test_no_two_pictures_share_a_name(client: TestClient, tmp_path: Path) -> Non
     assert (kept / "dog.png").read_bytes() == data[0]
 
 
+@pytest.mark.slow
 def test_no_two_choices_share_a_folder(client: TestClient) -> None:
     long = [20 * letter for letter in "cdefg"]
     choices = [["a", "b"], ["a-and-b"], long[:4], [*long[:3], long[4]]]
@@ -226,6 +229,7 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
         asyncio.run(server._read_body(Request({"type": "http"}, receive), 10, "cat.png"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a terminal that closes sends no signal")
 def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
     code = (
@@ -283,6 +287,7 @@ def test_two_tabs_and_a_reload_in_the_middle_see_one_build(client: TestClient) -
                 pass
 
 
+@pytest.mark.slow
 def test_a_build_that_is_killed_fails_or_is_refused(client: TestClient, tmp_path: Path) -> None:
     builds = tmp_path / "studio" / "builds"
     assert build(client, "pass")["build"]["phase"] == "done"
@@ -299,6 +304,7 @@ def test_a_build_that_is_killed_fails_or_is_refused(client: TestClient, tmp_path
     assert client.get("/files/pass/part.3mf").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_build_that_was_stopped_goes_on_from_its_knots(
     client: TestClient, runs: Path, tmp_path: Path
 ) -> None:

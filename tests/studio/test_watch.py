@@ -70,6 +70,7 @@ def test_how_the_build_ended_is_shown(tmp_path: Path) -> None:
         assert "terminal says why" in studio.status["sentence"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the browser is played by a script")
 def test_it_ends_with_its_build_where_nobody_looks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -80,6 +80,7 @@ def fonts_of(source: str, font: str | None = None) -> str:
         return str(image.info["Font"])
 
 
+@pytest.mark.slow
 def test_a_glyph_that_only_the_machine_has(machine: Path) -> None:
     check_block(f"text:{BALL}", 200)
     assert fonts_of(f"text:{BALL}") == "blocks.ttf"
@@ -92,6 +93,7 @@ def test_a_font_by_its_family(machine: Path, name: str) -> None:
     assert fonts_of("text:A", name) == "blocks.ttf"
 
 
+@pytest.mark.slow
 def test_a_font_by_its_file_and_what_it_lacks(tmp_path: Path) -> None:
     path = write_font(tmp_path / "own.ttf", "Own", wide=400)
     check_block("text:A", 400, str(path))
@@ -103,6 +105,7 @@ def test_a_font_by_its_file_and_what_it_lacks(tmp_path: Path) -> None:
     assert plain.mask.shape != other.mask.shape or (plain.mask != other.mask).any()
 
 
+@pytest.mark.slow
 def test_without_fontconfig_matplotlib_names_the_fonts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

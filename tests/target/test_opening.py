@@ -41,6 +41,7 @@ def test_a_small_piece_is_lost_whole() -> None:
     assert find_losses(shape(box(80, 0, 86, 6)), 4.0)[0].extent == pytest.approx(6)
 
 
+@pytest.mark.slow
 @given(st.floats(0.5, 50.0))
 @settings(deadline=None, max_examples=20)
 def test_the_thickest_tube_of_a_disc_is_the_disc(radius: float) -> None:

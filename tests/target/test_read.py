@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import io
 import os
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from PIL import Image
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
-from knotfab.target.read import Target, read_target
+from knotfab.target.read import Target, read_bytes, read_target
 from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60
@@ -35,6 +37,12 @@ def png(image: Image.Image, **options: Any) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, "PNG", **options)
     return buffer.getvalue()
+
+
+def said_to_be(data: bytes, width: int, height: int) -> bytes:
+    """A PNG whose header promises so many pixels."""
+    header = struct.pack(">4sII", b"IHDR", width, height) + data[24:29]
+    return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 
 
 def save(path: Path, image: Image.Image, **options: Any) -> Path:
@@ -216,7 +224,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "one.png": (png(Image.new("L", (1, 1), 0)), "1 x 1 pixels, less than 16"),
     "small.png": (png(GREY.resize((15, 40))), "15 x 40 pixels, less than 16"),
     "wide.png": (png(Image.new("1", (8001, 16))), "8001 x 16 pixels, more than 8000"),
-    "bomb.png": (png(Image.new("1", (20000, 20000))), "more than 8000"),
+    "bomb.png": (said_to_be(png(GREY), 20000, 20000), "more than 8000"),
     "notxml.svg": (b"this is no XML", "not valid XML"),
     "cut.svg": (SVG.format("", "<rect/>").encode()[:-4], "not valid XML"),
     "html.svg": (b"<html><body/></html>", "outermost element is <html>"),
@@ -227,6 +235,7 @@ BAD: dict[str, tuple[bytes, str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, name: str) -> None:
     content, words = BAD[name]
@@ -249,6 +258,18 @@ def test_missing_files_directories_and_pipes(tmp_path: Path) -> None:
         read_target(tmp_path / "pipe")
     with pytest.raises(InputError, match="cannot be read"):
         read_target("nul\0l")
+
+
+def test_a_file_too_large_for_a_picture_is_told_how_large_one_may_be(tmp_path: Path) -> None:
+    with (tmp_path / "large.png").open("wb") as file:
+        file.truncate(10 * 8000**2)  # bytes, of which a disk holds none
+    with pytest.raises(InputError, match="at most 8000 pixels on a side"):
+        read_target(tmp_path / "large.png")
+    noise = tmp_path / "noise.bin"  # 16-bit RGBA of 100 x 100 px
+    noise.write_bytes(bytes(8 * 100**2 + 500))
+    assert len(read_bytes(noise, "noise", 100)) == 80_500
+    with pytest.raises(InputError, match=r"too much.*at most 90 pixels on a side"):
+        read_bytes(noise, "noise", 90)
 
 
 def test_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -303,6 +324,7 @@ def again(tmp_path: Path, target: Target, invert: bool = False) -> Target:
     return read_target(path, Reading(invert=invert))
 
 
+@pytest.mark.slow
 def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
     target = svg(tmp_path, '<circle cx="5" cy="5" r="3"/>')
     assert (target.width, target.height, target.file_name) == (2048, 2048, "drawing.png")
@@ -310,6 +332,7 @@ def test_svg_is_drawn_and_its_raster_reads_the_same(tmp_path: Path) -> None:
     assert (again(tmp_path, target).mask == target.mask).all()
 
 
+@pytest.mark.slow
 def test_svg_with_a_background_uses_half_contrast(tmp_path: Path) -> None:
     body = '<rect width="10" height="10" fill="#ffd"/><rect x="2" y="2" width="5" height="4"/>'
     target = svg(tmp_path, body)
@@ -461,6 +484,7 @@ def test_text_keeps_holes_and_kerning() -> None:
     assert not wide.mask.any(axis=0)[200:-200].all()
 
 
+@pytest.mark.slow
 def test_text_of_a_glyph_from_another_font_and_with_a_variation_selector() -> None:
     plain, styled = read_target("text:☺"), read_target("text:☺\ufe0f")
     assert (plain.mask == styled.mask).all()

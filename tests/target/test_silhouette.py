@@ -146,6 +146,7 @@ def test_nothing_gives_nothing() -> None:
     assert empty.is_empty and pieces(empty) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(30, 20), (7, 11), (60, 40), (100, 90), (60, 13), (1, 1)])
 def test_coverage_is_exact_against_fine_subpixels(size: tuple[int, int]) -> None:
     mask = np.random.default_rng(1).random((40, 60)) > 0.4

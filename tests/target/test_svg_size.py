@@ -37,6 +37,7 @@ def check_block(target: Target, *, size: tuple[int, int] = (2048, 1024)) -> None
 UNITS = ["mm", "cm", "in", "pt", "pc", "px", "em", "ex", ""]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [*UNITS, "%", "e1mm", " mm ", "MM", "Q"])
 def test_svg_sizes_of_every_unit_with_a_view_box(tmp_path: Path, unit: str) -> None:
     size = (
@@ -47,6 +48,7 @@ def test_svg_sizes_of_every_unit_with_a_view_box(tmp_path: Path, unit: str) -> N
     check_block(sized_svg(tmp_path, size, unit))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS)
 def test_svg_sizes_of_every_unit_without_a_view_box(tmp_path: Path, unit: str) -> None:
     check_block(sized_svg(tmp_path, f'width="40{unit}" height="20{unit}"', unit, box=False))
@@ -57,6 +59,7 @@ def test_svg_sides_that_are_left_out_follow_from_the_view_box(tmp_path: Path, si
     check_block(sized_svg(tmp_path, size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("width", "height"), [("1in", "2cm"), ("30mm", "85.04pt"), ("2pc", "20px")]
 )

@@ -35,6 +35,7 @@ class _Seen(HTMLParser):
         self.tags.append((tag, dict(attrs)))
 
 
+@pytest.mark.slow
 def test_the_page_holds_every_point_and_loads_nothing(found: Tradeoff) -> None:
     page = (found.folder / "tradeoff.html").read_text()
     seen = _Seen(page)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from validator_parts import circle, tube
 
@@ -42,6 +43,7 @@ def test_nothing_is_drawn_unless_something_required_failed(tmp_path: Path) -> No
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_the_marks_lie_where_the_place_is_seen(tmp_path: Path) -> None:
     path = tmp_path / "f.png"
     assert draw_failures(path, [fail_at()], MESH, None)
@@ -57,6 +59,7 @@ def test_the_marks_lie_where_the_place_is_seen(tmp_path: Path) -> None:
     assert len(red(far)) > 50
 
 
+@pytest.mark.slow
 def test_meshes_that_are_broken_and_curves_alone_are_drawn_too(tmp_path: Path) -> None:
     broken = Mesh(MESH.vertices.copy(), np.vstack([MESH.faces[::7], [[0, 0, 0]]]))
     broken.vertices[5] = np.nan
@@ -68,6 +71,7 @@ def test_meshes_that_are_broken_and_curves_alone_are_drawn_too(tmp_path: Path) -
         assert size(path)[0] > 3 * PANEL_PX
 
 
+@pytest.mark.slow
 def test_every_failure_has_its_sentence(tmp_path: Path) -> None:
     few, many = tmp_path / "few.png", tmp_path / "many.png"
     draw_failures(few, [fail_at()], MESH, None)

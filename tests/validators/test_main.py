@@ -1,4 +1,4 @@
-"""`python -m knotfab_validators`: a request on stdin, a verdict on stdout."""
+"""`python -m knotfab_validators`: requests on stdin, verdicts on stdout, until there are no more."""
 
 from __future__ import annotations
 
@@ -18,46 +18,34 @@ EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures",
 }
 
 
-def answer(request: dict[str, Any]) -> dict[str, Any]:
+def answers(*requests: dict[str, Any]) -> list[dict[str, Any]]:
     done = subprocess.run(
         [sys.executable, "-m", "knotfab_validators", "--no-graphics"],
-        input=json.dumps({**EMPTY, **request}) + "\n",
+        input="".join(json.dumps({**EMPTY, **request}) + "\n" for request in requests),
         capture_output=True,
         text=True,
         timeout=120,
     )
-    assert done.returncode == 0, done.stderr
-    (line,) = done.stdout.splitlines()
-    found: dict[str, Any] = json.loads(line)
-    return found
+    assert (done.returncode, done.stderr) == (0, "")  # a parent that went away is no error
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-@pytest.mark.parametrize(("radius", "status", "code"), [(3.0, "pass", 0), (41.0, "fail", 1)])
-def test_the_verdict_is_that_of_validate(
-    radius: float, status: str, code: int, tmp_path: Path
-) -> None:
-    file = tmp_path / "knots.json"
-    knot = {"closed": True, "type": "unknot", "points": circle(90, 40.0).tolist()}
-    file.write_text(json.dumps({"schema": 1, "unit": "mm", "radius_mm": radius, "knots": [knot]}))
-    found = answer({"knots": str(file)})
-    assert found["status"] == status and found["exit_code"] == code
-    here = json.loads(json.dumps(validate(None, file).to_dict()))
-    assert found["checks"] == here["checks"] and found["views"] == here["views"] == []
-    assert all(value >= 0 for value in found["seconds"].values())
-
-
-def test_a_bad_file_is_one_sentence(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_verdicts_are_those_of_validate_and_a_bad_file_is_one_sentence(tmp_path: Path) -> None:
+    asked = [("pass", 0, 3.0), ("fail", 1, 41.0)]
+    for status, _, radius in asked:
+        knot = {"closed": True, "type": "unknot", "points": circle(90, 40.0).tolist()}
+        content = {"schema": 1, "unit": "mm", "radius_mm": radius, "knots": [knot]}
+        (tmp_path / f"{status}.json").write_text(json.dumps(content))
     (tmp_path / "part.stl").write_bytes(b"no mesh")
-    assert "part.stl" in answer({"part": str(tmp_path / "part.stl")})["error"]
-    assert "absent.json" in answer({"knots": str(tmp_path / "absent.json")})["error"]
-
-
-def test_a_parent_that_went_away_is_no_error() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "knotfab_validators", "--no-graphics"],
-        input="",
-        capture_output=True,
-        text=True,
-        timeout=120,
+    *found, part, absent = answers(
+        *({"knots": str(tmp_path / f"{status}.json")} for status, *_ in asked),
+        {"part": str(tmp_path / "part.stl")},
+        {"knots": str(tmp_path / "absent.json")},
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    for (status, code, _), verdict in zip(asked, found, strict=True):
+        assert (verdict["status"], verdict["exit_code"]) == (status, code)
+        here = json.loads(json.dumps(validate(None, tmp_path / f"{status}.json").to_dict()))
+        assert verdict["checks"] == here["checks"] and verdict["views"] == here["views"] == []
+        assert all(value >= 0 for value in verdict["seconds"].values())
+    assert "part.stl" in part["error"] and "absent.json" in absent["error"]

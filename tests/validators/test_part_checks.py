@@ -7,14 +7,17 @@ import pytest
 from validator_parts import circle, tube
 
 from knotfab_validators.check import Check
+from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.names import KNOTS, PLATES, PRINTING
+from knotfab_validators.names import MESH as MESH_CHECKS
 from knotfab_validators.part_checks import part_checks
 
-CURVE = circle(360, 40.0) + [50.0, 50.0, 10.0]
+CURVE = circle(180, 40.0) + [50.0, 50.0, 10.0]
 POSE = [[1, 0, 0, -50], [0, 1, 0, -50], [0, 0, 1, -10], [0, 0, 0, 1]]
-MESH = Mesh(*tube(CURVE, 3.0, 64))
+MESH = Mesh(*tube(CURVE, 3.0, 48))
 
 
 def knot(radius: float | None = 3.0) -> Curves:
@@ -69,6 +72,48 @@ def test_limits_come_from_the_scene() -> None:
     assert low.status == "fail" and low.measured == pytest.approx(3.0, abs=1e-2)
 
 
+def test_a_group_that_is_left_out_whole_is_not_measured() -> None:
+    groups = {"mesh": MESH_CHECKS, "knot type": KNOTS, "tube": ("tube", "clearance")}
+    for stage, names in groups.items():
+        seconds: dict[str, float] = {}
+        checks = part_checks(MESH, knot(), scene(), seconds, skip=(*names, *PRINTING))
+        assert stage not in seconds and seconds.keys() | {stage} >= groups.keys()
+        assert {c.name for c in checks if c.detail == "left out on request"} == {*names, *PRINTING}
+
+
+SMALL = Mesh(*tube(circle(24, 20.0) + [30.0, 30.0, 4.0], 3.0, 8))
+OPEN = Mesh(SMALL.vertices, SMALL.faces[1:])
+NO_NUMBER = Mesh(
+    np.where(np.arange(len(SMALL.vertices))[:, None] == 7, np.nan, SMALL.vertices), SMALL.faces
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "printed", "why"),
+    [
+        (SMALL, None, None),
+        (OPEN, None, "the surface is broken (mesh_closed"),
+        (NO_NUMBER, None, "the surface is broken (mesh_"),
+        (SMALL, SMALL, None),
+        (SMALL, OPEN, "the surface of a plate is broken"),
+    ],
+)
+def test_a_broken_surface_is_not_called_printable_though_its_checks_are_left_out(
+    part: Mesh, printed: Mesh | None, why: str | None
+) -> None:
+    """The part's, or that of the plate on which it is printed."""
+    plates = []
+    if printed is not None:
+        body = np.zeros(len(printed.vertices), dtype=np.int64)
+        plates = [Plate("plate-1.3mf", printed, body, np.eye(4)[None])]
+    asked, *others = PRINTING
+    skip = (*MESH_CHECKS, *PLATES, *others, "centre_line")
+    (check,) = (c for c in part_checks(part, None, scene(), {}, plates, skip) if c.name == asked)
+    assert check.status == ("skipped" if why else "pass")
+    assert check.detail.startswith(why or check.detail)
+
+
+@pytest.mark.slow
 def test_a_part_alone_is_checked_for_its_surface() -> None:
     checks = run(MESH, None, None)
     assert len({name for name in ran(checks) if name.startswith("mesh_")}) == 9
@@ -84,6 +129,7 @@ def test_without_any_radius_the_bend_cannot_be_judged() -> None:
     assert known["thickness"].status == known["bend"].status == "fail"
 
 
+@pytest.mark.slow
 def test_every_check_is_named_whatever_is_given() -> None:
     everything = set(run(MESH, knot(), scene()))
     for given in [(MESH, None, None), (None, knot(), None), (None, None, scene())]:

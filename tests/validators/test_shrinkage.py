@@ -56,10 +56,12 @@ def fails(folder: Path) -> set[str]:
     return {check.name for check in found if check.status == "fail" and check.required}
 
 
+@pytest.mark.slow
 def test_it_is_measured_as_it_shrinks(tmp_path: Path) -> None:
     assert not fails(write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT))
 
 
+@pytest.mark.slow
 def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
     assert "outline" in fails(write(tmp_path, 1.0, 1 / LEFT, LEFT))
     assert "shadow" in fails(write(tmp_path, 1.0, 1.0, LEFT))
@@ -69,6 +71,7 @@ def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
         fails(write(tmp_path, 1 / LEFT, 1 / LEFT, 0.98))
 
 
+@pytest.mark.slow
 def test_projection_and_receiver_take_the_coordinates_of_the_file(tmp_path: Path) -> None:
     folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)
     files = [folder / name for name in ("part.stl", "knots.json", "scene.toml")]

@@ -15,6 +15,7 @@ from validator_parts import Array, PlainView, trefoil, tube
 
 from examples.corpus.files import encode
 from examples.corpus.parts import Body
+from knotfab_validators.check import skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.names import PRINTING
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
@@ -38,7 +39,7 @@ def to_part(points: Array) -> Array:
 def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A part, its knots, its scene, and as its picture the shadow that it casts."""
     tmp_path = tmp_path_factory.mktemp("right")
-    curve = trefoil(300, 16.0)
+    curve = trefoil(240, 16.0)
     vertices, faces = tube(curve, RADIUS, 48)
     (tmp_path / "part.stl").write_bytes(encode(Body(to_part(vertices), faces), "stl"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
@@ -172,6 +173,30 @@ def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
     verdict = run(right, skip=["shadow-render", "outline"], only="shadows")
     assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0
+
+
+OF_SHADOWS = [
+    "shadow",
+    "shadow_exact",
+    "outline",
+    "wrong_outline",
+    "recognisable",
+    "intrusion",
+    "tone",
+]
+
+
+@pytest.mark.parametrize("asked", [*OF_SHADOWS, None])
+def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
+    right: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None
+) -> None:
+    """And where none is, each is said to be left out."""
+    measured = [skip_check("measured", "")], []
+    monkeypatch.setitem(validate.__globals__, "verify_shadows", lambda *_: measured)
+    skip = [name for name in OF_SHADOWS if name != asked]
+    found = [(c.name, c.detail) for c in run(right, skip=skip, only="shadows").checks]
+    left = [(name, "left out on request") for name in OF_SHADOWS]
+    assert found == ([("measured", "")] if asked else left)
 
 
 def test_two_halves_are_the_whole_where_the_shadows_measures_strands(right: Path) -> None:

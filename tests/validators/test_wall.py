@@ -57,6 +57,7 @@ def test_the_wall_can_be_hit(name: str) -> None:
     assert done.returncode != 0 and "banned: " in done.stderr
 
 
+@pytest.mark.slow
 def test_what_is_loaded_late_passes_the_wall_too(tmp_path: Path) -> None:
     """Readers and checks that import inside functions, run behind the wall."""
     code = f"""

@@ -190,6 +190,7 @@ def make_knotted(count: int = 900) -> np.ndarray:
     return np.column_stack([r * np.cos(2 * t), r * np.sin(2 * t), 8 * np.sin(3 * t)])
 
 
+@pytest.mark.slow
 def test_a_circle_takes_as_few_bends_as_it_needs() -> None:
     angle = np.linspace(0, 2 * np.pi, 800, endpoint=False)
     circle = np.column_stack([30 * np.cos(angle), 30 * np.sin(angle), 0 * angle])

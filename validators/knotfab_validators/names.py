@@ -21,5 +21,7 @@ PRINTING = (
     *("bridge", "floating", "islands", "standing"),
 )
 PLATES = ("plate_mesh", "plates", "plates_volume")
-# `intrusion` too, of a mount, and `tone`, of greys
-SHADOWS = ("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable")
+SHADOWS = (
+    *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
+    *("intrusion", "tone"),  # of a mount; of greys
+)

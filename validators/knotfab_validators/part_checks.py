@@ -30,6 +30,7 @@ from knotfab_validators.tube.tube_fit import check_tube
 __all__ = ["Group", "part_checks"]
 
 Group = Literal["surface", "strands"]
+_TUBE = ("tube", "clearance")
 PLATE_HOLES = 2  # for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
@@ -49,9 +50,9 @@ def part_checks(
     The thickness must reach the tube's radius, and with a scene half its clearance more; where no
     radius is known it is measured only. A check whose file is not given is skipped, and says so.
     Adds the seconds of each group to `seconds`. Where the part is printed on several `plates`, they
-    are what must fit the printer and can be printed, and must make up the part. Printability costs
-    most: where all of it is to be left out (`skip`), it is not measured. `printed`: the part before it
-    shrinks, where it does.
+    are what must fit the printer and can be printed, and must make up the part. A group of checks that
+    is to be left out whole (`skip`) is not measured, but for the surface where printability is asked.
+    `printed`: the part before it shrinks, where it does.
 
     A part without knots is looked through for its centre lines (`centre_line`), by which thickness,
     knot type and clearance are measured then; they are an estimate, and not required.
@@ -61,8 +62,10 @@ def part_checks(
             "surface", the rest.
     """
     checks: list[Check] = []
+    left = _leave_out(PRINTING, skip)
     if "surface" in groups:
-        checks = _check_surface(mesh, curves, scene, seconds)
+        # of a broken surface printability means nothing: where that is asked, the surface is too
+        checks = (left and _leave_out(MESH, skip)) or _check_surface(mesh, curves, scene, seconds)
     if "strands" in groups:
         line, strands = _check_strands(mesh, curves, scene, seconds, skip)
         checks = [line, *checks, *strands]
@@ -76,13 +79,17 @@ def part_checks(
             checks.append(check_region(scene.region, scene.pose, curves, mesh))
             if not plates:
                 checks.append(_check_build_volume(printed, scene))
-    if set(PRINTING) <= set(skip):
-        return checks + [skip_check(name, "left out on request") for name in PRINTING]
     if printed is not None and scene is not None and plates:
         with time_stage(seconds, "plates"):
             checks += check_plates(printed, plates, scene.printer.build_volume_mm)
-        return checks + check_plates_printable(plates, scene.printer, checks, seconds)
-    return checks + _check_printability(printed, scene, checks, seconds)
+        return checks + (left or check_plates_printable(plates, scene.printer, checks, seconds))
+    return checks + (left or _check_printability(printed, scene, checks, seconds))
+
+
+def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
+    """A group of checks of which none is asked for; empty where any is."""
+    asked = not set(names) <= set(skip)
+    return [] if asked else [skip_check(name, "left out on request") for name in names]
 
 
 def _check_strands(
@@ -94,12 +101,13 @@ def _check_strands(
 ) -> tuple[Check, list[Check]]:
     """Whether centre lines were found, and the checks that know strands."""
     line, found = _find_lines(mesh, curves, scene, seconds, skip)
-    kinds = _check_knots(mesh, curves or found, scene, seconds)
+    kinds = _leave_out(KNOTS, skip) or _check_knots(mesh, curves or found, scene, seconds)
     if found is not None:
         kinds = [replace(kind, required=False) for kind in kinds]
     elif curves is None and line.status == "fail":
         kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
-    return line, [*_check_tube(mesh, curves, scene, seconds, found), *kinds]
+    tube = _leave_out(_TUBE, skip) or _check_tube(mesh, curves, scene, seconds, found)
+    return line, [*tube, *kinds]
 
 
 def _find_lines(
@@ -144,7 +152,7 @@ def _check_tube(
     The strands of a part without curves are told apart by those that were `found`.
     """
     if mesh is None:
-        return [skip_check(name, "not given the part") for name in ("tube", "clearance")]
+        return [skip_check(name, "not given the part") for name in _TUBE]
     mounted = scene is not None and scene.mount.kind != "none"
     with time_stage(seconds, "tube"):
         checks = [check_tube(mesh, curves, mounted=mounted)]

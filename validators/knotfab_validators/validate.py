@@ -18,7 +18,7 @@ from knotfab_validators.files.plates import read_plates
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import PLATES, PRINTING
+from knotfab_validators.names import PLATES, PRINTING, SHADOWS
 from knotfab_validators.part_checks import Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
@@ -50,7 +50,8 @@ def validate(
             scene. Where its material shrinks, they are measured as they are then, but for what the
             printer must hold and can print.
         skip: names of checks to leave out; "shadow-render" lets the exact polygons alone decide
-            about the shadow.
+            about the shadow. A group that is left out whole is not measured (`part_checks`); of the
+            shadows, no view is reported then, unless their pictures are to be written.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
         only: one half of the work, "geometry" or "shadows", for two processes that share it. strands:
@@ -83,6 +84,8 @@ def validate(
     elif mesh is None or setting is None or scene is None:
         lacking = "the part" if mesh is None else "the scene"
         checks += skip_shadow_checks(f"not given {lacking}", required=False)
+    elif pictures_dir is None and set(SHADOWS) <= set(skip):
+        checks += skip_shadow_checks("left out on request", required=False)
     elif nameless:
         why = f"the scene names no picture for view {nameless[0]}"
         checks += skip_shadow_checks(why, required=False)

@@ -61,6 +61,7 @@ def test_open_lines_that_no_tube_fits_are_refused() -> None:
         sweep_open(hairpin, 5.0, 12)
 
 
+@pytest.mark.slow
 def test_an_open_tube_passes_the_independent_checks(tmp_path: Path) -> None:
     """A spiral's files: its length leaves the closing edge out, and the surface is its tube."""
     points = OPEN["spiral"] + [30.0, 30.0, 5.0]

@@ -125,6 +125,7 @@ def test_adversarial_weights(dtype: torch.dtype, size: float, depth: int) -> Non
         assert digits.double().mean() > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log_scale", [1e-6, 30.0])
 def test_scales_near_zero_and_huge(log_scale: float) -> None:
     layer = _layer((0, 1, 2))
@@ -141,6 +142,7 @@ def test_scales_near_zero_and_huge(log_scale: float) -> None:
             torch.testing.assert_close(layer.inverse(y), x, rtol=1e-14, atol=0)
 
 
+@pytest.mark.slow
 def test_every_layer_keeps_the_handedness() -> None:
     network = CouplingNetwork(6, 16, 4)
     _shaken(network, 2.0)
@@ -250,6 +252,7 @@ def test_rigid_layers_turn_about_the_origin_then_shift() -> None:
     torch.testing.assert_close(layer.inverse(layer(x)), x, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_gradients_of_points_and_weights() -> None:
     network = CouplingNetwork(3, 5, 1)
     _shaken(network, 0.4)

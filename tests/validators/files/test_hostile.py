@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 from pathlib import Path
 
@@ -20,13 +21,11 @@ from examples.corpus.cube_files import (
 )
 from examples.corpus.examine import examine
 from examples.corpus.fuzzed import fuzz_file
-from examples.corpus.hostile import Hostile, handmade
+from examples.corpus.hostile import handmade
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_scene
-
-MADE = handmade()
 
 
 def volume(path: Path) -> float:
@@ -47,20 +46,24 @@ def test_every_format_reads_the_same_cube(name: str, tmp_path: Path) -> None:
     assert volume(other) == pytest.approx(8000.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("file", MADE, ids=[f.name for f in MADE])
-def test_hostile_files_get_one_sentence(file: Hostile, tmp_path: Path) -> None:
-    outcome = examine(file, tmp_path)
-    if file.says is None:
-        assert outcome.kind in ("pass", "fail", "refused"), outcome.said
-    else:
-        assert outcome.kind == "refused" and file.says in outcome.said, outcome
-    assert {p.name for p in tmp_path.iterdir()} <= {file.name, "failures.png"}
+@pytest.mark.slow
+def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
+    for file in handmade():
+        place = tmp_path / "place"
+        place.mkdir()
+        outcome = examine(file, place)
+        if file.says is None:
+            assert outcome.kind in ("pass", "fail", "refused"), (file.name, outcome.said)
+        else:
+            assert outcome.kind == "refused" and file.says in outcome.said, (file.name, outcome)
+        assert {p.name for p in place.iterdir()} <= {file.name, "failures.png"}
+        shutil.rmtree(place)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(8))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
-    for seed in range(30 * block, 30 * (block + 1)):  # make validator-table: 10,000
+    for seed in range(15 * block, 15 * (block + 1)):  # of the 10,000 of make validator-table
         outcome = examine(fuzz_file(seed), tmp_path)
         assert outcome.kind in ("pass", "fail", "refused"), (seed, outcome)
 

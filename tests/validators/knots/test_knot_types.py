@@ -129,6 +129,7 @@ def test_rejects_a_trefoil_promised_as_an_unknot(seed: int) -> None:
         assert found.measured == name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
     """On the comb's free side, one of some 4000 vertices' stretches is replaced by a knot."""
@@ -301,6 +302,7 @@ def test_unknots_from_random_markov_moves_are_proved(seed: int) -> None:
     assert found_of(rotate(polygon, seed), "unknot").measured == "unknot, proved"
 
 
+@pytest.mark.slow
 def test_floer_homology_proves_an_unknot_that_was_not_reduced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

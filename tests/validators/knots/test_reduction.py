@@ -81,6 +81,7 @@ def test_random_smooth_curves_vanish_or_keep_their_determinant() -> None:
         assert determinant(rest.polygons[0] if rest.vertices else circle(5)) == determinant(curve)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_tangled_polygons_keep_their_determinant(seed: int) -> None:
     """Polygons of random vertices: some are knotted; no wrong move may change the invariant."""

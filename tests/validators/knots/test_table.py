@@ -76,6 +76,7 @@ def test_the_table_is_complete() -> None:
     assert found == [1, 1, 5, 13]  # OEIS A052401
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crossings", range(3, 11))
 def test_the_invariants_are_those_of_the_braids(crossings: int) -> None:
     """So Alexander polynomial and Floer homology agree for all of them, too."""

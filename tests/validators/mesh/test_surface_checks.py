@@ -53,6 +53,7 @@ def test_a_face_wound_the_wrong_way_is_found() -> None:
     assert np.abs(np.mean(checks["mesh_winding"].at, axis=0) - corners.mean(axis=0)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_mesh_inside_out_has_no_positive_volume() -> None:
     mesh = ring()
     assert failures(ring(faces=mesh.faces[:, ::-1])) == {"mesh_volume"}
@@ -99,6 +100,7 @@ def test_a_face_without_area_is_found() -> None:
     assert checks["mesh_self_intersection"].status == "pass"  # of all the others
 
 
+@pytest.mark.slow
 def test_two_bodies_that_overlap_are_found() -> None:
     other = Mesh(ring().vertices[:, [2, 0, 1]] + [0.0, 78.0, 0.0], ring().faces)
     touching = two(ring(), other)
@@ -124,6 +126,7 @@ def test_numbers_that_are_none_are_refused() -> None:
     assert failures(ring(faces=np.empty((0, 3), dtype=np.int64))) == {"mesh_closed"}
 
 
+@pytest.mark.slow
 def test_volumes_are_compared_body_by_body() -> None:
     """One body too thick and one too thin by as much: the sum alone would be right."""
     near, far = circle(120, 40.0), circle(120, 40.0) + [200, 0, 0]
@@ -152,6 +155,7 @@ def weld(mesh: Mesh) -> Mesh:
     return merge_equal(mesh.vertices[mesh.faces])
 
 
+@pytest.mark.slow
 def test_doubled_faces_and_bodies_are_found_by_where_they_lie() -> None:
     mesh = ring()
     other = two(mesh, mesh)  # vertices of its own
@@ -250,6 +254,7 @@ def open_tube(points: Array, radius: float, balls: bool) -> Mesh:
     return Mesh(vertices, np.concatenate(faces))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("balls", [False, True])
 def test_the_tube_of_an_open_curve_has_no_handle(balls: bool) -> None:
     line = np.column_stack([np.linspace(0, 60, 31), np.zeros((31, 2))])

@@ -41,6 +41,7 @@ def test_many_columns_make_wider_cells() -> None:
     assert columns(box((0, 0, 0), (5000, 1, 1))).cell == pytest.approx(5.0)
 
 
+@pytest.mark.slow
 def test_slivers_across_the_part_are_met_as_by_brute_force() -> None:
     """A plate whose faces are a fan of slivers, aslant: every axis tested against every face."""
     n = 90

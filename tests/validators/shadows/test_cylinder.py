@@ -45,6 +45,7 @@ def places(radius: float) -> Array:
     return np.column_stack([radius * np.sin(turn), -down, radius * (1 - np.cos(turn)) - 100.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", RADII)
 def test_a_balls_shadow_is_where_rays_pass_it(radius: float) -> None:
     g, ball, light = geometry(radius), np.array([35.0, 20.0, 10.0]), np.array([0.0, 0.0, 500.0])

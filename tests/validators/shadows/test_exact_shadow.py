@@ -47,6 +47,7 @@ def test_holds_for_open_and_inverted_meshes_too() -> None:
     assert exact.symmetric_difference(expected).area < 1e-6 * expected.area
 
 
+@pytest.mark.slow
 def test_a_ring_has_the_area_of_its_cone_section() -> None:
     g = view_geometry(PlainView(), 1800, 1800)  # 10 px per mm
     vertices, faces = tube(circle(720, 30.0), 5.0, 256)

@@ -11,6 +11,7 @@ import pytest
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(16, 16), (1000, 300), (3000, 4096), (1, 1)])
 def test_the_working_frame_keeps_pixel_squares(shape: tuple[int, int]) -> None:
     mask = np.random.default_rng(1).random(shape) < 0.5

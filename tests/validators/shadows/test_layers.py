@@ -39,6 +39,7 @@ def slab(turn_deg: float) -> tuple[Mesh, NDArray[np.float64]]:
     return Mesh(plain.vertices @ turn.T, plain.faces), turn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("turn", "elevation"), [(0.0, 0.0), (25.0, 0.0), (25.0, 50.0), (25.0, 90.0), (70.0, -75.0)]
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from knotfab_validators.files.picture import read_silhouette
@@ -23,6 +24,7 @@ def test_the_shadows_picture_reads_back_as_the_shadow(tmp_path: Path) -> None:
     np.testing.assert_array_equal(padded_mask(back, frame), shadow)
 
 
+@pytest.mark.slow
 def test_the_difference_has_its_colours_only_where_there_is_one(tmp_path: Path) -> None:
     frame = working_frame(64, 64)
     target = np.zeros((frame.padded_height, frame.padded_width), dtype=bool)

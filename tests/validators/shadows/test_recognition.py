@@ -112,6 +112,7 @@ def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
     assert any("alike, below" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
     target = draw(LARGE)
     leg = draw(LARGE, strokes=((180, 299, 170, 480, 8),))
@@ -122,6 +123,7 @@ def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
     assert across.counts["bridged_gaps"] == 1 and across.word == "good"
 
 
+@pytest.mark.slow
 def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
     found = judge(draw(LARGE), draw(LARGE, *LETTERS))
     assert found.word == "coarse" and found.counts["lost_pieces"] == len(LETTERS)
@@ -132,6 +134,7 @@ def test_small_letters_that_are_lost_are_text_in_its_place() -> None:
     assert [loss["what"] for loss in judge(blobs, draw(LARGE, *LETTERS)).lost] == ["text"]
 
 
+@pytest.mark.slow
 def test_a_shadow_of_something_else_is_not_recognisable() -> None:
     target = draw(LARGE)
     for shadow in (

@@ -57,6 +57,7 @@ KNOTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sweep", [by_trimesh, by_pyvista])
 @pytest.mark.parametrize("name", KNOTS)
 def test_a_swept_knot_is_found_with_its_type_and_thickness(
@@ -89,6 +90,7 @@ def test_noise_and_the_order_of_vertices_do_not_matter() -> None:
     assert thickness(curves.polygons, curves.closed).value == pytest.approx(there, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_decimated_tube_is_found() -> None:
     from igl import decimate
 
@@ -250,6 +252,7 @@ def test_circle_functions_go_once_round() -> None:
     assert (first + along.rise[:, 1] - third + 0.5) % 1.0 == pytest.approx(0.5, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_foreign_tube_is_measured_like_any_other() -> None:
     points, radius = SIZE * torus_knot(2, 3, 90), 0.4 * SIZE
     checks = {c.name: c for c in part_checks(Mesh(*tube(points, radius, 12)), None, None, {})}

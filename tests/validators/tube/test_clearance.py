@@ -140,6 +140,7 @@ def test_the_limit() -> None:
         assert np.hypot(under.at[0][0], under.at[0][1]) == pytest.approx(20, abs=0.01)
 
 
+@pytest.mark.slow
 def test_facets_that_keep_the_volume_are_allowed_for() -> None:
     """Corners that stand out by 0.16 % of the radius narrow the gap; by 2 % they are a fault."""
     for grown, status in ((1.0016, "pass"), (1.009, "pass"), (1.011, "fail"), (1.02, "fail")):
@@ -148,6 +149,7 @@ def test_facets_that_keep_the_volume_are_allowed_for() -> None:
         assert found.measured == pytest.approx(4.4 - 4 * grown, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.7, 0.95, 0.999])
 def test_strands_nearer_than_a_diameter_are_rejected(factor: float) -> None:
     mesh, curves = rings(4 * factor), two_circles(4 * factor)

@@ -34,6 +34,7 @@ def agrees(polygons: Polygons, closed: list[bool]) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_as_enumerated(kind: str) -> None:
     cases = [(seed, drawn(kind, seed)) for seed in range(EACH)]
@@ -96,6 +97,7 @@ def longer(kind: str, seed: int) -> Polygons:
     return [rods @ turn]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["smooth", "walk", "jagged", "lattice", "rods"])
 @pytest.mark.parametrize("blocks", [False, True])
 def test_longer_polygons(kind: str, blocks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,6 +118,7 @@ def test_longer_polygons(kind: str, blocks: bool, monkeypatch: pytest.MonkeyPatc
         )
 
 
+@pytest.mark.slow
 def test_the_tolerance_costs_no_more_than_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a tolerance of 1e-3, a million times the real one, nothing is more than 1e-3 off."""
     monkeypatch.setattr(critical_chords, "ANGLE_TOLERANCE", 1e-3)

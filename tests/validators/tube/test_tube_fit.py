@@ -11,8 +11,9 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.tube_fit import check_tube, tube_fit
 
 RADIUS = 3.0
-TREFOIL = trefoil(300)
-MESH = Mesh(*tube(TREFOIL, RADIUS, 32))
+POINTS, SIDES = 150, 24
+TREFOIL = trefoil(POINTS)
+MESH = Mesh(*tube(TREFOIL, RADIUS, SIDES))
 
 
 def knots(*polygons: Array, radius: float | None = RADIUS) -> Curves:
@@ -30,14 +31,16 @@ def test_deviation_equals_a_slow_reference() -> None:
     moved = TREFOIL + [0.4, -0.2, 0.7]
     fit = tube_fit(MESH, knots(moved))
     edge = np.roll(moved, -1, axis=0) - moved
-    to = MESH.vertices[:, None] - moved
+    ends = np.stack([MESH.faces, np.roll(MESH.faces, 1, axis=1)], axis=-1).reshape(-1, 2)
+    middles = MESH.vertices[ends[ends[:, 0] < ends[:, 1]]].mean(axis=1)  # where faces dip most
+    places = np.concatenate([MESH.vertices, middles])
+    to = places[:, None] - moved
     along = np.clip((to * edge).sum(-1) / (edge * edge).sum(-1), 0, 1)
     distance = np.linalg.norm(to - along[..., None] * edge, axis=-1).min(axis=1)
     slow = np.abs(distance - RADIUS)
-    assert fit.off * RADIUS == pytest.approx(slow.max(), rel=0.02)  # faces dip between vertices
-    assert fit.off * RADIUS >= slow.max() - 1e-3
-    there = np.linalg.norm(MESH.vertices - fit.off_at[0], axis=1).argmin()
-    assert slow[there] > slow.max() - 0.02
+    assert fit.off * RADIUS == pytest.approx(slow.max(), rel=1e-3)
+    there = np.linalg.norm(places - fit.off_at[0], axis=1).argmin()
+    assert slow[there] > slow.max() - 1e-3
 
 
 def straight(n: int, length: float = 60.0) -> tuple[Array, Mesh]:
@@ -87,6 +90,7 @@ def test_round_ends_pass() -> None:
     assert tube_fit(ball, curve).off < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -102,7 +106,7 @@ def test_other_knots_are_refused(wrong: Curves) -> None:
 
 
 def test_a_body_that_is_no_tube_is_refused() -> None:
-    far = tube(circle(100, 20.0) + [0, 0, 90], RADIUS, 32)
+    far = tube(circle(100, 20.0) + [0, 0, 90], RADIUS, SIDES)
     both = Mesh(
         np.concatenate([MESH.vertices, far[0]]),
         np.concatenate([MESH.faces, far[1] + len(MESH.vertices)]),
@@ -119,10 +123,10 @@ def test_a_knot_without_a_tube_is_named_so() -> None:
 
 def dent(depth: float, vertices: int) -> tuple[Mesh, Array]:
     """The trefoil's tube with some neighbouring vertices pushed in by `depth` radii, and where."""
-    ring = MESH.vertices.reshape(-1, 32, 3).copy()
-    at = TREFOIL[100:101]
-    ring[100, :vertices] += depth * (at - ring[100, :vertices])
-    return Mesh(ring.reshape(-1, 3), MESH.faces), ring[100, 0]
+    ring = MESH.vertices.reshape(-1, SIDES, 3).copy()
+    at = TREFOIL[50:51]
+    ring[50, :vertices] += depth * (at - ring[50, :vertices])
+    return Mesh(ring.reshape(-1, 3), MESH.faces), ring[50, 0]
 
 
 @pytest.mark.parametrize("vertices", [1, 6])
@@ -147,15 +151,16 @@ def test_the_limit_is_four_percent_of_the_radius(sign: int) -> None:
             check = check_tube(Mesh(moved, mesh.faces), curve)
             assert check.status == status
             assert check.measured == pytest.approx(off * RADIUS, rel=1e-3)
-    fine = Mesh(*tube(circle(400), RADIUS * (1 + 0.0395 * sign), 160))
-    assert check_tube(fine, knots(circle(400))).status == "pass"
-    coarse = Mesh(*tube(circle(400), RADIUS * (1 + 0.0405 * sign), 160))
-    assert check_tube(coarse, knots(circle(400))).status == "fail"
+    fine = Mesh(*tube(circle(200), RADIUS * (1 + 0.0395 * sign), 160))
+    assert check_tube(fine, knots(circle(200))).status == "pass"
+    coarse = Mesh(*tube(circle(200), RADIUS * (1 + 0.0405 * sign), 160))
+    assert check_tube(coarse, knots(circle(200))).status == "fail"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "shift"), [(0.95, 0.0), (1.05, 0.0), (1.0, 0.15)])
 def test_a_thin_thick_or_shifted_tube_is_refused(factor: float, shift: float) -> None:
-    wrong = Mesh(*tube(TREFOIL + [0, 0, shift * RADIUS], factor * RADIUS, 32))
+    wrong = Mesh(*tube(TREFOIL + [0, 0, shift * RADIUS], factor * RADIUS, SIDES))
     assert check_tube(wrong, knots(TREFOIL)).status == "fail"
 
 
@@ -170,19 +175,19 @@ def test_a_flat_side_between_right_vertices_is_found() -> None:
 
 
 def test_a_strand_that_is_missing_is_found_where_it_is() -> None:
-    faces = MESH.faces.reshape(2, 300, 32, 3)[:, np.r_[0:140, 150:300]].reshape(-1, 3)
+    faces = MESH.faces.reshape(2, POINTS, SIDES, 3)[:, np.r_[0:70, 75:POINTS]].reshape(-1, 3)
     check = check_tube(Mesh(MESH.vertices, faces), knots(TREFOIL))
     assert check.status == "fail" and "has a place" in check.detail
-    assert np.linalg.norm(TREFOIL[140:150] - check.at[0], axis=1).min() < 1.1 * RADIUS
+    assert np.linalg.norm(TREFOIL[70:75] - check.at[0], axis=1).min() < 1.1 * RADIUS
 
 
 def test_a_window_in_the_tube_is_found() -> None:
-    faces = MESH.faces.reshape(2, 300, 32, 3)
-    kept = np.ones((300, 32), dtype=bool)
-    kept[50:53, 3:12] = False  # about 1.6 radii square
+    faces = MESH.faces.reshape(2, POINTS, SIDES, 3)
+    kept = np.ones((POINTS, SIDES), dtype=bool)
+    kept[25:27, 2:9] = False  # about 1.6 radii square
     check = check_tube(Mesh(MESH.vertices, faces[:, kept].reshape(-1, 3)), knots(TREFOIL))
     assert check.status == "fail"
-    assert np.linalg.norm(TREFOIL[48:56] - check.at[0], axis=1).min() < 1.5 * RADIUS
+    assert np.linalg.norm(TREFOIL[24:28] - check.at[0], axis=1).min() < 1.5 * RADIUS
 
 
 def test_it_is_skipped_without_knots_or_radius() -> None:
