@@ -69,8 +69,11 @@ def _capsules(x: Array) -> RenderCase:
         start = start + _aside(row[:4], -6, 3)
         points += [start, start + _aside(row[4:], -6, 3)]
     eye, radius = float(100 * x[2]), _power(x[0], -6, 1.5)
-    for point in points:  # no piece holds its own light, or reaches behind it
-        point[2] = eye + max(abs(point[2] - eye), 1.5 * radius)
+    for (
+        point
+    ) in points:  # no piece holds its own light, or reaches behind it or beside what it lights
+        depth = max(abs(point[2] - eye), 1.5 * radius)
+        point[:] = *np.clip(point[:2], -depth, depth), eye + depth
     return RenderCase(
         "hunted",
         "",

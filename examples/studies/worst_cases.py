@@ -15,16 +15,13 @@ import argparse
 import datetime
 import json
 import sys
-import time
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 
-import cma
 import numpy as np
 
-from examples.hard_cases.worst import HUNTS, KEPT, Hunt
-from knotfab.arrays import Array
+from examples.hard_cases.climb import Worst, climb
+from examples.hard_cases.worst import HUNTS, KEPT
 from knotfab.files.whole import write_whole
 
 _OPENING = """# The worst that could be found
@@ -37,41 +34,6 @@ how far along a step it lets strands go, over how far it is until edges meet; fo
 the claimed one. A share above 1, or what is not finite, is a fault. What is looked at is what a scene can ask
 for: strands before the light, walls as wide as light reaches them.
 """
-_LEAST = 1e-9  # of a share: less is nothing
-_SPREAD = 0.7  # of the first steps, in units of the numbers' own order
-
-
-@dataclass(frozen=True)
-class Worst:
-    """The largest share, its numbers, the cases tried, in how many climbs, and where these began (median)."""
-
-    share: float
-    numbers: Array
-    cases: int
-    climbs: int
-    begun: float
-
-
-def climb(hunt: Hunt, seconds: float, seed: int) -> Worst:
-    """Climb from one random start after another."""
-    rng = np.random.default_rng(seed)
-    end = time.monotonic() + seconds
-    best, at, cases = -1.0, np.zeros(hunt.size), 0
-    starts: list[float] = []
-    while time.monotonic() < end or not starts:
-        start = rng.normal(size=hunt.size)
-        starts.append(hunt.share(start))
-        options = {"seed": int(rng.integers(1, 2**31)), "verbose": -9}
-        search = cma.CMAEvolutionStrategy(start, _SPREAD, options)
-        while not search.stop() and time.monotonic() < end:
-            tried = search.ask()
-            shares = [hunt.share(numbers) for numbers in tried]
-            search.tell(tried, [-float(np.log10(max(min(s, 1e9), _LEAST))) for s in shares])
-            cases += len(tried)
-            worst = int(np.argmax(shares))
-            if shares[worst] > best:
-                best, at = shares[worst], np.asarray(tried[worst])
-    return Worst(best, at, cases, len(starts), float(np.median(starts)))
 
 
 def describe(found: dict[str, Worst], minutes: float) -> str:

@@ -11,6 +11,7 @@ import torch
 from questions import ask_views, start_and_search
 from shapely import MultiPolygon, Point
 
+from examples.hard_cases.climb import climb
 from examples.hard_cases.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
 from examples.hard_cases.pictures import hard_pictures
 from examples.hard_cases.random_cases import KINDS
@@ -19,7 +20,7 @@ from examples.hard_cases.strokes import StrokeCase, stroke_cases, trace
 from examples.hard_cases.terms import term_cases
 from examples.hard_cases.value_error import slope_excess, value_error
 from examples.hard_cases.values import ValueCase, loss_cases, network_cases
-from examples.hard_cases.worst import HUNTS, KEPT
+from examples.hard_cases.worst import HUNTS, KEPT, Hunt
 from knotfab.design.design import design_knots
 from knotfab.design.prices import SHORT, price_limits
 from knotfab.report.of_build import add_binding, check_limits
@@ -195,3 +196,15 @@ def test_a_length_budget_below_need_is_named_with_its_price(
 @pytest.mark.parametrize("name", HUNTS)
 def test_the_worst_that_was_found_stays_within_its_bound(name: str) -> None:
     assert 0 <= HUNTS[name].share(np.array(json.loads(KEPT.read_text("utf-8"))[name])) <= 1
+
+
+@pytest.mark.parametrize("fault", [3.0, np.inf, np.nan])
+def test_a_hunt_finds_a_fault_that_no_random_case_shows(fault: float) -> None:
+    def share(numbers: np.ndarray) -> float:
+        away = float(np.linalg.norm(numbers - 4.0))  # normal numbers are some 9 off
+        return fault if away < 0.5 else 1 / (1 + away)
+
+    found = climb(Hunt("a hidden fault", 5, share), 0.5, seed=1)
+    assert found.begun < 0.3
+    assert found.share >= 3.0
+    assert not share(found.numbers) <= 1
