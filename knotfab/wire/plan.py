@@ -26,7 +26,7 @@ from knotfab.wire.template_pdf import draw_views, write_templates
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = 0.5
+TOLERANCE_RADII = 1.0
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
 _FIT_SHARES = (0.95, 0.65)  # of the tolerance: the second where the first spoils the shadow
@@ -137,7 +137,8 @@ def write_bending_plan(
         if len(curves) == 1
         else [f"bends{suffix}-{k + 1}.csv" for k in range(len(curves))]
     )
-    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor)
+    types = tuple(k.type for k in knots.knots)
+    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(
