@@ -103,7 +103,8 @@ def write_bending_plan(
             and its material resolved. pictures: the file that each view's shadow is compared with.
         iou_floor: required of the bent wire's shadow in each view; the scene's, less `IOU_LOSS`, by
             default.
-        tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
+        tolerance_mm: of the centre line across the light's rays; the wire's radius by default; a fit
+            keeps to less where its shadow asks for it.
         depth_factor: how much more is allowed along the rays of a single view.
         suffix: in the names of the files, such as "-01" of a sequence's frame.
 
