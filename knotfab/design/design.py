@@ -188,9 +188,12 @@ def _for_lines(question: Question, settings: SearchSettings, scene: Scene) -> Se
 
 
 def _for_wire(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
-    """Settings for a wire that fills its picture: smoother strands take fewer bends."""
-    wire = question.scene.material.process == "wire"
-    if not wire or question.problem.views[0].lines or "grace" in scene.search:
+    """Settings for a wire that fills one picture: smoother strands take fewer bends.
+
+    Several views and lines run smoothly for reasons of their own.
+    """
+    wire, views = question.scene.material.process == "wire", question.problem.views
+    if not wire or len(views) > 1 or views[0].lines or "grace" in scene.search:
         return settings
     return settings.model_copy(update={"grace": _WIRE_GRACE * settings.grace})
 
