@@ -33,7 +33,9 @@ __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
-_SEVERAL_GRACE = 3.0  # times that of one view: the pictures of several pull together, and wrinkle more
+_SEVERAL_GRACE = (
+    3.0  # times that of one view: the pictures of several pull together, and wrinkle more
+)
 
 
 @dataclass
