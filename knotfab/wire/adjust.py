@@ -16,7 +16,16 @@ from knotfab.wire.residual import (
     measure_gaps,
 )
 
-__all__ = ["ROUNDING", "Fault", "adjust", "in_order", "judge", "settle"]
+__all__ = [
+    "ROUNDING",
+    "Fault",
+    "adjust",
+    "in_order",
+    "judge",
+    "measure_misses",
+    "measure_worst",
+    "settle",
+]
 
 
 Fault = tuple[float, float, float]  # see `judge`
@@ -79,23 +88,35 @@ def _reweight(
         weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
 
 
+def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits) -> list[Array]:
+    """(m, 4) for each strand: by how much its bend and straight j miss each limit; below 0: kept.
+
+    In columns: distance beyond the tolerance (share of it), length that the straight lacks (mm), angle
+    that the bend turns too far (degrees), how much nearer than a diameter another strand is (mm).
+    """
+    wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
+    found = []
+    for strand, wire, gap in zip(strands, wires, measure_gaps(wires, limits), strict=True):
+        sites, size = measure_distances(strand, wire, light, limits)
+        far = np.full(len(wire.corners), -1.0)
+        np.maximum.at(far, sites.piece, size - 1.0)
+        short = limits.min_straight_mm - wire.straight
+        sharp = np.rad2deg(wire.turn) - limits.max_bend_deg
+        found.append(np.column_stack([far, short, sharp, limits.wire_diameter_mm - gap]))
+    return found
+
+
+def measure_worst(strands: list[Strand], light: Array | None, limits: FitLimits) -> Array:
+    """(4,) by how much each limit is missed at most, as `measure_misses`; 0 where it is kept."""
+    return np.asarray(np.vstack(measure_misses(strands, light, limits)).max(axis=0).clip(0.0))
+
+
 def judge(strands: list[Strand], light: Array | None, limits: FitLimits) -> Fault:
     """How far the limits are missed: in all; by straights, bends and contacts (mm, deg); number of bends."""
-    wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
-    excess, missing = 0.0, 0.0
-    for strand, wire in zip(strands, wires, strict=True):
-        _, size = measure_distances(strand, wire, light, limits)
-        excess = max(excess, float(size.max()) - 1.0)
-        missing = max(
-            missing,
-            limits.min_straight_mm - float(wire.straight.min()),
-            float(np.rad2deg(wire.turn.max())) - limits.max_bend_deg,
-        )
-    near = min(float(gap.min()) for gap in measure_gaps(wires, limits))
-    missing = max(missing, limits.wire_diameter_mm - near)
-    late = missing if missing > ROUNDING else 0.0
+    excess, *rest = measure_worst(strands, light, limits)
+    late = max(rest) if max(rest) > ROUNDING else 0.0
     bends = sum(len(s.corners) for s in strands)
-    return round(late + max(excess, 0.0), 2), round(late, 2), float(bends)
+    return round(float(late + excess), 2), round(float(late), 2), float(bends)
 
 
 def settle(strand: Strand, limits: FitLimits) -> None:

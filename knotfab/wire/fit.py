@@ -6,7 +6,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
-from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, settle
+from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst, settle
 from knotfab.wire.arcs import Wire, WireSites, round_corners
 from knotfab.wire.prune import prune
 from knotfab.wire.residual import FitLimits, Strand, measure_distances
@@ -95,17 +95,16 @@ def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> li
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index
         settle(strand, limits)
-    if prune(strands, light, limits, _PRUNINGS):
-        best = judge(strands, light, limits)
-        kept = [(s.corners, s.index) for s in strands]
+    prune(strands, light, limits, _PRUNINGS)
+    pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
     # with the limits met, the mean is worth more to the shadow than the largest distance: go as far
     # that way as the limits allow
     adjust(strands, light, limits, 8, level=True)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):
-        for strand, (corners, _), aim in zip(strands, kept, level, strict=True):
+        for strand, corners, aim in zip(strands, pruned, level, strict=True):
             strand.corners = corners + share * (aim - corners)
-        if judge(strands, light, limits)[0] <= best[0]:
+        if (measure_worst(strands, light, limits) <= worst).all():
             break
     return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
 
