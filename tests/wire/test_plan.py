@@ -64,9 +64,12 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     assert all((folder / name).is_file() for name in plan.files)
     assert plan.status == "pass"
     for knot in plan.knots:
-        assert knot.length_mm == pytest.approx(2 * np.pi * 22.3, rel=0.04)
+        # the ring is 140.8 mm long: 22.4 mm of radius, with its rise and fall
+        assert knot.length_mm == pytest.approx(2 * np.pi * 22.4, rel=0.02)
         assert 8 <= knot.bends <= 30 and knot.closing_mm < 0.05
-        assert knot.deviation.across <= 1.0 and knot.shortest_straight_mm >= 1.99
+        # the default tolerance is the wire's radius: within it the shadow hides what the bends save
+        assert knot.deviation.across <= plan.tolerance_mm == 1.0
+        assert knot.shortest_straight_mm >= 1.99
     assert plan.length_mm == pytest.approx(sum(k.length_mm for k in plan.knots))
     assert plan.mass_g == pytest.approx(plan.length_mm * np.pi * 7.85e-3)
     assert plan.to_dict()["bends"] == sum(k.bends for k in plan.knots)
@@ -114,7 +117,7 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
     plan = write_bending_plan(tmp_path, knots, scene, pictures)
     assert plan.status == "pass" and set(plan.ious) == {"front", "side"}
     assert plan.iou == min(plan.ious.values()) > 0.8
-    # no direction is free: the wire stays within the tolerance in all of them
+    # no direction is free: the wire stays within the tolerance, its radius, in all of them
     assert plan.knots[0].deviation.largest <= 1.0
     assert "1 mm in any direction" in (tmp_path / "bends.csv").read_text()
     # a picture that is wrong is noticed in whichever view it is
