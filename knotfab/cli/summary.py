@@ -116,6 +116,7 @@ def print_summary(outcome: Outcome) -> None:
     console.print(
         f"  {count}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"
+        f"{_graceful(knots)}"
     )
     for note in report.get("notes", []):
         console.print(f"  {escape(note)}")
@@ -134,6 +135,17 @@ def _misplaced(view: dict[str, Any]) -> str:
 
     worst = (view.get("misplacement") or {}).get("worst")
     return f", {worst['fitted']:.2f} with {tell_move(worst, view)}" if worst is not None else ""
+
+
+def _graceful(knots: list[dict[str, Any]]) -> str:
+    """How smoothly the knots run: their curvature, of the least graceful, and the turns of all."""
+    if not knots or not all("turns" in knot for knot in knots):
+        return ""
+    mean, most = (
+        max(knot[key] for knot in knots) for key in ("mean_curvature_radii", "curvature_90_radii")
+    )
+    turns = sum(knot["turns"] for knot in knots)
+    return f", curvature x radius {mean:.2f} (90 % below {most:.2f}), {turns:.0f} turns"
 
 
 def _last_line(report: dict[str, Any]) -> str:

@@ -55,6 +55,7 @@ REGION_FILE = "region.stl"
 START_FILE = "start.json"
 _LINE_PX = 5.0  # of the fine picture, to the width of a line
 _LINE_GRACE = 4.0  # times what filled areas ask for
+_WIRE_GRACE = 3.0  # likewise, of a wire: every turn is a bend to be made by hand
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
@@ -110,7 +111,7 @@ def design_knots(
         scene, settings = place_start(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
-    settings = _for_lines(question, settings, scene)
+    settings = _for_wire(question, _for_lines(question, settings, scene), scene)
     give = 0.0 if budget is None else budget.give(len(targets))
     question, radius, start, choice = choose_tube(question, settings, progress, give)
     problem = question.problem
@@ -184,6 +185,17 @@ def _for_lines(question: Question, settings: SearchSettings, scene: Scene) -> Se
         "grace": _LINE_GRACE * settings.grace,
     }
     return settings.model_copy(update={k: v for k, v in least.items() if k not in scene.search})
+
+
+def _for_wire(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
+    """Settings for a wire that fills one picture: smoother strands take fewer bends.
+
+    Several views and lines run smoothly for reasons of their own.
+    """
+    wire, views = question.scene.material.process == "wire", question.problem.views
+    if not wire or len(views) > 1 or views[0].lines or "grace" in scene.search:
+        return settings
+    return settings.model_copy(update={"grace": _WIRE_GRACE * settings.grace})
 
 
 def price_design(

@@ -33,6 +33,9 @@ __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
+_SEVERAL_GRACE = (
+    3.0  # times that of one view: the pictures of several pull together, and wrinkle more
+)
 
 
 @dataclass
@@ -145,7 +148,8 @@ def begin(
 ) -> SearchState:
     """The state at the start of a search, its effects judged there."""
     if settings.grace > 0:
-        terms += (Grace(radius, settings.grace),)
+        asked = _SEVERAL_GRACE if len(problem.views) > 1 else 1.0
+        terms += (Grace(radius, asked * settings.grace),)
     state = SearchState(
         problem,
         radius,

@@ -50,12 +50,12 @@ class Wire:
         """The points (k, 3) at `sites`."""
         j, s = sites.piece, sites.share[:, None]
         following = np.roll(self.entry, -1, axis=0)
-        line = self.exit[j] + s * (following[j] - self.exit[j])
-        angle = s * self.turn[j][:, None]
-        arc = self.entry[j] + self.radius * (
-            np.sin(angle) * self.before[j] + (1.0 - np.cos(angle)) * self.inward[j]
+        points = self.exit[j] + s * (following[j] - self.exit[j])
+        j, bent = j[sites.bend], sites.share[sites.bend] * self.turn[j[sites.bend]]
+        points[sites.bend] = self.entry[j] + self.radius * (
+            np.sin(bent)[:, None] * self.before[j] + (1.0 - np.cos(bent))[:, None] * self.inward[j]
         )
-        return np.asarray(np.where(sites.bend[:, None], arc, line))
+        return np.asarray(points)
 
     def tangent(self, sites: WireSites) -> Array:
         """Unit directions (k, 3) along the wire at `sites`."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
 
 from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
+from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst, settle
 from knotfab.wire.arcs import Wire, WireSites, round_corners
-from knotfab.wire.residual import FitLimits, Strand, compute_residual, measure_distances
+from knotfab.wire.prune import prune
+from knotfab.wire.residual import FitLimits, Strand, measure_distances
 
 __all__ = ["FitLimits", "fit_wires"]
 
@@ -18,8 +18,7 @@ _STEP_MM = 0.6  # between the points of the curve that are fitted
 _LONGEST = 150  # points that one straight may stand for at first
 _ROUNDS = 14
 _PATIENCE = 5  # rounds without a better one
-_NEAR_LIMIT = 0.93  # share of the tolerance
-_ROUNDING = 0.01  # mm or degrees: what is no fault
+_PRUNINGS = 12  # rounds at most of taking corners out
 _SPLIT_DEG = 70.0  # a bend that misses the curve and turns farther becomes two
 _MERGED_DEG = 110.0  # the most that one corner in place of two may turn
 
@@ -80,29 +79,32 @@ def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> li
             index = np.arange(3) * (len(points) // 3)
         tolerance = np.full(len(points), limits.tolerance_mm)
         strands.append(Strand(points, scaled, points[index].copy(), index, tolerance))
-    best, since = _judge(strands, light, limits), 0
+    best, since = judge(strands, light, limits), 0
     kept = [(s.corners, s.index) for s in strands]
     for number in range(_ROUNDS):
-        _adjust(strands, light, limits, 15 if number == 0 else 8)
-        fault, since = _judge(strands, light, limits), since + 1
+        adjust(strands, light, limits, 15 if number == 0 else 8)
+        fault, since = judge(strands, light, limits), since + 1
         if number == 0 or fault < best:
             best, since = fault, 0
             kept = [(s.corners, s.index) for s in strands]
         for strand in strands:
-            _settle(strand, limits)
+            settle(strand, limits)
         revised = [_revise(s, light, limits, number % 2 == 1) for s in strands]
         if not any(revised) or since >= _PATIENCE:
             break
     for strand, (corners, index) in zip(strands, kept, strict=True):
         strand.corners, strand.index = corners, index
+        settle(strand, limits)
+    prune(strands, light, limits, _PRUNINGS)
+    pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
     # with the limits met, the mean is worth more to the shadow than the largest distance: go as far
     # that way as the limits allow
-    _adjust(strands, light, limits, 8, level=True)
+    adjust(strands, light, limits, 8, level=True)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):
-        for strand, (corners, _), aim in zip(strands, kept, level, strict=True):
+        for strand, corners, aim in zip(strands, pruned, level, strict=True):
             strand.corners = corners + share * (aim - corners)
-        if _judge(strands, light, limits)[0] <= best[0]:
+        if (measure_worst(strands, light, limits) <= worst).all():
             break
     return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
 
@@ -113,97 +115,6 @@ def _flatten_depth(points: Array, light: Array | None, factor: float) -> Array:
         return points
     axis = light / np.linalg.norm(light)
     return np.asarray(points - (1.0 - 1.0 / factor) * (points @ axis)[:, None] * axis)
-
-
-def _adjust(
-    strands: list[Strand],
-    light: Array | None,
-    limits: FitLimits,
-    steps: int,
-    level: bool = False,
-) -> None:
-    """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
-
-    `level`: squares are summed as they are, but for those near the tolerance.
-    """
-    weights = [np.ones(len(s.points)) for s in strands]
-    damping = 1e-2
-    for number in range(steps):
-        corners = [s.corners for s in strands]
-        if number % 3 == 0:
-            _reweight(strands, weights, light, limits, level)
-        residual, jacobian = compute_residual(strands, corners, weights, light, limits, True)
-        assert jacobian is not None
-        normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
-        size, cost = normal.diagonal().mean(), float(residual @ residual)
-        for _ in range(6):
-            step = spsolve(normal + damping * size * sparse.eye(len(slope), format="csc"), -slope)
-            tried, begun = [], 0
-            for strand in strands:
-                move = step[begun : begun + 3 * len(strand.corners)].reshape(-1, 3)
-                begun += 3 * len(strand.corners)
-                tried.append(strand.corners + move)
-            after, _ = compute_residual(strands, tried, weights, light, limits, False)
-            if np.isfinite(after).all() and float(after @ after) < cost:
-                for strand, moved in zip(strands, tried, strict=True):
-                    strand.corners = moved
-                damping = max(damping / 5.0, 1e-6)
-                break
-            damping *= 5.0
-
-
-def _reweight(
-    strands: list[Strand],
-    weights: list[Array],
-    light: Array | None,
-    limits: FitLimits,
-    level: bool,
-) -> None:
-    """More weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
-    for number, strand in enumerate(strands):
-        wire = round_corners(strand.corners, limits.bend_radius_mm)
-        _, size = measure_distances(strand, wire, light, limits)
-        if level:
-            weights[number] = weights[number] * np.where(size > _NEAR_LIMIT, 4.0, 1.0)
-            continue
-        weight = weights[number] * np.sqrt(0.05 + np.minimum(size, 3.0))
-        weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
-
-
-def _judge(
-    strands: list[Strand], light: Array | None, limits: FitLimits
-) -> tuple[float, float, float]:
-    """How far the limits are missed: in all, by straights (mm) and bends (deg); number of bends."""
-    excess, missing, bends = 0.0, 0.0, 0
-    for strand in strands:
-        wire = round_corners(strand.corners, limits.bend_radius_mm)
-        _, size = measure_distances(strand, wire, light, limits)
-        excess = max(excess, float(size.max()) - 1.0)
-        missing = max(
-            missing,
-            limits.min_straight_mm - float(wire.straight.min()),
-            float(np.rad2deg(wire.turn.max())) - limits.max_bend_deg,
-        )
-        bends += len(strand.corners)
-    late = missing if missing > _ROUNDING else 0.0
-    return round(late + max(excess, 0.0), 2), round(late, 2), float(bends)
-
-
-def _settle(strand: Strand, limits: FitLimits) -> None:
-    """Name anew the point of the curve that each corner stands for: the nearest to its bend."""
-    wire = round_corners(strand.corners, limits.bend_radius_mm)
-    m, n = len(strand.corners), len(strand.points)
-    middle = wire.at(WireSites(np.arange(m), np.ones(m, dtype=bool), np.full(m, 0.5)))
-    left, right = np.roll(strand.index, 1), np.roll(strand.index, -1)
-    found = np.empty(m, dtype=np.int64)
-    for j in range(m):
-        span = int((right[j] - left[j]) % n)
-        window = (left[j] + 1 + np.arange(max(span - 1, 1))) % n
-        gap = strand.points[window] - middle[j]
-        found[j] = window[int((gap * gap).sum(axis=1).argmin())]
-    # where a bend was found before the one it follows, the old names stay
-    if (np.diff((found - found[0]) % n) > 0).all():
-        strand.corners, strand.index = _in_order(strand.corners, found, n)
 
 
 def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
@@ -238,7 +149,7 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
     merge: set[int] = set()
     if merging:
         for j in (
-            int(k) for k in np.flatnonzero(wire.straight < limits.min_straight_mm - _ROUNDING)
+            int(k) for k in np.flatnonzero(wire.straight < limits.min_straight_mm - ROUNDING)
         ):
             both = turn[j] + turn[(j + 1) % m]
             free = not ({j - 1, j, j + 1} & merge) and j + 1 < m and m - len(merge) > 4
@@ -269,17 +180,5 @@ def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: boo
             at = WireSites(np.array([j]), np.array([False]), np.array([add[j]]))
             corners.append(wire.at(at)[0])
             index.append(here + round(add[j] * span))
-    strand.corners, strand.index = _in_order(np.array(corners), np.array(index), n)
+    strand.corners, strand.index = in_order(np.array(corners), np.array(index), n)
     return True
-
-
-def _in_order(corners: Array, index: Indices, n: int) -> tuple[Array, Indices]:
-    """Corners in the wire's order from the curve's first point on, each with a point of its own."""
-    rising = (index - index[0]) % n
-    for k in range(1, len(rising)):
-        rising[k] = max(rising[k], rising[k - 1] + 1)
-    for k in range(len(rising) - 1, 0, -1):
-        rising[k] = min(rising[k], n - len(rising) + k)
-    named = (rising + index[0]) % n
-    shift = int(named.argmin())
-    return np.roll(corners, -shift, axis=0), np.roll(named, -shift)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,15 @@ from knotfab.wire.replay import (
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_wire"]
+__all__ = [
+    "Judge",
+    "Verdict",
+    "ViewShadow",
+    "WireKnot",
+    "cast_shadows",
+    "check_type",
+    "check_wire",
+]
 
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
@@ -158,6 +166,7 @@ class Judge:
     tolerance: float
     depth_factor: float
     floor: float
+    types: tuple[str, ...]  # of the knots
 
     def of(self, plans: list[BendList], names: list[str], hidden: list[bool]) -> Verdict:
         """The verdict on the rows of all knots; names of their files; whether each joint is hidden."""
@@ -173,7 +182,7 @@ class Judge:
         checks = check_wire(
             knots, self.material, self.tolerance, self.depth_factor, ious, self.floor, least
         )
-        return Verdict(knots, ious, least, checks)
+        return Verdict(knots, ious, least, (*checks, check_type(plans, self.types)))
 
 
 def _measure_knot(
@@ -194,6 +203,22 @@ def _measure_knot(
         joint_hidden=hidden,
         sensitivity=measure_sensitivity(plan),
     )
+
+
+def check_type(plans: Sequence[BendList], types: Sequence[str]) -> dict[str, Any]:
+    """`wire_type`, in the report's form: the bent wires are the knots that they stand for, and apart.
+
+    Bends are cut to chords of 20 degrees or less, which keeps the type as long as no strands touch.
+    """
+    from knotfab_validators.geometry.curves import Curves
+    from knotfab_validators.knots.knot_types import knot_checks
+
+    polygons = tuple(replay(p, step_deg=20.0, step_mm=np.inf)[0][:-1] for p in plans)
+    both = knot_checks(Curves(polygons, tuple(types), (True,) * len(polygons), None))
+    # what could not be told is said of one of the two, in words
+    worst = max(both, key=lambda check: ("pass", "skipped", "fail").index(check.status))
+    detail = "; ".join(f"{check.name}: {check.detail}" for check in both)
+    return replace(worst, name="wire_type", detail=detail, at=()).to_dict()
 
 
 def check_wire(

@@ -26,10 +26,10 @@ from knotfab.wire.template_pdf import draw_views, write_templates
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = 0.5
+TOLERANCE_RADII = 1.0
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
-_FIT_SHARES = (0.95, 0.65)  # of the tolerance: the second where the first spoils the shadow
+_FIT_SHARES = (0.95, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
 
 
@@ -103,7 +103,8 @@ def write_bending_plan(
             and its material resolved. pictures: the file that each view's shadow is compared with.
         iou_floor: required of the bent wire's shadow in each view; the scene's, less `IOU_LOSS`, by
             default.
-        tolerance_mm: of the centre line across the light's rays; half the wire's radius by default.
+        tolerance_mm: of the centre line across the light's rays; the wire's radius by default; a fit
+            keeps to less where its shadow asks for it.
         depth_factor: how much more is allowed along the rays of a single view.
         suffix: in the names of the files, such as "-01" of a sequence's frame.
 
@@ -137,7 +138,8 @@ def write_bending_plan(
         if len(curves) == 1
         else [f"bends{suffix}-{k + 1}.csv" for k in range(len(curves))]
     )
-    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor)
+    types = tuple(k.type for k in knots.knots)
+    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(

@@ -18,12 +18,22 @@ from knotfab.wire.arcs import (
     space_sites,
 )
 
-__all__ = ["FitLimits", "Strand", "compute_residual", "measure_distances", "weigh_depth"]
+__all__ = [
+    "FitLimits",
+    "Strand",
+    "compute_residual",
+    "measure_distances",
+    "measure_gaps",
+    "weigh_depth",
+]
 
 
 _GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
 _CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
+SAME_BEND = (
+    0.5 * np.pi + 1.2
+)  # diameters along the wire: places nearer than that are no two strands
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
 _STIFF_CONTACT = 24.0
 
@@ -144,42 +154,69 @@ def _put_in_columns(block: sparse.spmatrix, offsets: Indices, number: int) -> sp
     return sparse.hstack([left, block, right]).tocsr()
 
 
+def measure_gaps(wires: list[Wire], limits: FitLimits) -> list[Array]:
+    """(m,) for each wire: how near its bend and straight j come to another strand (mm).
+
+    Infinite where that is farther than what the fit keeps, a diameter and a gap.
+    """
+    sampled, points, owner, pairs = _find_contacts(wires, limits, 0.5 * _CONTACT_STEP)
+    gaps = [np.full(len(w.corners), np.inf) for w in wires]
+    piece = np.concatenate([s.piece for s in sampled])
+    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    for end in pairs.T:
+        for k, gap in enumerate(gaps):
+            own = owner[end] == k
+            np.minimum.at(gap, piece[end[own]], distance[own])
+    return gaps
+
+
+def _find_contacts(
+    wires: list[Wire], limits: FitLimits, step: float
+) -> tuple[list[WireSites], Array, Indices, Indices]:
+    """Places along all wires, their points and wires, and the pairs (k, 2) that are too near."""
+    least = limits.wire_diameter_mm + _GAP_MM
+    spaced = [space_sites(w, step * limits.wire_diameter_mm) for w in wires]
+    sampled = [sites for sites, _ in spaced]
+    points = np.concatenate([w.at(s) for w, s in zip(wires, sampled, strict=True)])
+    owner = np.repeat(np.arange(len(wires)), [len(s.piece) for s in sampled])
+    along = np.concatenate([a for _, a in spaced])
+    length = np.array([w.length_mm for w in wires])
+    pairs = cKDTree(points).query_pairs(least, output_type="ndarray").reshape(-1, 2)
+    a, b = pairs.T
+    apart = np.abs(along[a] - along[b])
+    apart = np.minimum(apart, length[owner[a]] - apart)
+    keep = (owner[a] != owner[b]) | (apart > SAME_BEND * limits.wire_diameter_mm)
+    return sampled, points, owner, pairs[keep]
+
+
 def _push_apart(
     wires: list[Wire], offsets: Indices, limits: FitLimits, with_jacobian: bool
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Residuals that push apart strands nearer than the wire's diameter."""
-    least = limits.wire_diameter_mm + _GAP_MM
-    sampled = [space_sites(w, _CONTACT_STEP * limits.wire_diameter_mm) for w in wires]
-    points = [w.at(s) for w, (s, _) in zip(wires, sampled, strict=True)]
-    owner = np.concatenate([np.full(len(p), k) for k, p in enumerate(points)])
-    along = np.concatenate([a for _, a in sampled])
-    length = np.array([w.length_mm for w in wires])
-    everything = np.concatenate(points)
-    pairs = cKDTree(everything).query_pairs(least, output_type="ndarray")
+    sampled, points, owner, pairs = _find_contacts(wires, limits, _CONTACT_STEP)
     if not len(pairs):
         return np.zeros(0), None
     a, b = pairs.T
-    apart = np.abs(along[a] - along[b])
-    apart = np.minimum(apart, length[owner[a]] - apart)
-    keep = (owner[a] != owner[b]) | (apart > 0.5 * np.pi * limits.wire_diameter_mm + least)
-    a, b = a[keep], b[keep]
-    if not len(a):
-        return np.zeros(0), None
-    offset = everything[a] - everything[b]
+    offset = points[a] - points[b]
     distance = np.linalg.norm(offset, axis=1)
     stiff = _STIFF_CONTACT / limits.tolerance_mm
-    push = stiff * (least - distance)
+    push = stiff * (limits.wire_diameter_mm + _GAP_MM - distance)
     if not with_jacobian:
         return push, None
-    jacobian = sparse.vstack(
-        [
-            _put_in_columns(differentiate_wire(w, s)[0], offsets, k)
-            for k, (w, (s, _)) in enumerate(zip(wires, sampled, strict=True))
-        ]
-    ).tocsr()
+    # only the places that are too near move anything
+    used, place = np.unique(pairs, return_inverse=True)
+    first_of = np.searchsorted(owner, np.arange(len(wires)))
+    blocks = []
+    for k, (wire, sites) in enumerate(zip(wires, sampled, strict=True)):
+        own = used[owner[used] == k] - first_of[k]
+        part = WireSites(sites.piece[own], sites.bend[own], sites.share[own])
+        blocks.append(_put_in_columns(differentiate_wire(wire, part)[0], offsets, k))
+    jacobian = sparse.vstack(blocks).tocsr()
     unit = (offset / np.maximum(distance, 1e-9)[:, None]).ravel()
     row, axis = np.repeat(np.arange(len(a)), 3), np.arange(3)
     shape = (len(a), jacobian.shape[0])
-    first = sparse.csr_matrix((unit, (row, (3 * a[:, None] + axis).ravel())), shape=shape)
-    second = sparse.csr_matrix((unit, (row, (3 * b[:, None] + axis).ravel())), shape=shape)
+    first, second = (
+        sparse.csr_matrix((unit, (row, (3 * end[:, None] + axis).ravel())), shape=shape)
+        for end in place.reshape(-1, 2).T
+    )
     return push, -stiff * (first - second) @ jacobian

@@ -61,3 +61,12 @@ def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[
     )
     said = {line.split()[1]: line.split()[0] for line in capsys.readouterr().out.splitlines()[1:3]}
     assert said == {"closing": "warn", "shadow": "FAIL"}
+
+
+def test_how_gracefully_the_knots_run_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    done = outcome("good")
+    keys = ("mean_curvature_radii", "curvature_90_radii", "turns")
+    rows = ((0.2, 0.41, 30.0), (0.1, 0.52, 12.0))
+    done.report["knots"] = [dict(zip(keys, row, strict=True)) for row in rows]
+    print_summary(done)
+    assert "curvature x radius 0.20 (90 % below 0.52), 42 turns" in capsys.readouterr().out
