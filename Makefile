@@ -147,7 +147,7 @@ budgets: system $(DONE)
 scaling: $(DONE)
 	$(BIN)/python -m examples.studies.scaling --write docs/scaling.md
 
-# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, scenes (about 5 min)
+# the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, light, strokes, scenes (about 6 min)
 hard-cases: $(DONE)
 	$(BIN)/python -m examples.studies.hard_cases
 
