@@ -7,17 +7,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from rings import ring
 
 import knotfab.settle as settling
+from knotfab.design.design import design_knots
 from knotfab.design.frames import frame_view
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
+from knotfab.mount.nearer import Place
 from knotfab.mount.wall import NotHeldError
 from knotfab.progress import Progress
 from knotfab.request import Request
-from knotfab.scene.load import parse_scene
+from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Scene
 from knotfab.settle import settle_part
 from knotfab.target.read import Target, read_target
@@ -216,6 +219,26 @@ def test_a_free_view_moves_its_wall_itself(target: Target, monkeypatch: pytest.M
     maker, said = run(target, "[search]\nfree_view = true", 0.0, monkeypatch)
     assert all("wall_distance_mm" not in s.views[0].model_fields_set for s in maker.asked)
     assert len(maker.asked) > 1 and said.to_mm < said.from_mm
+
+
+def test_what_was_moved_to_its_wall_repeats_from_its_resolved_scene() -> None:
+    target = read_target("text:=")
+    few = ("coarse_px", "fine_px"), ("coarse_iterations", "fine_iterations", "settle_iterations")
+    keys = {**dict.fromkeys(few[0], 48), **dict.fromkeys(few[1], 2), "depth_candidates": 2}
+    keys |= {"edge_radii": 0.75, "settle_edge_radii": 0.75, "radius_candidates": 2}
+    lines = "".join(f"{key} = {value}\n" for key, value in keys.items())
+    scene = parse_scene(
+        f"[accuracy]\niou_floor = 0.1\n[search]\n{lines}[[views]]\nframe_width_mm = 60.0"
+    )
+    request = Request(scene, ("=",), Path("out"), printing=True)
+    far: Any = Maker(target, 0.0).design(scene)
+    quiet = Progress("quiet")
+    made = settling._search(request, target, far, Place(20.0, 60.0), quiet)
+    assert made.scene.views[0].wall_distance_mm == 60.0 and made.scene.piece.depth == 20.0
+    again = design_knots(parse_scene(dump_scene(made.scene)), [target])
+    assert again.scene == made.scene
+    for one, other in zip(made.knots.knots, again.knots.knots, strict=True):
+        assert np.array_equal(one.points, other.points)
 
 
 def test_a_wall_that_is_given_stays_where_it_is(

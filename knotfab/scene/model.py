@@ -307,6 +307,13 @@ class Scene(_Table):
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
 
+    def hangs(self, knots: int) -> bool:
+        """Whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
+        if self.mount.kind != "auto":
+            return self.mount.kind == "wall"
+        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm == "flat"
+        return knots > 1 and one_flat and self.material.process != "wire"
+
 
 # What a design settles: the same tables, with every size a number.
 
