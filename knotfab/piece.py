@@ -16,7 +16,6 @@ from knotfab.design.design import START_FILE, Design
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
-from knotfab.flatten import flatten
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
@@ -54,6 +53,7 @@ from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedScene
+from knotfab.settle import settle_part
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target
@@ -125,7 +125,7 @@ def write_piece(
         folder.write(START_FILE, made.start_json)
     try:
         if len(targets) == 1 and not suffix:  # all frames move in one depth, before one wall
-            made, part, flattening = flatten(request, targets[0], made, progress)
+            made, part, flattening = settle_part(request, targets[0], made, progress)
         else:
             part = part_of(made, request.printing, targets, progress)
     except SceneError as error:

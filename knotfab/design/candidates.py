@@ -19,6 +19,7 @@ __all__ = [
     "drawing_radius",
     "line_radius",
     "line_width",
+    "most_radius",
     "range_of",
     "too_fine",
     "usual_radii",
@@ -91,6 +92,20 @@ def usual_radii(
     if thinnest < usual:  # as far as the printer goes
         thin = np.geomspace(thinnest, usual, span.thinner)[:-1].round(4).tolist()
     return radii, thin
+
+
+def most_radius(asked: float | str, view: ResolvedView, thinnest: float) -> float:
+    """The thickest radius, mm, that may be taken for the one view of a scene, however near its wall.
+
+    Args:
+        asked: the scene's radius, or "auto". view: with `lines` settled. thinnest: as for `usual_radii`.
+    """
+    thick = view.thicken_mm
+    if not isinstance(asked, str):
+        return asked
+    if view.lines == "on" and not isinstance(thick, str):  # a shadow is no smaller than its tube
+        return 0.5 * thick
+    return usual_radii([view], thinnest, 2)[0][-1]
 
 
 def drawing_radius(polygon: MultiPolygon, least: float) -> float | None:

@@ -13,12 +13,13 @@ from knotfab.design.hull import HullBound
 from knotfab.errors import SceneError
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
+from knotfab.scene.model import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene
 
-__all__ = ["depth_extent", "resolve_region"]
+__all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
 
 
 _WIDER = 1.25  # than the picture
+_BESIDE_RADII = 2.0  # before and behind the centre lines
 
 
 def resolve_region(
@@ -49,7 +50,7 @@ def resolve_region(
         (view,) = views
         known |= {"azimuth_deg": view.azimuth_deg, "elevation_deg": view.elevation_deg}
         x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
-        z = 2.0 * min(0.9 * view.clear_mm, 0.25 * view.light_distance_mm)
+        z = 2.0 * view.reach_mm
         widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
         around = {"cylinder": widest, "sphere": widest}
     size = {
@@ -84,7 +85,7 @@ def depth_extent(
         if isinstance(scene.piece.depth, str)
         else scene.piece.depth
     )
-    room = _across(region, np.asarray(ahead)) - 4.0 * radius
+    room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
     if room <= 0:
         raise SceneError(
             "the region",
@@ -99,6 +100,20 @@ def depth_extent(
         )
     # an auto depth is rounded down, so that a rebuild from the number finds the same room
     return float(np.floor(min(wanted, room) * 1e4) / 1e4) if auto else wanted
+
+
+def most_depth_mm(reach_mm: float, radius: float) -> float:
+    """Extent of the centre lines in a region that reaches so far to either side, mm."""
+    return 2.0 * (reach_mm - _BESIDE_RADII * radius)
+
+
+def least_wall_mm(back_mm: float, radius: float) -> float:
+    """How near a flat wall may be for a region that is "auto" to have room, mm; the light stands far enough.
+
+    Args:
+        back_mm: how far the centre lines reach behind the middle, or half of the depth that is asked for.
+    """
+    return (back_mm + _BESIDE_RADII * radius) / WALL_SHARE
 
 
 def _across(region: ResolvedRegion, ahead: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "Worl
 class World:
     """What a scene says of people, room and matter.
 
-    `turns`: whether the piece can turn against its wall: not one that is mounted on it.
+    `turns`: whether the piece can turn against its wall: not one that is mounted on it, as of an open mount
+    one of several loose knots is (`loose_turns`).
     """
 
     placing: Placing = field(default_factory=Placing)
@@ -30,12 +31,17 @@ class World:
     material: Material = field(default_factory=Material)
     printer: Printer = field(default_factory=Printer)
     turns: bool = True
+    loose_turns: bool = True
 
     @staticmethod
     def of(scene: Scene) -> World:
-        """The world of a scene."""
-        turns = scene.mount.kind != "wall"
-        return World(scene.placing, scene.room, scene.material, scene.printer, turns)
+        """The world of a scene, as long as its piece is taken to be one knot."""
+        turns, loose = (not scene.hangs(knots) for knots in (1, 2))
+        return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)
+
+    def holding(self, knots: int) -> World:
+        """The same world once it is known of how many knots its piece is."""
+        return replace(self, turns=self.loose_turns) if knots > 1 else self
 
 
 @dataclass(frozen=True)

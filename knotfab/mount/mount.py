@@ -170,11 +170,8 @@ def mount_piece(
     require_mount(scene)
     asked = scene.mount
     if asked.kind == "auto":
-        flat = all(view.wall_radius_mm == "flat" for view in scene.views)
-        loose = (
-            len(knots.knots) > 1 and len(cameras) == 1 and scene.material.process != "wire" and flat
-        )
-        asked = asked.model_copy(update={"kind": "wall" if loose else "none"})
+        hangs = scene.hangs(len(knots.knots))
+        asked = asked.model_copy(update={"kind": "wall" if hangs else "none"})
         scene = scene.model_copy(update={"mount": asked})
     if asked.kind != "wall" and asked.foot == "auto":  # a written scene leaves nothing open
         asked = asked.model_copy(update={"foot": "plate"})

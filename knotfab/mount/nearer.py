@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from knotfab.design.region import least_wall_mm, most_depth_mm
 from knotfab.knots import Knot, Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import ResolvedView
+from knotfab.scene.model import LIGHT_SHARE, ResolvedView
 
 __all__ = ["Place", "propose_place"]
 
@@ -24,6 +25,7 @@ LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is
 AIM = 0.9  # of the limit: the search that follows lays the strands anew
 _PX = 64  # of a camera of which only eye and wall are asked
 _ROUND = 10  # parts of a mm
+_THERE_MM = 1.0  # a search lays the strands anew: so much nearer is no other place
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,9 @@ def propose_place(
     *,
     shallower: bool,
     nearer: bool,
+    most_radius_mm: float,
 ) -> Place | None:
-    """The deepest place at which pegs are estimated to hold a piece, or else the flattest that is tried.
+    """The deepest place at which pegs are estimated to hold a piece; if none is, the nearest for its depth.
 
     The curves are moved along their light rays, so that their shadow stays; a new search at that place lays
     them anew.
@@ -51,34 +54,43 @@ def propose_place(
     Args:
         knots: in scene coordinates. view: the one that they draw.
         shallower, nearer: whether depth and wall may be changed.
+        most_radius_mm: the thickest tube that may be taken there, for which there is to be room.
 
     Returns:
-        None: nothing may be changed, or is.
+        None: nothing may be changed, or it is of no use.
     """
-    place: Place | None = None
+    best: Place | None = None
     firm = replace(stiffness, max_sag_mm=AIM * stiffness.max_sag_mm)
     depth = float(np.ptp(knots.points @ view_axes(view)[2]))
+    deepest = depth
+    if shallower and nearer:
+        room = most_depth_mm(LIGHT_SHARE * view.light_distance_mm, most_radius_mm)
+        deepest = min(depth, max(room, SHARES[-1] * depth))
     for share in SHARES if shallower else SHARES[:1]:
-        found = _at(share * depth, knots.radius_mm, view, nearer)
-        if found.wall_mm >= view.wall_distance_mm and share == 1.0:
-            continue  # it is there
-        place = found
-        moved, there = _move(knots, view, share, found)
+        deep = min(share * depth, deepest)
+        place = _at(deep, knots.radius_mm, view, nearer, most_radius_mm)
+        if share == 1.0:
+            if place.wall_mm > view.wall_distance_mm - _THERE_MM:
+                continue  # it is there
+            best = place  # nothing is given up for it, and struts may do the rest
+        moved, there = _move(knots, view, deep / depth, place)
         camera = camera_of(there, _PX, _PX)
         try:
             if sag_on_pegs(moved, camera, clearance_mm, firm) <= firm.max_sag_mm:
-                break
+                return place
         except ValueError:  # a knot has no peg: strands that are only pressed flat meet
             continue
-    return place
+    return best
 
 
-def _at(depth: float, radius: float, view: ResolvedView, nearer: bool) -> Place:
-    """The place of a piece so deep."""
+def _at(depth: float, radius: float, view: ResolvedView, nearer: bool, most_radius: float) -> Place:
+    """The place of a piece so deep; a wall that leans comes nearer where the frame is highest or lowest."""
     wall = view.wall_distance_mm
     if nearer:
-        leans = 0.5 * view.longer_mm * abs(float(np.tan(np.deg2rad(view.wall_tilt_deg))))
-        least = 0.5 * depth + radius + LEAST_PEG_MM + leans
+        steep = float(np.tan(np.deg2rad(view.wall_tilt_deg)))
+        leans = view.frame_up_mm * steep + 0.5 * view.frame_height_mm * abs(steep)
+        least = 0.5 * depth + radius + LEAST_PEG_MM + max(leans, 0.0)
+        least = max(least, least_wall_mm(0.5 * depth, most_radius))
         wall = min(wall, float(np.ceil(_ROUND * least)) / _ROUND)
     return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
 

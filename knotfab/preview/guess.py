@@ -51,7 +51,7 @@ def guess_print(
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
         return Guess(float(mass), None)
-    room = 2.0 * min(0.9 * view.wall_distance_mm, 0.25 * view.light_distance_mm)
+    room = 2.0 * view.reach_mm
     depth = 0.0 if flat else min(room, DEPTH_RATIO * max(size_mm))
     if not isinstance(scene.piece.depth, str):
         depth = scene.piece.depth

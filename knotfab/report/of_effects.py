@@ -31,8 +31,6 @@ __all__ = [
 
 Record = dict[str, Any]
 
-# of the distance to the wall that a piece may reach into, as in regions that are "auto"
-_BACK = 0.9
 _GAIN = 0.01  # of brightness, from which on a nearer wall is worth a word
 
 
@@ -213,6 +211,7 @@ def add_advice(report: Record, made: Design) -> None:
     What a blur adds to the error in brightness is in proportion to it, so what the measured error is above
     that of the hard shadow is scaled by the mean blur there over that here; both of all strands.
     """
+    from knotfab.design.region import least_wall_mm
     from knotfab.scene.camera import view_axes
 
     points, radius = made.knots.points, made.knots.radius_mm
@@ -220,12 +219,11 @@ def add_advice(report: Record, made: Design) -> None:
         if not found.get("penumbra") or view.wall_tilt_deg != 0:
             continue
         z, light = points @ view_axes(view)[2], view.light_distance_mm
-        # two radii behind the centre lines, as `depth_extent` asks where a build is to have that depth
         depth = made.scene.piece.depth
         back = -float(z.min())
         if not isinstance(depth, str):
             back = max(back, 0.5 * depth)
-        near = float(ceil((2 * radius + back) / _BACK))
+        near = float(ceil(least_wall_mm(back, radius)))
         if not 0 < near < view.wall_distance_mm:
             continue
 

@@ -18,6 +18,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "LIGHT_SHARE",
+    "WALL_SHARE",
     "Accuracy",
     "Material",
     "Mount",
@@ -64,6 +66,8 @@ Whole = Annotated[int, Strict(), Field(ge=0)]
 Side = Annotated[int, Strict(), Field(ge=1)]
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # of an array: the verification renders a shadow for each
+# of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
+LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
@@ -303,6 +307,13 @@ class Scene(_Table):
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
 
+    def hangs(self, knots: int) -> bool:
+        """Whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
+        if self.mount.kind != "auto":
+            return self.mount.kind == "wall"
+        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm == "flat"
+        return knots > 1 and one_flat and self.material.process != "wire"
+
 
 # What a design settles: the same tables, with every size a number.
 
@@ -351,6 +362,11 @@ class ResolvedView(View):
         return self.wall_distance_mm - radius * (
             1 - cos(min(0.5 * self.frame_width_mm / radius, pi / 2))
         )
+
+    @property
+    def reach_mm(self) -> float:
+        """How far from its middle a piece may reach to either side, where its region is "auto"."""
+        return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm)
 
     def px_per_mm(self, width_px: int) -> float:
         """px of a picture so wide to a mm of a piece in the middle of the scene."""

@@ -23,6 +23,7 @@ from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.frame import Frame
 from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
 from knotfab.render.silhouette import render
+from knotfab.scene.model import LIGHT_SHARE, WALL_SHARE
 from knotfab.search.objective import Objective
 from knotfab.search.phases import SETTLE
 
@@ -46,8 +47,6 @@ ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radiu
 _TURN_RATE = 0.4  # degrees a step at the start
 _LENGTH_RATE = 0.008  # share of a length a step at the start
 _LAST = 0.05  # share of these rates at the end
-# of a distance that the piece may reach into, as in auto regions
-_LIGHT_SHARE, _WALL_SHARE = 0.25, 0.9
 _CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
 _SHARP = 12.0  # tau times the projected radius that the pose is judged by
 _CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
@@ -173,8 +172,8 @@ class Pose:
             near, far = (share * s.wall_distance_mm for share in b.wall)
             wall = float(np.clip(wall, near, far))
             # what is not free stays where the person put it, near or not
-            light = max(light, front / _LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
-            wall = max(wall, back / _WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
+            light = max(light, front / LIGHT_SHARE) if "light" in b.free else s.light_distance_mm
+            wall = max(wall, back / WALL_SHARE) if "wall" in b.free else s.wall_distance_mm
             kept = self.logs.new_tensor([light, wall, radius]) / self._first_mm
             self.logs.copy_(kept.log())
             if "wall" in b.free:

@@ -84,7 +84,10 @@ class SearchState:
     def judge_effects(self) -> None:
         """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
         views = tuple(v.view for v in self.problem.views)
-        tolerance, world = self.settings.tolerance_px, self.problem.world
+        tolerance, world = (
+            self.settings.tolerance_px,
+            self.problem.world.holding(len(self.rings.sizes)),
+        )
         context = EffectContext(views, self.points, self.radius, tolerance, world)
         for name, fresh in survey(context, self.problem.switches).items():
             if name in self.effects:

@@ -10,7 +10,7 @@ from examples.parting import bounds_and_truths, cast, turn_about
 from knotfab.effects.base import Decision, EffectContext, World
 from knotfab.effects.misplacement import MISPLACEMENT, Steadying, parting_mm
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import Mount, Placing, ResolvedView, Scene
+from knotfab.scene.model import Material, Mount, Placing, ResolvedView, Scene, View
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 
@@ -74,6 +74,28 @@ def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
     free, hung = (World.of(Scene(mount=Mount(kind=kind))) for kind in ("none", "wall"))
     assert free.turns and not hung.turns
     assert parting_mm(VIEW, points, 2.0, hung).turn == 0 < parting_mm(VIEW, points, 2.0, free).turn
+
+
+@pytest.mark.parametrize(
+    ("scene", "loose", "whole"),
+    [
+        (Scene(), True, False),
+        (Scene(mount=Mount(kind="wall")), True, True),
+        (Scene(mount=Mount(kind="none")), False, False),
+        (Scene(mount=Mount(kind="stand")), False, False),
+        (Scene(material=Material(process="wire")), False, False),
+        (Scene(views=(View(wall_radius_mm=400.0),)), False, False),
+        (Scene(views=(View(), View(name="side", azimuth_deg=90.0))), False, False),
+    ],
+    ids=["auto", "wall", "none", "stand", "wire", "round", "two views"],
+)
+def test_loose_pieces_hang_on_the_wall_whether_that_is_asked_for_or_left_open(
+    scene: Scene, loose: bool, whole: bool
+) -> None:
+    world = World.of(scene)
+    assert (scene.hangs(2), scene.hangs(1)) == (loose, whole)
+    assert (world.holding(2).turns, world.holding(1).turns) == (not loose, not whole)
+    assert world.turns != whole and world.holding(2).holding(2) == world.holding(2)
 
 
 @pytest.mark.parametrize("mount", ["none", "wall"])

@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from rings import VIEW, camera, knots, ring
+from shapely import MultiPolygon, box
 
 from knotfab.arrays import Array
+from knotfab.design.candidates import line_radius, most_radius, usual_radii
+from knotfab.design.region import depth_extent, resolve_region
 from knotfab.knots import Knot, Knots
 from knotfab.mount.nearer import AIM, LEAST_PEG_MM, SHARES, Place, _move, propose_place
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import NotHeldError, WallSettings, plan_wall, sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import ResolvedView
+from knotfab.scene.model import Piece, Region, ResolvedView, Scene
 
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
 LOOSE = Knots(knots(ring(12.0, 30.0, 40, 3.0), ring(20.0, -30.0, 60, 3.0)).knots, 0.8)
 DEPTH = float(np.ptp(LOOSE.points[:, 2]))
+SQUARE = MultiPolygon([box(-70, -70, 70, 70)])
 PLA = Stiffness(2300.0, 1.24, 0.2)
 SOFT = replace(PLA, young_mpa=400.0)
 
 
-def propose(stiffness: Stiffness, *, shallower: bool = True, nearer: bool = True) -> Place | None:
-    return propose_place(LOOSE, VIEW, 0.4, stiffness, shallower=shallower, nearer=nearer)
+def propose(
+    stiffness: Stiffness,
+    *,
+    shallower: bool = True,
+    nearer: bool = True,
+    view: ResolvedView = VIEW,
+    pieces: Knots = LOOSE,
+    most: float = 0.8,
+) -> Place | None:
+    asks = {"shallower": shallower, "nearer": nearer}
+    return propose_place(pieces, view, 0.4, stiffness, **asks, most_radius_mm=most)
 
 
 def sag_at(place: Place, share: float, stiffness: Stiffness) -> float:
@@ -55,16 +69,65 @@ def test_only_a_softer_material_asks_for_less_depth() -> None:
 @pytest.mark.slow
 def test_what_is_given_stays() -> None:
     assert propose(SOFT, shallower=False, nearer=False) is None
-    near, flat = propose(SOFT, shallower=False), propose(SOFT, nearer=False)
+    near, flat = propose(SOFT, shallower=False), propose(PLA, nearer=False)
     assert near is not None and near.depth_mm == pytest.approx(DEPTH, abs=0.1)
     assert flat is not None and flat.wall_mm == VIEW.wall_distance_mm
+
+
+def test_what_no_place_is_estimated_to_hold_is_moved_once_and_not_flattened(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("knotfab.mount.nearer.sag_on_pegs", lambda *_: 1.0)
+    place = propose(PLA)
+    assert place is not None and place.depth_mm == pytest.approx(DEPTH, abs=0.1)
+    moved, there = _move(LOOSE, VIEW, 1.0, place)
+    for aside in (0.0, 0.5):  # the strands that a search lays there are as deep, about
+        view = there.model_copy(update={"wall_distance_mm": there.wall_distance_mm + aside})
+        assert propose(PLA, view=view, pieces=moved) is None
+    assert propose(PLA, nearer=False) is None
+
+
+@pytest.mark.parametrize(
+    ("frame_mm", "radius", "depth_mm", "keys"),
+    [
+        (180.0, 4.0, 100.0, {}),
+        (300.0, 3.06, 168.0, {"wall_distance_mm": 150.0}),
+        (300.0, 5.0, 117.0, {}),
+        (420.0, 4.0, 230.0, {"wall_distance_mm": 200.0}),  # the lamp is what is near
+        (180.0, 2.0, 110.0, {"thicken_mm": 5.0, "lines": "on"}),
+    ],
+)
+@pytest.mark.parametrize("share", SHARES[::2])
+def test_the_wall_proposed_has_room_for_the_depth_and_any_tube_that_is_chosen_there(
+    frame_mm: float,
+    radius: float,
+    depth_mm: float,
+    keys: dict[str, Any],
+    share: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    view = VIEW.model_copy(update={"frame_width_mm": frame_mm, "frame_height_mm": frame_mm, **keys})
+    half = 0.5 * depth_mm - 3.0
+    pieces = Knots(knots(ring(12.0, half, 40, 3.0), ring(20.0, -half, 60, 3.0)).knots, radius)
+    most = most_radius("auto", view, 0.8)
+    sags = iter([1.0] * SHARES.index(share) + [0.0])
+    monkeypatch.setattr("knotfab.mount.nearer.sag_on_pegs", lambda *_: next(sags))
+    place = propose(PLA, view=view, pieces=pieces, most=most)
+    assert place is not None and place.wall_mm < view.wall_distance_mm
+    there = view.model_copy(update={"wall_distance_mm": place.wall_mm})
+    asks = Scene(piece=Piece(depth=place.depth_mm))
+    chosen = [line_radius(there)] if "lines" in keys else usual_radii([there], 0.8, 16)[0]
+    for r in (radius, *chosen):
+        extent = depth_extent(asks, SQUARE, resolve_region(Region(), [there], [], r), r)
+        assert r > most or extent == place.depth_mm
+    assert max(chosen) <= most + 1e-6
 
 
 @pytest.mark.parametrize("keys", [{}, {"azimuth_deg": 40.0, "elevation_deg": 20.0}])
 def test_the_shadow_of_what_is_moved_stays(keys: dict[str, float]) -> None:
     view = VIEW.model_copy(update=keys)
     turned = Knots(tuple(Knot(k.points @ view_axes(view)) for k in LOOSE.knots), 0.8)
-    place = propose_place(turned, view, 0.4, SOFT, shallower=True, nearer=True)
+    place = propose(SOFT, view=view, pieces=turned)
     assert place is not None
     moved, there = _move(turned, view, 0.5, place)
     assert pixels(moved, there) == pytest.approx(pixels(turned, view), abs=0.01)
@@ -80,8 +143,25 @@ def pixels(some: Knots, view: ResolvedView) -> Array:
 
 def test_a_wall_that_leans_keeps_clear() -> None:
     view = VIEW.model_copy(update={"wall_tilt_deg": 15.0})
-    place = propose_place(LOOSE, view, 0.4, PLA, shallower=True, nearer=True)
+    place = propose(PLA, view=view)
     upright = propose(PLA)
     assert place is not None and upright is not None
     leans = place.wall_mm - 0.5 * place.depth_mm
     assert leans > upright.wall_mm - 0.5 * upright.depth_mm + 20.0
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "up_mm"), [(180.0, 0.0), (60.0, 0.0), (180.0, 40.0), (180.0, -40.0)]
+)
+def test_a_wall_that_leans_keeps_clear_of_all_that_is_before_the_frame(
+    height_mm: float, up_mm: float
+) -> None:
+    tilted = {"wall_tilt_deg": 10.0, "frame_height_mm": height_mm, "frame_up_mm": up_mm}
+    view = VIEW.model_copy(update={"wall_distance_mm": 150.0, **tilted})
+    place = propose(PLA, view=view)
+    assert place is not None and place.wall_mm < 150.0
+    there = camera_of(view.model_copy(update={"wall_distance_mm": place.wall_mm}), 90, 90)
+    corners = there.corner + np.outer([0, 89.5], there.dv)
+    near = 0.5 * place.depth_mm + LOOSE.radius_mm
+    gap = -near - corners[:, 2].max()  # of the frame's nearest edge behind the deepest strand
+    assert LEAST_PEG_MM <= gap < LEAST_PEG_MM + 3.0

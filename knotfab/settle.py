@@ -1,0 +1,175 @@
+"""Where no pose keeps the printer's limit for supports, or no pegs hold it: the same piece again, flatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from knotfab.design.candidates import most_radius
+from knotfab.design.design import Design, design_knots
+from knotfab.errors import SceneError
+from knotfab.mount.nearer import Place, propose_place
+from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.wall import NotHeldError
+from knotfab.part.assemble import Part, part_of, rules_of
+from knotfab.part.flatter import Flattening, flatter_depth
+from knotfab.progress import Progress
+from knotfab.request import Request
+from knotfab.scene.camera import view_axes
+from knotfab.target.read import Target
+
+__all__ = ["settle_part"]
+
+ROUNDS = 2  # of searching anew
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """A design with its part, and the depth at which it would keep the limit for supports, if it does not."""
+
+    made: Design
+    part: Part
+    proposed_mm: float | None
+
+    @property
+    def over_mm(self) -> float:
+        """By how much it sags more on its pegs than is allowed."""
+        wall = self.part.mounted.wall
+        return 0.0 if wall is None else max(wall.sag_again_mm - self.made.scene.mount.max_sag_mm, 0)
+
+
+def settle_part(
+    request: Request, target: Target, made: Design, progress: Progress
+) -> tuple[Design, Part, Flattening | None]:
+    """The part of a design; searched again, where the scene leaves that open, as an estimate proposes.
+
+    With less depth for supports; before a nearer wall, and with less depth if need be, for a mount on
+    pegs. A depth and a wall that the scene gives, a view that is searched for, knots to start from, and a
+    time budget are not overruled: then there is a proposal only. Where a search comes to nothing better, the
+    earlier design is kept.
+
+    Raises:
+        SceneError: no part can be made of it.
+    """
+    shallower, nearer = _open(request)
+    left = ROUNDS if shallower or nearer else 0
+    now, unheld, settled = made, "", list[_Settled]()
+    while True:
+        place = None
+        try:
+            found = _settle(request, target, now, progress, thoroughly=not left)
+            settled.append(found)
+            if shallower and left and found.proposed_mm is not None:
+                place = Place(found.proposed_mm, _wall_mm(now))
+        except NotHeldError as error:
+            if left:
+                with progress.stage("mount"):
+                    place = _propose_place(request, now)
+                if place is None:  # then all that may help is tried
+                    left = 0
+                    continue
+                unheld = unheld or error.why
+                progress.say(
+                    f"{error.why}: searched again, {place.depth_mm:.0f} mm deep and "
+                    f"{place.wall_mm:.0f} mm from the wall"
+                )
+            elif now is made:
+                raise
+        except SceneError:
+            if now is made:
+                raise
+        if place is None:
+            break
+        try:
+            now = _search(request, target, now, place, progress)
+        except SceneError as error:
+            progress.say(f"{error} The earlier one is kept.")
+            if settled and settled[-1].made is now:
+                break
+            left = 0
+            continue
+        left -= 1
+    if not settled or (settled[-1].over_mm > 0 and settled[0].made is not made):
+        try:
+            settled.insert(0, _settle(request, target, made, progress, thoroughly=True))
+        except SceneError:
+            if not settled:
+                raise
+    kept = min(reversed(settled), key=lambda one: one.over_mm)
+    if kept.made is made:
+        unheld = ""
+        if kept.proposed_mm is None:
+            return made, kept.part, None
+    depths, walls = ([of(one) for one in (made, kept.made)] for of in (_depth_mm, _wall_mm))
+    said = Flattening(depths[0], depths[1], kept.proposed_mm, unheld, (walls[0], walls[1]))
+    return kept.made, kept.part, said
+
+
+def _settle(
+    request: Request, target: Target, made: Design, progress: Progress, *, thoroughly: bool
+) -> _Settled:
+    part = part_of(made, request.printing, [target], progress, thoroughly=thoroughly)
+    return _Settled(made, part, _propose_depth(made, part) if request.printing else None)
+
+
+def _open(request: Request) -> tuple[bool, bool]:
+    """Whether another depth may be taken, and another distance to the wall."""
+    scene = request.scene
+    free = request.printing and request.time_budget_s is None and not scene.search.get("start")
+    # a free view finds its wall itself
+    given = "wall_distance_mm" in scene.views[0].model_fields_set
+    wall = not given and not scene.search.get("free_view")
+    return free and scene.piece.depth == "auto", free and wall
+
+
+def _search(
+    request: Request, target: Target, made: Design, place: Place, progress: Progress
+) -> Design:
+    """The design at another place; its tube is chosen anew where the wall, and so the size, differs.
+
+    Raises:
+        SceneError: there is none.
+    """
+    scene, (shallower, nearer) = request.scene, _open(request)
+    piece, view = scene.piece, scene.views[0]
+    same = place.wall_mm == _wall_mm(made)
+    if same:
+        piece = piece.model_copy(update={"tube_radius_mm": made.knots.radius_mm})
+    if shallower:
+        piece = piece.model_copy(update={"depth": place.depth_mm})
+    if nearer and place.wall_mm != view.wall_distance_mm:
+        view = view.model_copy(update={"wall_distance_mm": place.wall_mm})
+    scene = scene.model_copy(update={"piece": piece, "views": (view,)})
+    again = design_knots(scene, [target], request.device, progress)
+    return replace(again, radius=made.radius) if same else again
+
+
+def _propose_place(request: Request, made: Design) -> Place | None:
+    material, limit = made.scene.material, made.scene.mount.max_sag_mm
+    shallower, nearer = _open(request)
+    view, asked = made.scene.views[0], request.scene.piece.tube_radius_mm
+    return propose_place(
+        made.knots,
+        view,
+        made.scene.piece.clearance_mm,
+        Stiffness(material.young_modulus_mpa, material.density_g_cm3, limit),
+        shallower=shallower,
+        nearer=nearer,
+        most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),
+    )
+
+
+def _propose_depth(made: Design, part: Part) -> float | None:
+    account = part.pose.account
+    if account is None or account.within or made.scene.piece.depth == "flat":
+        return None
+    return flatter_depth(made.knots, _depth_mm(made), rules_of(made.scene))
+
+
+def _depth_mm(made: Design) -> float:
+    return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
+
+
+def _wall_mm(made: Design) -> float:
+    return made.scene.views[0].wall_distance_mm

@@ -1,0 +1,249 @@
+"""A piece that cannot be held where it is is searched again, where the scene leaves that open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rings import ring
+
+import knotfab.settle as settling
+from knotfab.design.design import design_knots
+from knotfab.design.frames import frame_view
+from knotfab.errors import SceneError
+from knotfab.knots import Knot, Knots
+from knotfab.mount.nearer import Place
+from knotfab.mount.wall import NotHeldError
+from knotfab.progress import Progress
+from knotfab.request import Request
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.model import Scene
+from knotfab.settle import settle_part
+from knotfab.target.read import Target, read_target
+
+MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
+
+
+@dataclass
+class Maker:
+    """Designs and parts of two rings, which nothing holds farther from the wall than `holds_mm`.
+
+    Of the designs, numbered as they are asked for, `unmade` are none, `unbuilt` have no part, and with
+    all that may help each sags by its `sags` mm, by default by as much as is allowed.
+    """
+
+    target: Target
+    holds_mm: float
+    sags: tuple[float, ...] = ()
+    unmade: tuple[int, ...] = ()
+    unbuilt: tuple[int, ...] = ()
+    asked: list[Scene] = field(default_factory=list)
+    thoroughly: list[bool] = field(default_factory=list)
+
+    def design(self, scene: Scene, *_: Any) -> Any:
+        number = len(self.asked)
+        self.asked.append(scene)
+        if number in self.unmade:
+            raise SceneError("the picture", "nothing draws it", "Use another")
+        piece = scene.piece
+        depth = 90.0 if isinstance(piece.depth, str) else piece.depth
+        radius = 0.8 if isinstance(piece.tube_radius_mm, str) else piece.tube_radius_mm
+        half = 0.5 * depth - 3.0
+        curves = (ring(12.0, half, 40, 3.0), ring(20.0, -half, 60, 3.0))
+        view = frame_view(scene.views[0], self.target)
+        return Made(
+            SimpleNamespace(
+                piece=piece,
+                views=(view,),
+                material=scene.material,
+                mount=scene.mount,
+                printer=SimpleNamespace(min_tube_radius_mm=0.8),
+            ),
+            Knots(tuple(Knot(c) for c in curves), radius),
+            number,
+        )
+
+    def part(self, made: Any, *_: Any, thoroughly: bool) -> Any:
+        self.thoroughly.append(thoroughly)
+        if made.number in self.unbuilt:
+            raise SceneError("the printer", f"it does not hold number {made.number}", "")
+        if not thoroughly and made.scene.views[0].wall_distance_mm > self.holds_mm:
+            raise NotHeldError("the wall mount", MESSAGE, "")
+        sag = self.sags[made.number] if thoroughly and self.sags else 0.2
+        mounted = SimpleNamespace(wall=SimpleNamespace(sag_again_mm=sag))
+        return SimpleNamespace(pose=SimpleNamespace(account=None), mounted=mounted)
+
+
+@dataclass(frozen=True)
+class Made:
+    """Of a design, what is asked here."""
+
+    scene: Any
+    knots: Knots
+    number: int = 0
+    radius: str | None = None
+
+
+@pytest.fixture(scope="module")
+def target() -> Target:
+    return read_target("text:i")
+
+
+def run(
+    target: Target, scene: str, holds_mm: float, patch: pytest.MonkeyPatch, **keys: Any
+) -> tuple[Maker, Any]:
+    """What is asked for a scene, and what is said of it."""
+    maker = Maker(target, holds_mm)
+    made, said = settle(maker, scene, patch, **keys)
+    if len({scene.views[0].wall_distance_mm for scene in maker.asked}) == 1:
+        assert made.radius == "chosen"  # how it was chosen is told, not that it was then given
+    return maker, said
+
+
+def settle(maker: Maker, scene: str, patch: pytest.MonkeyPatch, **keys: Any) -> tuple[Any, Any]:
+    """The design that is kept, and what is said of it."""
+    patch.setattr(settling, "design_knots", maker.design)
+    patch.setattr(settling, "part_of", maker.part)
+    request = Request(parse_scene(scene), ("i",), Path("out"), **{"printing": True, **keys})
+    first = replace(maker.design(request.scene), radius="chosen")
+    made, _, said = settle_part(request, maker.target, first, Progress("quiet"))
+    return made, said
+
+
+def test_a_piece_that_is_held_is_left_as_it_is(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, "", 100.0, monkeypatch)
+    assert (len(maker.asked), maker.thoroughly, said) == (1, [False], None)
+
+
+def test_what_pegs_do_not_hold_is_searched_again_nearer_to_its_wall(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, "", 99.0, monkeypatch)
+    _, again = maker.asked
+    assert maker.thoroughly == [False, False]
+    assert again.views[0].wall_distance_mm < 99.0
+    assert said.unheld == MESSAGE and said.wall_mm == (100.0, again.views[0].wall_distance_mm)
+    assert said.from_mm == pytest.approx(90.0) and said.to_mm <= said.from_mm
+    assert again.piece.depth == pytest.approx(said.to_mm, abs=0.1)
+    assert (
+        again.piece.tube_radius_mm == "auto"
+    )  # the piece is larger there: its tube is chosen anew
+
+
+def test_it_is_searched_no_oftener_than_that(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, "", 0.0, monkeypatch)
+    assert 2 <= len(maker.asked) <= 1 + settling.ROUNDS and said.unheld == MESSAGE
+    assert maker.thoroughly[-1] and not any(maker.thoroughly[:-1])
+
+
+@pytest.mark.parametrize(
+    ("how", "kept"),
+    [
+        ({"unmade": (1,)}, 0),  # the first search anew finds nothing
+        ({"unbuilt": (1,)}, 0),  # what it finds does not fit the printer
+        ({"sags": (0.5, 0.9, 0.9)}, 0),
+        ({"sags": (0.9, 0.5, 0.5)}, -1),
+        ({"sags": (0.1, 0.2, 0.2)}, -1),  # what holds is not made as if it did not
+        ({"unbuilt": (0,), "sags": (0.0, 0.9, 0.9)}, None),
+    ],
+    ids=["unmade", "unbuilt", "sags more", "sags less", "holds", "none"],
+)
+def test_the_first_design_is_kept_until_a_better_one_is_known(
+    how: dict[str, Any], kept: int | None, target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker = Maker(target, 0.0, **how)
+    if kept is None:  # what has no part for another reason is not searched again
+        with pytest.raises(SceneError, match="number 0"):
+            settle(maker, "", monkeypatch)
+        assert len(maker.asked) == 1
+        return
+    made, said = settle(maker, "", monkeypatch)
+    assert len(maker.asked) > 1 and maker.thoroughly[-1]
+    if kept == 0:
+        assert made.number == 0 and made.radius == "chosen" and said is None
+    else:
+        assert made.number == len(maker.asked) - 1 and said.unheld == MESSAGE
+
+
+def test_no_part_at_all_has_the_first_design_s_reason(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker = Maker(target, 0.0, unbuilt=(1, 2))
+
+    def part(made: Any, *_: Any, thoroughly: bool) -> Any:
+        if made.number == 0 and thoroughly:
+            raise SceneError("the wall mount", "no ray is free", "")
+        return Maker.part(maker, made, thoroughly=thoroughly)
+
+    maker.part = part  # type: ignore[method-assign]
+    with pytest.raises(SceneError, match="no ray is free"):  # beside whose knots it is written
+        settle(maker, "", monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("scene", "keys"),
+    [
+        ("[piece]\ndepth = 90.0\n[[views]]\nwall_distance_mm = 100.0", {}),
+        ("", {"time_budget_s": 60.0}),
+        ("", {"printing": False}),
+        ("[search]\nstart = 'knots.json'", {}),
+        ("[piece]\ndepth = 90.0\n[search]\nfree_view = true", {}),
+    ],
+    ids=["given", "time", "not printed", "start", "free view"],
+)
+def test_what_is_given_is_not_overruled(
+    target: Target, scene: str, keys: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, scene, 0.0, monkeypatch, **keys)
+    assert (len(maker.asked), maker.thoroughly, said) == (1, [True], None)
+
+
+@pytest.mark.parametrize("depth", [90.07, "flat"])
+def test_a_depth_that_is_given_stays_before_a_nearer_wall(
+    depth: float | str, target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, f"[piece]\ndepth = {depth!r}", 99.0, monkeypatch)
+    assert len(maker.asked) == 2 and said.wall_mm[1] < 99.0
+    assert {scene.piece.depth for scene in maker.asked} == {depth}
+
+
+def test_a_free_view_moves_its_wall_itself(target: Target, monkeypatch: pytest.MonkeyPatch) -> None:
+    maker, said = run(target, "[search]\nfree_view = true", 0.0, monkeypatch)
+    assert all("wall_distance_mm" not in s.views[0].model_fields_set for s in maker.asked)
+    assert len(maker.asked) > 1 and said.to_mm < said.from_mm
+
+
+def test_what_was_moved_to_its_wall_repeats_from_its_resolved_scene() -> None:
+    target = read_target("text:=")
+    few = ("coarse_px", "fine_px"), ("coarse_iterations", "fine_iterations", "settle_iterations")
+    keys = {**dict.fromkeys(few[0], 48), **dict.fromkeys(few[1], 2), "depth_candidates": 2}
+    keys |= {"edge_radii": 0.75, "settle_edge_radii": 0.75, "radius_candidates": 2}
+    lines = "".join(f"{key} = {value}\n" for key, value in keys.items())
+    scene = parse_scene(
+        f"[accuracy]\niou_floor = 0.1\n[search]\n{lines}[[views]]\nframe_width_mm = 60.0"
+    )
+    request = Request(scene, ("=",), Path("out"), printing=True)
+    far: Any = Maker(target, 0.0).design(scene)
+    quiet = Progress("quiet")
+    made = settling._search(request, target, far, Place(20.0, 60.0), quiet)
+    assert made.scene.views[0].wall_distance_mm == 60.0 and made.scene.piece.depth == 20.0
+    again = design_knots(parse_scene(dump_scene(made.scene)), [target])
+    assert again.scene == made.scene
+    for one, other in zip(made.knots.knots, again.knots.knots, strict=True):
+        assert np.array_equal(one.points, other.points)
+
+
+def test_a_wall_that_is_given_stays_where_it_is(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker, said = run(target, "[[views]]\nwall_distance_mm = 100.0", 0.0, monkeypatch)
+    assert {scene.views[0].wall_distance_mm for scene in maker.asked} == {100.0}
+    assert said.to_mm < said.from_mm
