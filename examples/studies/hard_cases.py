@@ -146,15 +146,15 @@ them on edges. Losses and network: the relative condition number sum |df/dx| |x|
 error of single precision (absolute where f is 0), its share of 16 machine epsilons times that, and the
 gradient as above; "finite" where the value itself jumps, so that there are no slopes to hold a gradient
 against. The search's own terms (grace, bend, clearance, length term) are worked out in double precision
-alone, and held against their definitions in a longer one. A loss is drawn with the way it pulls its points, the network with a disc before and after.
-Flow: adversarial steps, those that the certificate let pass, those found to carry a strand through
-another, and those of them that it let pass. Geometry: the swept volume against the exact one, or
-what an outline gave, drawn with the curves that fill it. Light: where rays meet a round wall, to and fro,
-against 50 digits, and its share of 16 machine epsilons times the condition number; a lamp's blur, and its
-share of what the effect claims. Strokes: the lines found in a drawing, how far they leave its ink, in half
-widths of a stroke, and the ink that none of them runs along. Scenes that cannot be met: whether the piece
-keeps every limit, its IoU, the limit that binds, and the IoU that a short search reaches without it;
-drawn as the target with the piece's shadow over it.
+alone, and held against their definitions in a longer one. A loss is drawn with the way it pulls its points,
+the network with a disc before and after. Flow: adversarial steps, those that the certificate let pass,
+those found to carry a strand through another, and those of them that it let pass. Geometry: the swept
+volume against the exact one, or what an outline gave, drawn with the curves that fill it. Light: where rays
+meet a round wall, to and fro, against 50 digits, and its share of 16 machine epsilons times the condition
+number; a lamp's blur, and its share of what the effect claims. Strokes: the lines found in a drawing, how
+far they leave its ink, in half widths of a stroke, and the ink that none of them runs along. Scenes that
+cannot be met: whether the piece keeps every limit, its IoU, the limit that binds, and the IoU that a short
+search reaches without it; drawn as the target with the piece's shadow over it.
 
 [The worst that could be found](worst-cases.md) tells how near to its bound an optimiser brings each.
 """
