@@ -84,7 +84,7 @@ def settle_part(
         try:
             now = _search(request, target, now, place, progress)
         except SceneError as error:
-            progress.say(f"{error} The earlier one is kept.")
+            progress.say(f"{error.what}: {error.why}; the earlier design is kept")
             if settled and settled[-1].made is now:
                 break
             left = 0

@@ -173,6 +173,21 @@ def test_the_first_design_is_kept_until_a_better_one_is_known(
         assert made.number == len(maker.asked) - 1 and said.unheld == MESSAGE
 
 
+@pytest.mark.parametrize(("unmade", "kept_mm"), [((), 45.0), ((1,), 90.0)])
+def test_less_depth_for_supports_is_taken_where_a_search_finds_it(
+    unmade: tuple[int, ...], kept_mm: float, target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker = Maker(target, 100.0, unmade=unmade)
+    asks = {0: 45.0}  # of the first design alone
+    monkeypatch.setattr(settling, "_propose_depth", lambda made, _: asks.get(made.number))
+    made, said = settle(maker, "", monkeypatch)
+    assert [scene.piece.depth for scene in maker.asked] == ["auto", 45.0]
+    assert (said.from_mm, said.to_mm) == pytest.approx((90.0, kept_mm))
+    assert said.proposed_mm == asks.get(made.number) and not said.unheld
+    assert maker.thoroughly == [False] * (2 - len(unmade))  # what holds is not made twice
+    assert {scene.views[0].wall_distance_mm for scene in maker.asked} == {100.0}
+
+
 def test_no_part_at_all_has_the_first_design_s_reason(
     target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:

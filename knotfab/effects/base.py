@@ -41,7 +41,7 @@ class World:
 
     def holding(self, knots: int) -> World:
         """The same world once it is known of how many knots its piece is."""
-        return replace(self, turns=self.loose_turns) if knots > 1 else self
+        return replace(self, turns=self.turns and self.loose_turns) if knots > 1 else self
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,7 @@ def test_loose_pieces_hang_on_the_wall_whether_that_is_asked_for_or_left_open(
     world = World.of(scene)
     assert (scene.hangs(2), scene.hangs(1)) == (loose, whole)
     assert (world.holding(2).turns, world.holding(1).turns) == (not loose, not whole)
+    assert not World(turns=False).holding(2).turns
     assert world.turns != whole and world.holding(2).holding(2) == world.holding(2)
 
 
