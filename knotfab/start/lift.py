@@ -28,6 +28,7 @@ def lift_template(
     problem: Problem, template: Template, radius: float, settings: SearchSettings
 ) -> Start:
     """The template's curves at their depths, evenly sampled, in the scene: unknots by inspection."""
+    problem = replace(problem, world=problem.world.holding(len(template.curves)))
     target = problem.views[0]
     light = target.view.light_distance_mm
     flat = problem.depth_mm is None

@@ -15,7 +15,7 @@ from knotfab.effects.base import World
 from knotfab.effects.misplacement import Steadying
 from knotfab.problem import Problem, Start
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Placing, Switch
+from knotfab.scene.model import Mount, Placing, Scene, Switch
 from knotfab.scene.settings import PRESETS
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
@@ -95,6 +95,23 @@ def test_the_coarser_the_placing_the_flatter_and_less_is_lost_of_the_picture(
     assert flat[:, 0].mean() >= deep[:, 0].mean()
     assert flat[:, 1].min() > deep[:, 1].min() + 0.05
     assert flat[:, 1].mean() > deep[:, 1].mean() + 0.05
+
+
+def test_loose_pieces_are_as_deep_whether_their_wall_mount_is_asked_for_or_not(
+    problem: Problem,
+) -> None:
+    loose = fill(
+        shapely.MultiPolygon([shapely.box(-50, -40, -8, 40), shapely.box(8, -40, 50, 40)]), RADIUS
+    )
+    assert len(loose.curves) > 1
+    starts = {}
+    for kind in ("auto", "wall", "none"):
+        placing = Placing(lamp_mm=5.0, turn_deg=10.0)
+        world = World.of(Scene(mount=Mount(kind=kind), placing=placing))
+        starts[kind] = lift_template(replace(problem, world=world), loose, RADIUS, FEW)
+    assert _extent(starts["auto"]) == _extent(starts["wall"]) > _extent(starts["none"])
+    for one, other in zip(starts["auto"].curves, starts["wall"].curves, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_depth_that_the_scene_gives_is_kept(problem: Problem, template: Template) -> None:
