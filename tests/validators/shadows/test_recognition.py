@@ -22,6 +22,7 @@ from knotfab_validators.shadows.recognition import (
     recognise,
     worst_verdict,
 )
+from knotfab_validators.shadows.topology import count_repeated, find_changes
 from knotfab_validators.shadows.view import view_geometry
 
 SIZE = 512  # px of the picture, 180 mm on the wall
@@ -90,6 +91,29 @@ def test_one_gap_bridged_is_good_and_many_are_not() -> None:
     every = draw(*apart, strokes=((80, 420, 395, 420, 14),))
     found = judge(every, target)
     assert found.counts["bridged_gaps"] == 7 and WORDS.index(found.word) >= 2
+
+
+def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
+    def plate(*crossed: float, parts: int = 1) -> Mask:
+        image = Image.fromarray(draw())
+        pen = ImageDraw.Draw(image)
+        pen.rectangle((40, 340, 480, 480), fill=1)
+        for k in range(parts):  # one long slot, or as many short ones
+            wide = 400 / parts
+            pen.rectangle((60 + k * wide, 395, 60 + (k + 1) * wide - 12, 425), fill=0)
+        for x in crossed:
+            pen.rectangle((x, 395, x + 14, 425), fill=1)
+        return np.asarray(image)
+
+    places = [72 + 50 * k for k in range(8)]
+    slot = judge(plate(*places), plate())
+    assert slot.counts["bridged_gaps"] == 8 and slot.word == "coarse"
+    assert "8 changes to 4 pieces and holes" in slot.reasons  # that it is not good
+    # as many holes crossed once each are as many things
+    for parts, repeated in ((1, 7), (2, 6), (8, 0)):
+        gaps = find_changes(plate(*places, parts=parts), plate(parts=parts), 2.0)
+        assert [gap.kind for gap in gaps] == 8 * ["gap"]
+        assert count_repeated(gaps, plate(parts=parts)) == repeated
 
 
 def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:

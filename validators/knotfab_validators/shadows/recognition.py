@@ -19,6 +19,7 @@ from knotfab_validators.shadows.topology import (
     Box,
     Change,
     close_slits,
+    count_repeated,
     find_changes,
     list_pieces,
     without_lost,
@@ -42,10 +43,11 @@ class Rule:
     """What a shadow must keep of its picture to deserve a word.
 
     `iou` at least; `outline_radii`, the 95 % quantile of the outline's distance in radii of the tube's
-    shadow, at most; `lost_tubes`, the width of a lost piece or hole in widths of the tube's shadow, less than
-    that (0: none may be lost); `changed`, the changes of topology for each piece and hole of the picture, at
-    most, but for `spared` of them; `shape`, the likeness of each piece and hole by itself, at least; `text`,
-    whether rows of small pieces may be lost.
+    shadow, at most; `lost_tubes`, the width of a lost piece or hole in widths of the tube's shadow,
+    less than that (0: none may be lost); `changed`, the changes of topology for each piece and hole of
+    the picture, at most, but for `spared` of them, `together`: all bridges across one hole count as
+    one; `shape`, the likeness of each piece and hole by itself, at least; `text`, whether rows of small
+    pieces may be lost.
     """
 
     iou: float
@@ -53,15 +55,16 @@ class Rule:
     lost_tubes: float
     changed: float
     spared: int
+    together: bool
     shape: float
     text: bool
 
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, 0.9, False),
-    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, 0.9, False),
-    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, 0.0, True),
+    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, False, 0.9, False),
+    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False, 0.9, False),
+    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, True, 0.0, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
@@ -155,12 +158,14 @@ def recognise(
     single = sorted((c for c in changes if id(c) not in of_text), key=lambda c: -c.width_px)
     counts = Counter[str](c.kind for c in changes)
     drawn = sum(not any(_inside(box, row.box) for row in rows) for box in features)
+    # where there is nothing but text, the text is the drawing
+    torn = [c for c in (single if drawn else changes) if not isinstance(c, Shape)]
     facts = _Facts(
         iou=iou,
         outline_radii=off_px / radius_px,
         lost_tubes=max((c.width_px for c in single if _is_lost(c)), default=0.0) / (2 * radius_px),
-        # where there is nothing but text, the text is the drawing
-        changes=sum(not isinstance(c, Shape) for c in (single if drawn else changes)),
+        changes=len(torn),
+        apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
         features=max(drawn or len(features), 1),
         shape=min((c.likeness for c in single if isinstance(c, Shape)), default=1.0),
         text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
@@ -220,6 +225,7 @@ class _Facts:
     outline_radii: float
     lost_tubes: float
     changes: int
+    apart: int  # of these, all bridges across one hole as one
     features: int
     shape: float
     text: int
@@ -227,6 +233,7 @@ class _Facts:
     def against(self, rule: Rule) -> list[str]:
         """What of a rule is not kept, a sentence each."""
         most = max(rule.changed * self.features, rule.spared)
+        changes = self.apart if rule.together else self.changes
         lost = self.lost_tubes >= rule.lost_tubes if rule.lost_tubes else self.lost_tubes > 0
         said = {
             f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
@@ -234,7 +241,7 @@ class _Facts:
                 self.outline_radii > rule.outline_radii
             ),
             f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
-            f"{self.changes} changes to {self.features} pieces and holes": self.changes > most,
+            f"{changes} changes to {self.features} pieces and holes": changes > most,
             f"a piece or hole {self.shape:.2f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
             "lost text": bool(self.text) and not rule.text,

@@ -16,6 +16,7 @@ __all__ = [
     "Change",
     "Kind",
     "close_slits",
+    "count_repeated",
     "crop_to_ink",
     "find_changes",
     "find_widest",
@@ -131,6 +132,17 @@ def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
         lost = [labels[int(c.where[1]), int(c.where[0])] for c in changes if c.kind == kind]
         kept[np.isin(labels, lost)] = not ink
     return kept
+
+
+def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
+    """How many of the bridged gaps (u, v on the mask) lie in a hole of the picture that has another one.
+
+    One hole that strands cross is one thing to see, however many cross it.
+    """
+    labels, _ = _label(np.pad(~target, 1, constant_values=True), _FOUR)
+    found = [labels[round(c.where[1]) + 1, round(c.where[0]) + 1] for c in gaps]
+    holes = [number for number in found if number not in (0, labels[0, 0])]
+    return len(holes) - len(set(holes))
 
 
 def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
