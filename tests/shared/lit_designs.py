@@ -25,6 +25,7 @@ def design_under(world: World, points: Array) -> Any:
         material=world.material,
         printer=world.printer,
         mount=Mount(),
+        hangs=lambda knots: False,
     )
     effects = survey(EffectContext((view(),), points, 2.0, 0.25, world), {})
     return SimpleNamespace(
