@@ -26,7 +26,11 @@ def hard_knots() -> tuple[HardKnot, ...]:
     return (
         HardKnot("trefoil", "12 long edges that pass each other closely", partial(_one, 2, 3, 12)),
         HardKnot("T(2,5)", "20 edges, five crossings", partial(_one, 2, 5, 20)),
-        HardKnot("Hopf link", "two hexagons through each other: one pass frees them", _hopf),
+        HardKnot(
+            "Hopf link",
+            "two hexagons through each other: one pass frees them",
+            partial(hopf_link, 6),
+        ),
         HardKnot("free rings", "two rings side by side: one pass links them", _apart),
         HardKnot("touching", "two rings a millionth apart", _touching),
         HardKnot("hairpin", "an unknot folded on itself: kinks may cross, or fold back", _hairpin),
@@ -50,8 +54,9 @@ def _one(p: int, q: int, count: int) -> list[Array]:
     return [torus_knot(p, q, count)]
 
 
-def _hopf() -> list[Array]:
-    ring = circle(6)
+def hopf_link(count: int) -> list[Array]:
+    """Two polygons [count, 3], each through the other."""
+    ring = circle(count)
     return [ring, ring[:, [0, 2, 1]] + (1.0, 0.05, 0.03)]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from examples.hard_cases.crossing import passes_through
-from examples.hard_cases.curves import circle, torus_knot
+from examples.hard_cases.curves import hopf_link, torus_knot
 from examples.hard_cases.light import LampCase, WallCase, wall_shares
 from examples.hard_cases.measure import FORMS, double_error, forward_error, image
 from examples.hard_cases.paper_rendering import paper_error
@@ -176,11 +176,6 @@ def _least(holds: Callable[[float], bool]) -> float:
     return high
 
 
-def _rings() -> Array:
-    ring = circle(_RING)
-    return np.concatenate([ring, ring[:, [0, 2, 1]] + (1.0, 0.05, 0.03)])
-
-
 def _walled(x: Array) -> float:
     high, sign = _power(x[0], 1, 4), 1 if x[1] > 0 else -1
     radius = sign * _power(x[2], 1, 9)
@@ -218,7 +213,9 @@ HUNTS: dict[str, Hunt] = {
             for kind in ("Moebius", "curvature", "box", "ball")
         ),
         Hunt("network", 6, _networked),
-        Hunt("certificate, two rings", 12 * _RING, partial(_passed, _rings())),
+        Hunt(
+            "certificate, two rings", 12 * _RING, partial(_passed, np.concatenate(hopf_link(_RING)))
+        ),
         Hunt("certificate, a trefoil", 6 * 12, partial(_passed, torus_knot(2, 3, 12))),
         Hunt("round wall", 5, _walled),
         Hunt("lamp", 5, _lit),

@@ -91,7 +91,7 @@ class OnWall:
         arc, up = self.round.unroll(flat.T - line).T
         met = np.isfinite(arc)
         turn = np.where(met, arc / radius, 0.0)
-        bent = [line[0] + radius * np.sin(turn), line[1] + up, radius * (1 - np.cos(turn))]
+        bent = [line[0] + radius * np.sin(turn), line[1] + up, self.round.before(turn)]
         points = np.where(met, bent, points)
         unrolled = np.where(met, [line[0] + arc, line[1] + up], flat)
         sine, cosine, none = np.sin(turn), np.cos(turn), np.zeros_like(turn)

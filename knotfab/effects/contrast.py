@@ -153,9 +153,8 @@ def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> 
     long = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
     long = np.minimum(long, 4 * radius)  # a knot's last point is followed by another knot's first
     feet = wall.cast(places)[:, :: max(1, len(points) // _FEET)]
-    some = np.arange(
-        0, len(points), max(1, len(points) // _PIECES)
-    )  # each for those up to the next
+    # each for those up to the next
+    some = np.arange(0, len(points), max(1, len(points) // _PIECES))
     share = 2 * radius * np.maximum(places[2], 0) * long / np.pi
     at, share = places[:, some], np.add.reduceat(share, some)
     square = (at**2).sum(axis=0) + (feet**2).sum(axis=0)[:, None] - 2 * feet.T @ at[:2]

@@ -205,9 +205,7 @@ class _Model:
         stiff = np.linalg.solve((np.eye(6) + among[:, rows] @ self.spring[peg]).T, self.spring[peg])
         self._moved = self._moved + exerted @ moves
         self._rest = self._rest + self._among[:, rows] @ exerted
-        back = (
-            stiff.T @ among
-        ).T  # (6 c, 6): what the peg answers to a unit load at each candidate
+        back = among.T @ stiff  # (6 c, 6): what the peg answers to a unit load at each candidate
         self._moves -= back @ moves
         self._among -= self._among[:, rows] @ back.T
 

@@ -48,7 +48,7 @@ class CurvedWall:
     def flatten(self, places: Array) -> Array:
         """Places (n, 2) of the flat wall on the rays through places (n, 2) of this one."""
         turn = places[:, 0] / self.radius
-        before = self._before(turn)
+        before = self.before(turn)
         on = before / (self.light[2] - before)
         across = self.radius * np.sin(turn) * (1 + on)
         return np.column_stack([across, places[:, 1] + (places[:, 1] - self.light[1]) * on])
@@ -85,13 +85,13 @@ class CurvedWall:
     def stand(self, places: Array) -> tuple[Array, Array]:
         """Points (n, 3) in the scene of places (n, 2), and the wall's unit normals (n, 3) there."""
         turn = places[:, 0] / self.radius
-        before = self._before(turn)
+        before = self.before(turn)
         local = np.column_stack([self.radius * np.sin(turn), places[:, 1], before])
         normal = np.column_stack([-np.sin(turn), np.zeros_like(turn), np.cos(turn)])
         return self.foot + local @ self.axes, normal @ self.axes
 
-    def _before(self, turn: Array | float) -> Array:
-        """How far before the flat wall this one is, turned so far: R (1 - cos), which cancels."""
+    def before(self, turn: Array | float) -> Array:
+        """How far before the flat wall this one is, turned so far, mm: R (1 - cos), which cancels."""
         return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:
@@ -136,7 +136,7 @@ class CurvedWall:
         if abs(turn) >= 0.5 * np.pi:
             return 180.0
         normal = np.array([-np.sin(turn), np.cos(turn)])
-        at = np.array([self.radius * np.sin(turn), self._before(turn)])
+        at = np.array([self.radius * np.sin(turn), self.before(turn)])
         ray = np.array([0.0, self.light[2]]) - at
         return float(np.degrees(np.arccos(normal @ ray / np.linalg.norm(ray))))
 

@@ -33,9 +33,7 @@ __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
-_SEVERAL_GRACE = (
-    3.0  # times that of one view: the pictures of several pull together, and wrinkle more
-)
+_SEVERAL_GRACE = 3.0  # times that of one view: several pictures pull together, and wrinkle more
 
 
 @dataclass
@@ -84,10 +82,8 @@ class SearchState:
     def judge_effects(self) -> None:
         """Judge every effect on the polylines as they are; nothing that was simulated is taken back."""
         views = tuple(v.view for v in self.problem.views)
-        tolerance, world = (
-            self.settings.tolerance_px,
-            self.problem.world.holding(len(self.rings.sizes)),
-        )
+        tolerance = self.settings.tolerance_px
+        world = self.problem.world.holding(len(self.rings.sizes))
         context = EffectContext(views, self.points, self.radius, tolerance, world)
         for name, fresh in survey(context, self.problem.switches).items():
             if name in self.effects:

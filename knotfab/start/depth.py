@@ -37,9 +37,7 @@ _CHANGED = 0.5  # share of its waves that a variation changes
 _CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
 _RODS = 600  # that supports are estimated by
 _EXTENTS = 20  # that a profile is judged at where placing is careless
-_NOISE = (
-    0.025  # legibility differs by as much from one draw of profiles to the next: less is no reason
-)
+_NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
 _TURNS = 3  # to the bed, that supports are weighed in: the best of the first profiles
 
 

@@ -31,9 +31,8 @@ __all__ = [
 _GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
 _CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
-SAME_BEND = (
-    0.5 * np.pi + 1.2
-)  # diameters along the wire: places nearer than that are no two strands
+# diameters along the wire: places nearer than that are no two strands
+SAME_BEND = 0.5 * np.pi + 1.2
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
 _STIFF_CONTACT = 24.0
 
