@@ -105,12 +105,12 @@ def _condition(case: RenderCase, winner: Tensor, pixels: Tensor | None = None) -
         a, b, seen = cut_before_light(frame.local(p), frame.local(q), case.radius)
         s = torch.where(seen, capsule_distance(a, b, x, y, r, frame.focal_px), 0.0)
         slopes = torch.autograd.grad(s.sum(), inputs)
-        eye = frame.eye.abs()
+        eye, edge = frame.eye.abs(), (q - p).detach().abs()
         total = s.detach().abs()
         for value, slope in zip(inputs, slopes, strict=True):
             size = value.detach().abs()
-            if value.ndim == 2:  # scene coordinates, and the subtraction of the eye
-                size = size + eye + (value.detach() - frame.eye).abs()
+            if value.ndim == 2:  # scene coordinates, less the eye, and along the edge
+                size = size + eye + (value.detach() - frame.eye).abs() + edge
                 total = total + (slope.abs() * size).sum(-1)
             else:
                 total = total + slope.abs() * size

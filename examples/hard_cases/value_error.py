@@ -15,7 +15,7 @@ from .values import ValueCase
 
 @dataclass(frozen=True)
 class Found:
-    """What is measured; `condition` is relative: sum |df/dx| |x| over |f|."""
+    """What is measured; `condition` is relative: sum |df/dx| |x| over |f|, with edges beside x (`_size`)."""
 
     condition: float
     error: float  # of its precision, over |f| (absolute where f is 0 but for rounding)
@@ -40,7 +40,8 @@ def value_error(case: ValueCase) -> Found:
         epsilon = torch.finfo(torch.float64).eps
     finite = all(bool(x.isfinite().all()) for x in (value, rough, *slopes, *rough_slopes))
     generator = torch.Generator().manual_seed(1)
-    size = sum(float((s.abs() * x.abs()).sum()) for s, x in zip(slopes, case.inputs, strict=True))
+    sizes = [_size(x, edges=case.oracle is not None) for x in case.inputs]
+    size = sum(float((s.abs() * x).sum()) for s, x in zip(slopes, sizes, strict=True))
     # a singular place has no gradient that would tell: look beside it
     for _ in range(0 if case.smooth else 2):
         near = tuple(
@@ -48,7 +49,8 @@ def value_error(case: ValueCase) -> Found:
             for x in case.inputs
         )
         _, beside = _slopes(case, near)
-        size = max(size, sum(float((s * x).abs().sum()) for s, x in zip(beside, near, strict=True)))
+        both = zip(beside, sizes, strict=True)
+        size = max(size, sum(float((s.abs() * x).sum()) for s, x in both))
     here = float(value)
     total = abs(here) + size
     away = abs(float(rough) - here)
@@ -61,6 +63,14 @@ def value_error(case: ValueCase) -> Found:
     norm = max(sum(float(s.square().sum()) for s in slopes) ** 0.5, 1e-30)
     double = _against_differences(case, slopes) if case.smooth else 0.0
     return Found(total / scale, away / scale, share, double, off**0.5 / norm, finite)
+
+
+def _size(x: Tensor, edges: bool) -> Tensor:
+    """What is rounded of each coordinate: itself, and where edges of a polygon are formed both of its."""
+    if not edges:
+        return x.abs()
+    edge = (x.roll(-1, 0) - x).abs()
+    return x.abs() + edge + edge.roll(1, 0)
 
 
 def _slopes(case: ValueCase, inputs: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:

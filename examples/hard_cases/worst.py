@@ -26,11 +26,8 @@ from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 
-__all__ = ["HUNTS", "KEPT", "OPEN", "Hunt"]
+__all__ = ["HUNTS", "KEPT", "Hunt"]
 
-# what is known to come to more than its bound, and to how much: a strand of a metre at the 14th digit of a
-# pixel, and clearances at the 15th digit
-OPEN = {"double precision": 2.0, "clearance": 1.1}
 KEPT = Path(__file__).with_name("worst.json")  # the worst that was found of each
 
 _CAPSULES = 3

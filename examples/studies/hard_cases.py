@@ -126,6 +126,7 @@ detection on.
   the silhouette, in pixels. It is that of the pixel with the worst share.
 - **single**: the largest error of single precision, in pixels, against double precision.
 - **share**: the largest error over 16 machine epsilons times the pixel's condition number; at most 1.
+  The condition counts what is rounded: points, what they are less the eye, and edges between them.
 - **compiled**: the same of the compiled renderer's image, which adds 4 machine epsilons for the sigmoid.
 - **double, share**: the same of double precision against 50 digits (mpmath).
 - **gradient**: relative error of the double precision gradient against central differences, and of the

@@ -26,9 +26,9 @@ from knotfab.files.whole import write_whole
 
 _OPENING = """# The worst that could be found
 
-Made by `python -m examples.studies.worst_cases --minutes {minutes:g} --write docs` on {date}. CMA-ES turns
-all numbers of a case (points, radius, depth, sharpness; a polygon's corners; a step; a wall; a lamp) to make
-the share of its bound that its error comes to as large as it can. Bounds are those of
+Made by `python -m examples.studies.worst_cases --minutes {minutes:g} --seed {seed} --write docs` on {date}.
+CMA-ES turns all numbers of a case (points, radius, depth, sharpness; a polygon's corners; a step; a wall; a
+lamp) to make the share of its bound that its error comes to as large as it can. Bounds are those of
 [hard-cases.md](hard-cases.md): 16 machine epsilons times the condition number for values; for a certificate
 how far along a step it lets strands go, over how far it is until edges meet; for a lamp its true blur over
 the claimed one. A share above 1, or what is not finite, is a fault. What is looked at is what a scene can ask
@@ -36,10 +36,10 @@ for: strands before the light, walls as wide as light reaches them.
 """
 
 
-def describe(found: dict[str, Worst], ever: dict[str, float], minutes: float) -> str:
+def describe(found: dict[str, Worst], ever: dict[str, float], minutes: float, seed: int) -> str:
     """The page of the documentation: a run, and the largest share of each that any run found."""
     lines = [
-        _OPENING.format(minutes=minutes, date=datetime.date.today()),
+        _OPENING.format(minutes=minutes, seed=seed, date=datetime.date.today()),
         "| what | numbers | cases tried | climbs | share at a random start | largest share | of all runs |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -50,10 +50,7 @@ def describe(found: dict[str, Worst], ever: dict[str, float], minutes: float) ->
     ]
     lines += [
         "",
-        "The worst of each is kept in `examples/hard_cases/worst.json`; a test holds it to its bound, or to "
-        "what is known of",
-        "it (`OPEN` in worst.py): a strand of a metre, wrong at the 14th digit of a pixel, and clearances at "
-        "the 15th digit.",
+        "The worst of each is kept in `examples/hard_cases/worst.json`, and a test holds it to its bound.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -94,7 +91,8 @@ def main(argv: list[str] | None = None) -> int:
         )
         ever[hunt.name] = keep(hunt.name, worst, asked.kept)
     if asked.write is not None:
-        write_whole(asked.write / "worst-cases.md", describe(found, ever, asked.minutes).encode())
+        page = describe(found, ever, asked.minutes, asked.seed)
+        write_whole(asked.write / "worst-cases.md", page.encode())
     return int(any(not worst.share <= 1 for worst in found.values()))
 
 
