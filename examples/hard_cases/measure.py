@@ -18,6 +18,7 @@ from .oracle import signed_distance_px
 from .rendering import RenderCase, frame_at
 
 EPSILONS = 16.0  # how many machine epsilons times the condition number an error may be
+SINGLE, DOUBLE = (float(torch.finfo(kind).eps) for kind in (torch.float32, torch.float64))
 _CUTOFF = 40.0
 
 Render = Callable[..., Tensor]
@@ -83,11 +84,14 @@ def distances(case: RenderCase, dtype: torch.dtype, pixels: Tensor | None = None
     return Distances(torch.cat(found), torch.cat(who))
 
 
-def _condition(case: RenderCase, winner: Tensor, pixels: Tensor | None = None) -> Tensor:
+def _condition(
+    case: RenderCase, winner: Tensor, pixels: Tensor | None = None, epsilon: float = SINGLE
+) -> Tensor:
     """[P] sum over all inputs of |ds/dx| |x|, px: what one relative rounding of each can do.
 
     The largest of the place itself and two places within single precision of it, since a singular place
-    has no gradient that would tell.
+    has no gradient that would tell. Nor has one near a kink: the strand's nearest point, clamped to its ends,
+    may be at the other end within the roundings that are allowed, and the depth there is another.
     """
     frame = frame_at(case, torch.float64)
     starts, ends = _ends(case, torch.float64)
@@ -104,18 +108,36 @@ def _condition(case: RenderCase, winner: Tensor, pixels: Tensor | None = None) -
         p, q, x, y, r = inputs
         a, b, seen = cut_before_light(frame.local(p), frame.local(q), case.radius)
         s = torch.where(seen, capsule_distance(a, b, x, y, r, frame.focal_px), 0.0)
-        slopes = torch.autograd.grad(s.sum(), inputs)
-        eye, edge = frame.eye.abs(), (q - p).detach().abs()
-        total = s.detach().abs()
-        for value, slope in zip(inputs, slopes, strict=True):
-            size = value.detach().abs()
-            if value.ndim == 2:  # scene coordinates, less the eye, and along the edge
-                size = size + eye + (value.detach() - frame.eye).abs() + edge
-                total = total + (slope.abs() * size).sum(-1)
-            else:
-                total = total + slope.abs() * size
+        total = s.detach().abs() + _rounded(s, inputs, frame.eye)
+        t = _nearest(a, b, x, y)
+        slack = EPSILONS * epsilon * _rounded(t, [p, q, x, y], frame.eye)
+        free = (t + slack).clamp(0, 1) - (t - slack).clamp(0, 1)
+        deeper = (b - a)[:, 2].abs() / torch.minimum(a[:, 2], b[:, 2])
+        total = total + (s.abs() * deeper * free).detach() / (EPSILONS * epsilon)
         worst = torch.maximum(worst, total)
     return worst
+
+
+def _rounded(value: Tensor, inputs: list[Tensor], eye: Tensor) -> Tensor:
+    """[P] sum over inputs of |dv/dx| |x|; the first two are a strand's ends, which are less the eye and less
+    each other before they are anything else."""
+    edge = (inputs[1] - inputs[0]).detach().abs()
+    total = torch.zeros_like(value).detach()
+    for x, slope in zip(
+        inputs, torch.autograd.grad(value.sum(), inputs, retain_graph=True), strict=True
+    ):
+        size = x.detach().abs()
+        if x.ndim == 2:
+            size = size + eye.abs() + (x.detach() - eye).abs() + edge
+        total = total + (slope.abs() * size).reshape(len(total), -1).sum(1)
+    return total
+
+
+def _nearest(a: Tensor, b: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """[P] where along a-b, 0 to 1 and beyond, the line of the ray (x, y, 1) comes nearest."""
+    d = torch.stack([x, y, torch.ones_like(x)], -1)
+    across, way = (p - ((p * d).sum(-1) / (d * d).sum(-1))[:, None] * d for p in (a, b - a))
+    return -(across * way).sum(-1) / (way * way).sum(-1).clamp_min(1e-300)
 
 
 def condition(case: RenderCase) -> Tensor:
@@ -137,14 +159,13 @@ def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardErr
     shown = exact.s > 0.5 * BEHIND
     same = bool(((rough.s > 0.5 * BEHIND) == shown).all())
     away = torch.where(shown, (rough.s.double() - exact.s).abs(), 0.0)
-    epsilon = torch.finfo(torch.float32).eps
-    bound = EPSILONS * epsilon * kappa.clamp_min(1e-300)
+    bound = EPSILONS * SINGLE * kappa.clamp_min(1e-300)
     share = away / bound
     worst = int(share.argmax())
     wanted = torch.sigmoid(case.tau * exact.s).reshape(case.height, case.width)
     single, double = (image(case, t, render) for t in (torch.float32, torch.float64))
     # the sigmoid's slope is at most a quarter; its own rounding and what the cut-off leaves out
-    allowed = (0.25 * case.tau * bound + 4 * epsilon).reshape(wanted.shape)
+    allowed = (0.25 * case.tau * bound + 4 * SINGLE).reshape(wanted.shape)
     image_share = ((single.double() - wanted).abs() / allowed).max()
     finite = all(bool(x.isfinite().all()) for x in (exact.s, rough.s, single, double))
     agree = bool((double - wanted).abs().max() <= 1e-9)
@@ -180,17 +201,16 @@ def sampled_error(
     anywhere, on_edge = picked
     pixels = torch.cat([anywhere, edge[on_edge]])
     exact = distances(case, torch.float64, pixels)
-    epsilon = torch.finfo(torch.float32).eps
-    bound = EPSILONS * epsilon * _condition(case, exact.winner, pixels)
+    bound = EPSILONS * SINGLE * _condition(case, exact.winner, pixels)
     away = (shown[pixels].double() - torch.sigmoid(case.tau * exact.s)).abs()
     slope = 0.25 * case.tau
-    return float(away.max()) / slope, float((away / (slope * bound + 4 * epsilon)).max())
+    return float(away.max()) / slope, float((away / (slope * bound + 4 * SINGLE)).max())
 
 
 def double_error(case: RenderCase, count: int = 5) -> float:
     """Largest error of double precision against 50 digits, in shares of 16 epsilons times condition."""
     exact = distances(case, torch.float64)
-    kappa = _condition(case, exact.winner)
+    kappa = _condition(case, exact.winner, epsilon=DOUBLE)
     frame = frame_at(case, torch.float64)
     qx, qy = _rays(case, torch.float64)
     order = exact.s.abs().argsort()[: 4 * count : 4]
@@ -210,7 +230,7 @@ def double_error(case: RenderCase, count: int = 5) -> float:
         if true is None:
             worst = max(worst, 0.0 if found <= 0.5 * BEHIND else np.inf)
             continue
-        allowed = EPSILONS * torch.finfo(torch.float64).eps * max(float(kappa[k]), 1e-300)
+        allowed = EPSILONS * DOUBLE * max(float(kappa[k]), 1e-300)
         worst = max(worst, abs(found - float(true)) / allowed)
     return worst
 
