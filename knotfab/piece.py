@@ -17,11 +17,12 @@ from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
 from knotfab.knots import Knots
+from knotfab.mount.drawing import draw_sheets, write_setup
+from knotfab.mount.drill_template import write_drill_template
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
 from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
 from knotfab.progress import Progress
-from knotfab.report.drawings import write_drawings
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
@@ -46,7 +47,7 @@ from knotfab.report.of_effects import (
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.of_time import add_next_step
 from knotfab.report.pictures import find_pictures
-from knotfab.report.posing import add_posing
+from knotfab.report.posing import add_posing, find_access
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
@@ -169,6 +170,12 @@ def report_piece(
 ) -> Record:
     """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
     made, part = piece.made, piece.part
+    cameras, access = _cameras(piece), None
+    if part is not None and request.printing:
+        with progress.stage("drawings"):  # while the validators measure
+            sheets = draw_sheets(part.mounted, piece.scene, cameras)
+            templates = write_drill_template(folder.work, part.mounted, cameras[0], piece.suffix)
+            access = find_access(part)
     with progress.stage("verify"):
         verdict = piece.verdict
     if not request.printing:
@@ -191,11 +198,12 @@ def report_piece(
     plan = _plan_bends(folder, piece, progress)
     if plan is not None:
         verdict["checks"] += plan.checks
-    cameras = _cameras(piece)
     drawings: list[str] = []
     if request.printing:
         with progress.stage("drawings"):
-            drawings = write_drawings(folder, part, piece.scene, cameras, verdict, piece.suffix)
+            views = verdict["views"] or [{} for _ in cameras]
+            costs = [view.get("misplacement") for view in views]
+            drawings = [*write_setup(folder.work, sheets, costs, piece.suffix), *templates]
     with progress.stage("report"):
         lies = piece.scene.pose
         up = None if lies is None or not request.printing else np.array(lies.matrix)[:3, 2]
@@ -214,7 +222,8 @@ def report_piece(
         tell_contrast(report)
         tell_walls(report)
         add_bounds(report, made)
-        add_posing(report, part, piece.flattening, piece.suffix, printing=request.printing)
+        laid = part, piece.flattening, piece.suffix
+        add_posing(report, *laid, printing=request.printing, access=access)
     return report
 
 

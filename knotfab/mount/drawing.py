@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,24 +43,48 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["write_setup"]
+__all__ = ["Sheets", "draw_sheets", "write_setup"]
 
 Misplacement = Mapping[str, Any] | None
 
 SIDE: Box = (14.0, 176.0, 196.0, 268.0)  # where on the page each view is drawn
 FRONT: Box = (20.0, 62.0, 108.0, 152.0)
 WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
-COSTS_Y = 42.0
+LEFT, COSTS_Y = 14.0, 42.0
 SHADOW = "0.82"
 
 
+@dataclass(frozen=True)
+class Sheets:
+    """Pages that set a piece up, one a view, but for what misplacement costs; `plan`: all from above."""
+
+    pages: list[Figure]
+    plan: Figure | None
+    marks: Figure
+    views: tuple[View, ...]
+    on_wall: bool
+
+
+def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera]) -> Sheets:
+    """Draw how a piece is set up.
+
+    Args:
+        mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
+        cameras: of its views.
+    """
+    places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
+    each = zip(places, cameras, scene.views, strict=True)
+    pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
+    plan = None
+    if len(pages) > 1 or any(place.round is not None for place in places):
+        plan = plan_sheet(mounted, places, scene.views)
+    plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
+    marks = draw_marks_page(PAPERS["a4"], plate)
+    return Sheets(pages, plan, marks, scene.views, mounted.wall is not None)
+
+
 def write_setup(
-    folder: Path,
-    mounted: Mounted,
-    scene: ResolvedScene,
-    cameras: Sequence[Camera],
-    misplacements: Sequence[Misplacement],
-    suffix: str = "",
+    folder: Path, sheets: Sheets, misplacements: Sequence[Misplacement], suffix: str = ""
 ) -> list[str]:
     """Write setup.pdf and setup.svg, A4, the same bytes for the same piece; returns their names.
 
@@ -68,21 +93,16 @@ def write_setup(
     PDF's last page has the marks for a photograph.
 
     Args:
-        mounted: the piece and its mount, in scene coordinates. scene: with its frames resolved.
-        cameras: of its views. misplacements: what the verification measured of each view
-            (`views[].misplacement` of the report), if it did. suffix: of the files' names.
+        sheets: as `draw_sheets` gives them; used up. misplacements: what the verification measured of each
+            view (`views[].misplacement` of the report), if it did. suffix: of the files' names.
     """
     from matplotlib import rc_context
 
-    places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
-    each = zip(places, cameras, scene.views, misplacements, strict=True)
-    pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
-    if len(pages) > 1 or any(place.round is not None for place in places):
-        pages.insert(0, plan_sheet(mounted, places, scene.views))
+    for page, view, found in zip(sheets.pages, sheets.views, misplacements, strict=True):
+        _costs(page.axes[0], LEFT, costs_of(found, view, on_wall=sheets.on_wall))
+    pages = [*([] if sheets.plan is None else [sheets.plan]), *sheets.pages]
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
-    plate = mounted.wall is not None and mounted.wall.settings.foot == "plate"
-    marks = draw_marks_page(PAPERS["a4"], plate)
-    write_pages(folder / names[0], "Setting up", [*pages, marks])
+    write_pages(folder / names[0], "Setting up", [*pages, sheets.marks])
     settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
     about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
     with rc_context(settings):
@@ -95,7 +115,6 @@ def _sheet(
     place: Placement,
     camera: Camera,
     view: View,
-    misplacement: Misplacement,
     *,
     alone: bool,
 ) -> Figure:
@@ -103,7 +122,7 @@ def _sheet(
     figure, axes = make_page(paper)
     side = _side_view(axes, mounted, place, view)
     front = _front_view(axes, mounted, place, camera)
-    left, top = 14.0, paper.height - 12
+    left, top = LEFT, paper.height - 12
     title = "Setting up" if alone else f"Setting up: {view.name}"
     axes.text(left, top, title, size=15, va="top", gid=WORDS)
     axes.text(
@@ -114,7 +133,6 @@ def _sheet(
     )  # fmt: skip
     y = _words(axes, WORDS_Y, "What to do", steps_of(mounted, place, view), numbered=True)
     _words(axes, y - 3.0, "The lamp", lamp_facts(view))
-    _costs(axes, left, costs_of(misplacement, view, on_wall=mounted.wall is not None))
     return figure
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 from knotfab.report.of_slicer import tell_printing
 
 if TYPE_CHECKING:
+    from knotfab.part.access import Access
     from knotfab.part.assemble import Part
     from knotfab.part.flatter import Flattening
 
-__all__ = ["add_posing"]
+__all__ = ["add_posing", "find_access"]
 
 _VIEWS_FLATTENED = 1  # of several views less depth of one is less width of another
 
@@ -22,12 +23,14 @@ def add_posing(
     suffix: str = "",
     *,
     printing: bool = False,
+    access: Access | None = None,
 ) -> None:
     """Add `print.pose`, `print.plates` where there are any, and the notes that go with them.
 
     Args:
         suffix: of the plates' files, such as "-01" of a sequence's frame.
         printing: it is printed: also what supports cost and whether they can be taken out.
+        access: what `find_access` says of the part, where that is known.
     """
     account = part.pose.account
     powder = part.mounted.scene.printer.process == "powder"
@@ -78,7 +81,7 @@ def add_posing(
                 f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
             )
     if printing:
-        _add_printing(report, part)
+        _add_printing(report, part, access or find_access(part))
     if part.plates is None:
         return
     plates = part.plates.to_dict(suffix)
@@ -96,10 +99,21 @@ def add_posing(
     )
 
 
-def _add_printing(report: dict[str, Any], part: Part) -> None:
+def find_access(part: Part) -> Access | None:
+    """Whether the supports can be taken out; None where there are none, or the part is cut into plates."""
+    from knotfab.part.access import measure_access
+    from knotfab.part.assemble import rules_of
+
+    rules = rules_of(part.mounted.scene)
+    wire = part.mounted.scene.material.process == "wire"
+    if wire or part.plates is not None or not rules.supports or rules.powder:
+        return None
+    return measure_access(part.bodies, rules)
+
+
+def _add_printing(report: dict[str, Any], part: Part, access: Access | None) -> None:
     """Add `print.support_access`, `print.flatter`, and the notes on what the supports are and cost."""
     from knotfab.mount.coupon import plan_coupon
-    from knotfab.part.access import measure_access
     from knotfab.part.assemble import rules_of
     from knotfab.part.flatter import Printing, estimate_flatter
 
@@ -121,8 +135,7 @@ def _add_printing(report: dict[str, Any], part: Part) -> None:
             figures["flatter"] = [one.to_dict() for one in found]
     if "time_s" in figures:
         notes.append(tell_printing(figures))
-    if part.plates is None and rules.supports and not rules.powder:
-        access = measure_access(part.bodies, rules)
+    if access is not None:
         figures["support_access"] = access.to_dict()
         if access.worst is not None:
             notes.append(access.tell())

@@ -48,8 +48,10 @@ class Verifier:
 
     Two share the work where there are shadows to verify and this process may have two: one measures the mesh
     and its printing, the other the shadows and, of a part to be printed, the strands. Of several pieces each
-    child takes its half of whichever is next. A verdict is the validators': {"status", "exit_code",
-    "checks", "views", "picture", "seconds"}, its checks in the order of `CHECKS`.
+    child takes its half of whichever is next. The second begins when the parent says that it has loaded what
+    it needs itself (`start_second`), or asks: three that load at once hold each other up on two cores. A
+    verdict is the validators': {"status", "exit_code", "checks", "views", "picture", "seconds"}, its checks
+    in the order of `CHECKS`.
 
     Args:
         skip: the checks to leave out, of every piece.
@@ -72,13 +74,18 @@ class Verifier:
         self._workers: dict[Half, Workers] = {}
 
     def __enter__(self) -> Verifier:
-        lent = _lent
         # the shadows' first: they have more to load
-        for half in sorted(self._arguments, reverse=True):
-            command = [*_COMMAND, *self._arguments[half]]
-            self._workers[half] = Workers(command, self._jobs, lent=lent)
-            lent = None
+        self._start(max(self._arguments), _lent)
         return self
+
+    def start_second(self) -> None:
+        """Start the child of the other half, where there is one: it loads while the parent goes on."""
+        for half in self._arguments.keys() - self._workers.keys():
+            self._start(half)
+
+    def _start(self, half: Half, lent: subprocess.Popen[str] | None = None) -> None:
+        command = [*_COMMAND, *self._arguments[half]]
+        self._workers[half] = Workers(command, self._jobs, lent=lent)
 
     def __exit__(self, *_: object) -> None:
         for workers in self._workers.values():
@@ -87,6 +94,7 @@ class Verifier:
 
     def submit(self, files: Files, skip: Collection[str] = ()) -> Answer:
         """Hand over one piece's written files; `result` of what is returned waits for the verdict."""
+        self.start_second()
         whole = files.part is None or files.scene is None or len(self._workers) == 1
         halves: list[Half | None] = [None] if whole else ["geometry", "shadows"]
         request = {k: None if p is None else str(p) for k, p in asdict(files).items()}

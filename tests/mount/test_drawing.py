@@ -11,7 +11,7 @@ import pytest
 from setups import OFF, Kind, setup
 
 from knotfab.drawing.dimensions import length
-from knotfab.mount.drawing import write_setup
+from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.drill_template import write_drill_template
 from knotfab.mount.placement import placement_of
 from knotfab.mount.wall import DRILLS_MM, PLAY_MM
@@ -30,7 +30,10 @@ def texts(path: Path) -> list[str]:
 
 def drawn(kind: Kind, folder: Path, **view: float) -> list[str]:
     mounted, scene, camera = setup(kind, **view)
-    assert write_setup(folder, mounted, scene, [camera], [OFF]) == ["setup.pdf", "setup.svg"]
+    assert write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF]) == [
+        "setup.pdf",
+        "setup.svg",
+    ]
     return texts(folder / "setup.svg")
 
 
@@ -88,7 +91,7 @@ def test_a_leaning_wall_and_a_far_lamp_stay_on_the_page(kind: Kind, tmp_path: Pa
 
 def test_nothing_measured_is_said(tmp_path: Path) -> None:
     mounted, scene, camera = setup("none")
-    write_setup(tmp_path, mounted, scene, [camera], [None])
+    write_setup(tmp_path, draw_sheets(mounted, scene, [camera]), [None])
     assert "Not measured: too little to see, or nothing rendered." in texts(tmp_path / "setup.svg")
 
 

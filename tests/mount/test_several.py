@@ -14,7 +14,7 @@ from setups import OFF, setup
 
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.tube import sweep
-from knotfab.mount.drawing import write_setup
+from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.mount import BASE_DOWN, mount_piece
 from knotfab.mount.placement import placement_of
 from knotfab.mount.plinth import slope_below
@@ -178,7 +178,7 @@ def draw(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
         for n, s in enumerate([scene, *(s for _, s, _ in pieces)])
     ]
     whole = scene.model_copy(update={"views": tuple(named)})
-    names = write_setup(folder, mounted, whole, cameras, [OFF] * len(cameras))
+    names = write_setup(folder, draw_sheets(mounted, whole, cameras), [OFF] * len(cameras))
     assert names == ["setup.pdf", "setup.svg"]
     pages = (folder / "setup.pdf").read_bytes().count(b"/MediaBox")
     assert pages == 2 + len(cameras)

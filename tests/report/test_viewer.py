@@ -25,7 +25,7 @@ from shown_pieces import (
     wavy_knots,
 )
 
-from knotfab.mount.drawing import write_setup
+from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.report_html import VIEWER, Picture, write_report_html
 from knotfab.report.report_json import assemble
@@ -168,7 +168,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html as a build writes it, of a piece on a plate, with a search behind it."""
     folder = tmp_path_factory.mktemp("report")
     mounted, scene, camera = setup("plate")
-    write_setup(folder, mounted, scene, [camera], [OFF])  # type: ignore[arg-type]
+    write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF])  # type: ignore[arg-type]
     strip = Image.new("RGB", (1330, 544), "#faf8f4")
     ImageDraw.Draw(strip).ellipse((60, 60, 380, 480), fill="#2b2d33")
     strip.save(folder / "compare-front.png")
