@@ -2,8 +2,9 @@
 
 `python -m examples.studies.verdict_table [--accuracy NAME] [--limit SECONDS] [--out DIR] [NAME ...]`: the
 word that a person gave each picture, the verdict's on the written files, IoU, how far the outline is off, and
-why it is no better; of QR codes whether their shadow is read. With --out, builds that are done are not made
-again, but verified again. The NAME `own` stands for the project's own pictures, which are to be faithful.
+why it is no better, or rejected; of QR codes whether their shadow is read. Builds have the command's own
+options, its accuracy too. With --out, those that are done are not made again, but verified again. The NAME
+`own` stands for the project's own pictures, which are to be faithful.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from examples.brought import OVERTAKEN, WORDS, draw_brought
-from examples.measurement import STOPPED, build_apart, make_folder, save_pictures
+from examples.measurement import build_apart, make_folder, read_report, save_pictures
 from examples.pictures import pictures
 from knotfab_validators import validate
 from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
@@ -46,25 +47,32 @@ def reads_qr(picture: Path) -> bool:
     return bool(zxingcpp.read_barcodes(seen, formats=zxingcpp.BarcodeFormat.QRCode))
 
 
-def _build(path: Path, folder: Path, accuracy: str, limit_s: float) -> str:
+def _build(path: Path, folder: Path, accuracy: str | None, limit_s: float) -> str:
     """Build what is not built yet; what it said that wrote nothing."""
     said = folder / "said.txt"
     if not said.is_file():
-        built = build_apart(
-            path, folder, "--accuracy", accuracy, "--skip", "slicer", limit_s=limit_s
-        )
-        if built.code == STOPPED:
-            return built.said  # to be tried again
+        other = () if accuracy is None else ("--accuracy", accuracy)
+        built = build_apart(path, folder, *other, "--skip", "slicer", limit_s=limit_s)
+        if built.code not in (0, 1, 2):  # stopped, or killed: to be tried again
+            return built.said or f"ended with code {built.code}"
         folder.mkdir(exist_ok=True)
         said.write_text("" if built.report else built.said, encoding="utf-8")
     return said.read_text(encoding="utf-8")
 
 
+def _rejected_by(folder: Path) -> str:
+    """The required checks that a build failed, in words, besides the one that gives the word."""
+    report = read_report(folder) or {"checks": []}
+    failed = [c["name"] for c in report["checks"] if c["required"] and c["status"] == "fail"]
+    others = [name for name in failed if name != "recognisable"]
+    return f"rejected by {', '.join(others)}" if others else ""
+
+
 def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, Mapping[str, Any]]:
     """A line of the table, whether it is as expected, and the verdict."""
-    verdict = verify(folder)
+    verdict, rejected = verify(folder), _rejected_by(folder)
     if verdict is None:
-        line = f"{name:<20} {expected:<9} {REFUSED:<17}  -               {said}"
+        line = f"{name:<20} {expected:<9} {REFUSED:<17}  -               {said or rejected}"
         return line, expected == REFUSED and bool(said), {"word": REFUSED, "lost_pieces": 0}
     word = verdict["word"]
     read = ""
@@ -76,6 +84,8 @@ def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, 
         f"{name:<20} {expected:<9} {word:<17} {verdict['iou']:.4f}  "
         f"{verdict['outline_p95_radii']:5.2f}  {why}"
     )
+    if rejected:
+        return f"{line}{'; ' if why else ''}{rejected}", False, verdict
     agrees = word == expected or (word, expected) == (UNKNOWN, REFUSED)
     now, rule = OVERTAKEN.get(name, ("", ""))
     if not agrees and word == now:
@@ -87,7 +97,7 @@ def main() -> None:
     """Print the table and what it comes to."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--accuracy", default="draft")
+    parser.add_argument("--accuracy", help="other than the command's own")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds a build may take")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()

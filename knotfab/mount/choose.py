@@ -27,11 +27,15 @@ POWER = 4
 
 @dataclass(frozen=True)
 class Pegs:
-    """Chosen pegs, as numbers of rays, and the largest displacement (mm) with them, and where (3,)."""
+    """Chosen pegs, as numbers of rays, and the largest displacement (mm) with them, and where (3,).
+
+    `barred` are the knots from which no ray to the wall is free: without a peg, and not in the displacement.
+    """
 
     rays: Indices
     sag_mm: float
     sag_at: Array
+    barred: tuple[int, ...] = ()
 
 
 def choose_pegs(
@@ -54,14 +58,16 @@ def choose_pegs(
         top_radius_mm, foot_radius_mm: (n,) of a peg along each ray, at the tube and at the wall.
 
     Raises:
-        ValueError: a knot has no free ray at all; the message names it.
+        ValueError: no knot has a free ray.
     """
     chosen: list[int] = []
+    barred: list[int] = []
     worst, at = 0.0, knots.points[0]
     for k in range(len(knots.knots)):
         own = np.flatnonzero(rays.free & (rays.knot == k))
         if not len(own):
-            raise ValueError(f"no light ray from knot {k} to the wall is free for a peg")
+            barred.append(k)
+            continue
         apart = _apart(rays, own, chosen, knots.radius_mm)
         model = _Model(
             knots, rays, k, apart if len(apart) else own, top_radius_mm, foot_radius_mm, stiffness
@@ -70,7 +76,9 @@ def choose_pegs(
         chosen += pegs
         if sag >= worst:
             worst, at = sag, place
-    return Pegs(np.array(chosen, dtype=np.int64), worst, at)
+    if not chosen:
+        raise ValueError("no light ray from any knot to the wall is free for a peg")
+    return Pegs(np.array(chosen, dtype=np.int64), worst, at, tuple(barred))
 
 
 def _of_knot(

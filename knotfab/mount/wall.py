@@ -17,7 +17,7 @@ from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import frame_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, join, nothing
-from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with
+from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
@@ -134,7 +134,8 @@ def plan_wall(
 ) -> WallMount:
     """Choose pegs for knots in scene coordinates (design, section 8), and struts where pegs are not enough.
 
-    Struts join strands and so need a plate: on dowels every knot is a body that can be split.
+    A knot that other strands bar from the wall hangs on one of them by a strut. Struts join strands and
+    so need a plate: on dowels every knot is a body that can be split.
 
     Args:
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
@@ -142,7 +143,8 @@ def plan_wall(
             could be moved instead, what takes long and hardly helps is left out.
 
     Raises:
-        NotHeldError: a knot has no free ray to the wall; and not `thoroughly`, where it sags too much.
+        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; and not `thoroughly`,
+            where it sags too much.
     """
     best: WallMount | None = None
     remedy = "Use --mount none, a thinner tube, or fewer knots"
@@ -175,8 +177,12 @@ def _with_share(
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
-    """Pegs that fill `share` of the tube's shadow; raises ValueError where a knot has no free ray."""
+    """Pegs that fill `share` of the tube's shadow; raises ValueError where nothing holds a knot."""
     rays, chosen, top, foot = _choose(share, knots, camera, clearance_mm, stiffness)
+    if settings.foot != "plate":
+        _require_rays(chosen)
+    if target is None:
+        target = np.zeros((camera.height, camera.width), dtype=bool)
     wide = np.minimum(rays.share + ROOT_SHARE, MOST_SHARE)
     root = wide * knots.radius_mm * _spread(rays, camera.eye)
     pegs = tuple(
@@ -191,16 +197,19 @@ def _with_share(
         for i in chosen.rays
     )
     sites = sites_with(knots, rays, chosen.rays)
-    bare, feet = pegs_on(sites, rays, chosen.rays, top), foot[chosen.rays]
+    bare, feet, roots = pegs_on(sites, rays, chosen.rays, top), foot[chosen.rays], root[chosen.rays]
+    ties = nothing()
+    if chosen.barred:
+        ties = tie_to_held(knots, camera, target, clearance_mm, sites, bare, roots, chosen.barred)
+        bare = join([bare, ties])
+        feet, roots = (np.concatenate([r, ties.radius]) for r in (feet, roots))
     moves = sag_moves(knots, sites, bare, stiffness, feet)
     again, at = worst_of(moves, knots.points)
-    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, moves=moves)
+    held = sites.knot[ties.first]
+    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, held, moves)
     hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
     if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
-    if target is None:
-        target = np.zeros((camera.height, camera.width), dtype=bool)
-    roots = root[chosen.rays]
     braces = hidden_braces(knots, camera, target, clearance_mm, stiffness, sites, bare, feet, roots)
     every, ends = join([bare, braces]), np.concatenate([feet, braces.radius])
     moves = sag_moves(knots, sites, every, stiffness, ends)
@@ -216,7 +225,7 @@ def _with_share(
             strict=True,
         )
     )
-    struts = braces.of(~leans)
+    struts = join([ties, braces.of(~leans)])
     return replace(
         mount,
         pegs=(*pegs, *leaning),
@@ -234,7 +243,14 @@ def sag_on_pegs(knots: Knots, camera: Camera, clearance_mm: float, stiffness: St
     Raises:
         ValueError: a knot has no free ray to the wall.
     """
-    return _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1].sag_mm
+    chosen = _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1]
+    _require_rays(chosen)
+    return chosen.sag_mm
+
+
+def _require_rays(chosen: Pegs) -> None:
+    for k in chosen.barred:
+        raise ValueError(f"no light ray from knot {k} to the wall is free for a peg")
 
 
 def _choose(

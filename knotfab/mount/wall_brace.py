@@ -12,16 +12,26 @@ from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.rays import Rays
 from knotfab.mount.shade import HIDDEN_SHARE, Shadows, hidden_struts
-from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join, sites_of
+from knotfab.mount.struts import (
+    GROUND,
+    Candidates,
+    Obstacles,
+    Sites,
+    join,
+    nothing,
+    sites_of,
+    struts,
+)
 from knotfab.scene.camera import Camera
 
-__all__ = ["hidden_braces", "pegs_on", "sites_with"]
+__all__ = ["hidden_braces", "pegs_on", "sites_with", "tie_to_held"]
 
 
 STARTS = 160  # of leaning pegs, evenly along all tubes, and as many ends
 MOST_SLOPE = 1.0  # of a leaning peg: along the wall per mm towards it
 LEAST_SLOPE = 0.15
 MOST_COSINE = 0.75  # between a leaning peg and its tube
+TIE_RADII = 60.0  # tube radii: the longest strut on which a knot hangs
 
 
 def hidden_braces(
@@ -64,6 +74,69 @@ def hidden_braces(
     none = np.zeros(len(pool), dtype=bool)
     braced = brace(knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True)
     return braced.members.of(np.arange(len(given), len(braced.members)))
+
+
+def tie_to_held(
+    knots: Knots,
+    camera: Camera,
+    target: Mask,
+    clearance_mm: float,
+    sites: Sites,
+    pegs: Candidates,
+    root_radius_mm: Array,
+    barred: tuple[int, ...],
+) -> Candidates:
+    """A strut from each knot that has no peg to one that is held: the shortest that is hidden.
+
+    Such a knot lies in front of another, as the dot of an i may before its stem: the strut runs from one to
+    the other, as a peg would to the wall.
+
+    Args:
+        target: (H, W) the picture's silhouette. sites: that the pegs stand on (`sites_with`).
+        root_radius_mm: (n,) of the pegs, with their fillets. barred: the knots without one.
+
+    Returns:
+        one strut for each of them, which begins there.
+
+    Raises:
+        ValueError: for a knot there is none; the message names it.
+    """
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    obstacles.add(replace(pegs, radius=root_radius_mm))
+    shadows, reach = Shadows(knots, (camera,), (target,)), TIE_RADII * knots.radius_mm
+    left, found = list(barred), nothing()
+    while left:
+        tie = next(
+            (t for k in left if len(t := _tie(k, left, sites, obstacles, shadows, reach))), None
+        )
+        if tie is None:
+            raise ValueError(
+                f"no light ray from knot {left[0]} to the wall is free for a peg, nor is there a way for a "
+                "strut from it to another knot"
+            )
+        left.remove(int(sites.knot[tie.first[0]]))
+        obstacles.add(tie)
+        found = join([found, tie])
+    return found
+
+
+def _tie(
+    knot: int, barred: list[int], sites: Sites, obstacles: Obstacles, shadows: Shadows, reach: float
+) -> Candidates:
+    """The shortest hidden strut from a knot to one that is not barred: one, or none."""
+    own, held = np.flatnonzero(sites.knot == knot), np.flatnonzero(~np.isin(sites.knot, barred))
+    gaps = np.linalg.norm(sites.point[own][:, None] - sites.point[held][None], axis=2)
+    near = np.argwhere(gaps <= reach)
+    pairs = np.column_stack([own[near[:, 0]], held[near[:, 1]]])
+    tube = obstacles.tube
+    ways = struts(sites, pairs, tube, HIDDEN_SHARE * tube)
+    ways = ways.of(shadows.hidden(ways))
+    ways = ways.of(shadows.behind_knots(ways))
+    ways = ways.of(np.argsort(ways.length_mm, kind="stable"))
+    for n in range(len(ways)):
+        if obstacles.clear(one := ways.of([n]))[0]:
+            return one
+    return nothing()
 
 
 def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:

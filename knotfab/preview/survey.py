@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from shapely import MultiPolygon
+from shapely import MultiPolygon, Polygon
 
 from knotfab.arrays import Mask
 from knotfab.design.candidates import drawing_radius, line_radius, too_fine, usual_radii
@@ -22,7 +22,7 @@ from knotfab.preview.likeness import (
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.masks import holes_of, pieces_of
-from knotfab.target.opening import Loss, find_losses, opening_iou, thickest_radius
+from knotfab.target.opening import Loss, find_losses, open_by, opening_iou, thickest_radius
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
 from knotfab.target.thicken import run_together
@@ -36,6 +36,7 @@ _CANDIDATES = 4  # radii that are shown
 _ALL = 0.95  # of the silhouette
 _BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
 _FEW = 200  # pieces and holes of a picture whose polygons are opened
+_SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
 _SPARE = 0.3  # px that an outline may move by
 _MOST_FRAMES = 24  # of a sequence that are looked at
 
@@ -153,8 +154,9 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
             else estimate_likeness(target.mask, min(tried) * px)
         )
         hopeless = likeness is not None and not likeness.recognisable
+        plain = _without_specks(polygon, (_SPECK * min(tried) * px) ** 2)
         if not (hopeless or lines):
-            feasible = thickest_radius(polygon, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
+            feasible = thickest_radius(plain, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
         found.append(
             ViewSurvey(
                 view,
@@ -163,7 +165,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
                 len(pieces_of(target.mask)[1]),
                 len(holes_of(target.mask)[1]),
                 None if feasible is None else feasible / px,
-                {} if hopeless else _losses(polygon, tried, px),
+                {} if hopeless else _losses(plain, tried, px),
                 run_together(target.asked, target.judged, 2.0 * line_radius(view) * px)
                 if lines
                 else 0.0,
@@ -173,11 +175,23 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
     return tuple(found)
 
 
+def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
+    """The pieces and holes of at least this area, px²; all, where no piece is as large."""
+    kept = [
+        Polygon(piece.exterior, [hole for hole in piece.interiors if Polygon(hole).area >= least])
+        for piece in polygon.geoms
+        if Polygon(piece.exterior).area >= least
+    ]
+    return MultiPolygon(kept) if kept else polygon
+
+
 def _losses(polygon: MultiPolygon, radii: Sequence[float], px: float) -> dict[float, list[Loss]]:
     """What tubes of these radii lose, up to the first that loses nearly all."""
     found: dict[float, list[Loss]] = {}
-    for radius in sorted(radii):
-        found[radius] = find_losses(polygon, radius * px)
+    opened: Polygon | MultiPolygon = polygon
+    for radius in sorted(radii):  # of the opening before, which is simpler than the silhouette
+        opened = open_by(opened, radius * px)
+        found[radius] = find_losses(polygon, opened, radius * px)
         if sum(loss.shape.area for loss in found[radius]) > _ALL * polygon.area:
             break
     return found

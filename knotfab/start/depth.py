@@ -25,7 +25,11 @@ from knotfab.start.legibility import legibility
 __all__ = ["choose_depth", "lift"]
 
 
-_CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
+_CONFLICT = (
+    20.0  # weight of strands that hide each other at the same depth, against legibility: a share of
+)
+# a hundredth is a few places where one must step aside, and every one is a knob on the outline
+_LONGER = 6  # times as many profiles are tried while there are such places
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 _RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
@@ -191,9 +195,10 @@ class _Judge:
             return fitted
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
-    def blur(self, parts: list[Array]) -> float:
-        """The weighted brightness error of a wide lamp; 0 where none is called for."""
-        return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
+    def cost(self, parts: list[Array]) -> float:
+        """All but supports: how legible it is, what strands hide each other, and a wide lamp's blur."""
+        blur = 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
+        return self.legibility(parts) + _CONFLICT * self.conflicts(parts) + blur
 
     def find_extent(
         self, profile: _Profile | _Relief, least_mm: float, steadying: Steadying
@@ -208,7 +213,7 @@ class _Judge:
         for extent in extents:
             self.extent_mm = float(extent)
             parts = self.place(profile)
-            costs.append(self.legibility(parts) + self.blur(parts) + steadying.cost(parts))
+            costs.append(self.cost(parts) + steadying.cost(parts))
         self.extent_mm = most
         best = int(np.argmin(costs))
         if costs[best] > costs[-1] - _NOISE:
@@ -216,15 +221,18 @@ class _Judge:
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 
     def legibility(self, parts: list[Array]) -> float:
-        """From 45 and 30 degrees aside, and what strands hide each other."""
+        """From 45 and 30 degrees aside."""
         points = np.concatenate(parts)
-        seen = [
+        return sum(
             share * legibility(points, self.radius, self.light_distance, self.target, angle)
             for share, angle in ((0.75, 45.0), (0.25, 30.0))
-        ]
-        one, other = self.pairs
+        )
+
+    def conflicts(self, parts: list[Array]) -> float:
+        """Of what strands hide each other, the share that is at the same depth."""
+        points, (one, other) = np.concatenate(parts), self.pairs
         close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
-        return sum(seen) + _CONFLICT * float(close.sum()) / max(len(one), 1)
+        return float(close.sum()) / max(len(one), 1)
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -265,6 +273,8 @@ def choose_depth(
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
+    More are tried while strands that hide each other are at the same depth somewhere.
+
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
         radius: tube radius, mm.
@@ -289,20 +299,28 @@ def choose_depth(
     for n in range(drawn):
         profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
-        first.append((judge.legibility(parts) + judge.blur(parts), profile, parts))
+        first.append((judge.cost(parts), profile, parts))
     first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
-    scored = [(seen + float(judge.supports(parts).min()), p, seen) for seen, p, parts in first]
+    scored = [
+        (cost + float(judge.supports(parts).min()), p, judge.conflicts(parts))
+        for cost, p, parts in first
+    ]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
     begin, end = _CHANGES
-    for n in range(drawn, candidates):
-        change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
+    rounds = candidates - drawn
+    for n in range(_LONGER * rounds):
+        if n >= rounds and best[0][2] == 0:
+            break
+        done = n / rounds if n < rounds else (n / rounds - 1) / (_LONGER - 1)
+        change = begin + (end - begin) * done
         profile = best[n % len(best)][1].varied(rng, change)
         parts = judge.place(profile)
-        seen = judge.legibility(parts) + judge.blur(parts)
-        if seen < best[-1][0]:  # else no saving of supports could bring it in
-            cost = seen + float(judge.supports(parts).min())
-            best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
+        cost = judge.cost(parts)
+        if cost < best[-1][0]:  # else no saving of supports could bring it in
+            cost += float(judge.supports(parts).min())
+            best = sorted([*best, (cost, profile, judge.conflicts(parts))], key=lambda b: b[0])
+            best = best[:_KEPT]
     profile = best[0][1]
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:

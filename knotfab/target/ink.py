@@ -21,6 +21,9 @@ Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
 
 _ROWS = 512  # rows handled at once where colours are compared, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
+_NOISE = (
+    8.0  # of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
+)
 _WORTH_SAYING = 0.02  # share of the ink of a colour that is told
 
 
@@ -102,10 +105,10 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
     if reading.ink == "alpha" or colours.ndim == 2:
         return opaque, rule
     holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
-    if clusters is None or not holes.any():
-        return opaque, rule
-    main = _hex(clusters.colours[0])
-    return opaque & ~holes, f"{rule}, less what {main}, the largest colour, encloses of others"
+    if clusters is not None and holes.any():
+        rule += f", less what {_hex(clusters.colours[0])}, the largest colour, encloses of others"
+    mask = opaque & ~holes
+    return mask, rule + _tell_colours(colours, mask)
 
 
 def _tell_colours(colours: Levels, mask: Mask) -> str:
@@ -166,6 +169,12 @@ def _differ(colours: Levels, middle: Array, threshold: float, what: str) -> Mask
     largest = float(squared.max())
     if largest == 0.0:
         raise _one_colour(what)
+    if colours.dtype == np.uint8 and largest <= _NOISE**2:
+        raise InputError(
+            what,
+            "it is nearly all one colour: nothing in it differs from its border by more than noise does",
+            "Use a picture of more contrast, or say what is drawn (--ink dark, light or a colour).",
+        )
     return np.asarray(squared > threshold**2 * largest)
 
 

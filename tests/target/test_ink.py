@@ -239,3 +239,22 @@ def test_both_readers_agree_on_anything(tmp_path: Path, ink: str) -> None:
         except InputError as error:
             known = ("shape", "covers", "nothing in it is near")
             assert any(w in error.why for w in known) or ink == "alpha"
+
+
+def test_blank_paper_is_refused_though_a_camera_saw_noise_in_it(tmp_path: Path) -> None:
+    noise = np.random.default_rng(3).integers(0, 4, (200, 200)).astype(np.uint8)
+    Image.fromarray(255 - noise).save(tmp_path / "paper.jpg")
+    with pytest.raises(InputError, match="nearly all one colour"):
+        read_target(tmp_path / "paper.jpg")
+    assert read_target(tmp_path / "paper.jpg", Reading(ink="dark")).mask.any()
+
+
+def test_what_is_opaque_and_of_several_colours_is_said_to_be(tmp_path: Path) -> None:
+    """A face that fades from yellow to red, eyes and all: no one colour encloses what is in it."""
+    x, y = np.meshgrid(np.arange(200) - 100.0, np.arange(200) - 100.0)
+    out = np.clip(np.hypot(x, y) / 90, 0, 1)
+    face = np.stack([255 - 50 * out, 230 * (1 - out), 0 * out, 255.0 * (out < 1)], axis=-1)
+    face[(np.abs(np.abs(x) - 35) < 12) & (np.abs(y + 20) < 12), :3] = 0
+    Image.fromarray(face.astype(np.uint8)).save(tmp_path / "face.png")
+    rule = read_target(tmp_path / "face.png").rule
+    assert "--ink COLOUR takes one of them alone" in rule

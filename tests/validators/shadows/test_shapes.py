@@ -58,6 +58,8 @@ def test_a_feature_drawn_within_a_reach_is_not_named(hole: bool) -> None:
 def test_what_no_tube_draws_and_what_is_lost_are_counted_elsewhere(hole: bool) -> None:
     slit = draw((19, 3), hole)
     assert not find_misshapen(draw((19, 9), hole), slit, REACH, LEAST)
+    narrow = draw((19, 4), hole)  # as wide as the tube's radius, to a pixel
+    assert not find_misshapen(draw((9, 4), hole), narrow, 2.25, LEAST)
     target = draw((19, 11), hole)
     (gone,) = find_misshapen(draw(None, hole), target, REACH, LEAST)
     assert gone.likeness == 0.0

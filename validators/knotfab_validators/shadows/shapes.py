@@ -80,7 +80,7 @@ def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shap
         window = rows, slice(max(left - margin, 0), right + margin)
         own = labels[window] == number
         (u, v), width = find_widest(own)
-        if width <= 4 * reach - 1:  # between the middles of its outermost pixels
+        if width <= 4 * reach:
             continue
         around = (nearest[window] == number) & (away[window] <= AROUND * reach)
         drawn = has[window] & around
