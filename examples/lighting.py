@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.parting import random_scene
+from examples.parting import directions, random_scene
 from knotfab.effects.base import VERIFIED_PX, EffectContext, OnWall, World
 from knotfab.effects.contrast import contrast_of
 from knotfab.effects.wall import WALL
@@ -16,9 +16,11 @@ __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]
 
 Array = NDArray[np.float64]
 
-_RAYS = 4000  # from a place on the wall
+_RAYS = 6000  # from a place on the wall
+_FEW = 400
 _POINTS = 400  # of a curve
-_FEET = 3  # places behind strands that are looked at
+_FEET = 60  # places behind strands that are looked at with few rays
+_WORST = 4  # of these, with all
 _GRID = 301  # places across and up a frame
 
 
@@ -56,14 +58,30 @@ def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     found = contrast_of(view, points, radius, world)
     assert found is not None
     places = wall.place(points)
-    feet = np.vstack([wall.cast(places), np.zeros(len(points))]).T[:: len(points) // _FEET]
     start, along = places.T, np.roll(places.T, -1, axis=0) - places.T
-    # evenly over a disc, and up to the sky over it: as many towards each part of that as its cosine (Malley)
-    k = np.arange(_RAYS) + 0.5
-    out, around = np.sqrt(k / _RAYS), np.pi * (1 + np.sqrt(5)) * k
-    way = np.column_stack([out * np.cos(around), out * np.sin(around), np.sqrt(1 - out**2)])
-    most = max(float(_meets(foot, way, start, along, radius).mean()) for foot in feet)
-    return found.bounced, 0.5 * most
+    # all across the shadow of a strand
+    behind = start[:: _POINTS // _FEET] + radius * directions(_POINTS)[:: _POINTS // _FEET]
+    feet = np.vstack([wall.cast(behind.T), np.zeros(len(behind))]).T
+    filled = [_filled(foot, _FEW, start, along, radius) for foot in feet]
+    worst = feet[np.argsort(filled)[-_WORST:]]
+    return found.bounced, 0.5 * max(_filled(foot, _RAYS, start, along, radius) for foot in worst)
+
+
+def _filled(foot: Array, count: int, start: Array, along: Array, radius: float) -> float:
+    """What strands fill of the light from the sky at a place, by rays to where they are in it.
+
+    Over the unit disc under the sky rays stand evenly, as many towards each part as its cosine (Malley).
+    """
+    to = start - foot
+    far = np.linalg.norm(to, axis=1)[:, None]
+    seen, reach = to[:, :2] / far, np.minimum(2 * radius / far, 2.0)
+    low, high = (seen - reach).min(axis=0), (seen + reach).max(axis=0)
+    k = np.arange(count)[:, None] + 0.5
+    at = low + (high - low) * (k / [count, (1 + np.sqrt(5)) / 2] % 1)
+    up = 1 - (at**2).sum(axis=1)
+    way = np.column_stack([at, np.sqrt(np.maximum(up, 0))])[up > 0]
+    hit = _meets(foot, way, start, along, radius).sum()
+    return float(hit / count * np.prod(high - low) / np.pi)
 
 
 def _meets(foot: Array, way: Array, start: Array, along: Array, radius: float) -> NDArray[np.bool_]:

@@ -9,12 +9,15 @@ import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array
+from knotfab.compiled import compiled
 from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext, OnWall, World
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["MISPLACEMENT", "Parting", "Steadying", "parting_mm"]
 
-_WORST = 0.7  # of the largest: points whose surroundings are looked at
+# points whose surroundings are looked at: of the largest, and how many at most
+_WORST, _MOST = 0.7, 400
+_LAMP, _TURN, _TILT = slice(0, 3), slice(3, 6), slice(6, 8)  # of the moves of a field
 
 
 def magnitude(context: EffectContext) -> float:
@@ -53,30 +56,51 @@ class _Field:
     def of(points: Array, wall: OnWall, middle: Array, turns: bool) -> _Field:
         """Of points (3, n) in the wall's axes, of a piece about `middle` that `turns` or hangs there."""
         feet, axes, shadows = wall.touching(points)
-
-        def local(vectors: Array) -> Array:
-            """(.., 3, n) vectors in each point's own axes."""
-            return np.asarray(np.einsum("ijn,...jn->...in", axes, vectors))
-
-        ray, high = local(points - wall.lamp[:, None]), local(wall.lamp[:, None] - feet)[2]
-        below = -ray[2]
-        w = ray[:2] / below
-        moves = np.zeros((8, 2, points.shape[1]))
-
-        def along(vectors: Array) -> Array:
-            """(k, 2, n) where vectors (k, 3, n) in each point's own axes are seen along its ray."""
-            return np.asarray(vectors[:, :2] + vectors[:, 2:] * w)
-
-        moves[:3] = (1 - high / below) * along(axes.swapaxes(0, 1))
-        moves[3:6] = high / below * along(local(_turned(points - middle[:, None])))
-        if turns:
-            right, up, _ = -along(local(_turned(feet - wall.middle[:, None])))
-            moves[6], moves[7] = right, -up
-        else:
+        moves, high, below, slopes = _moves(points, feet, axes, wall.lamp, middle, wall.middle)
+        if not turns:
             away = wall.lamp - wall.middle
             moves[6] = away[2] * moves[1] - away[1] * moves[2]
             moves[7] = away[2] * moves[0] - away[0] * moves[2]
-        return _Field(shadows, moves, high, below, np.linalg.norm(w, axis=0))
+        return _Field(shadows, moves, high, below, slopes)
+
+
+@compiled
+def _moves(
+    points: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array
+) -> tuple[Array, Array, Array, Array]:
+    """What `_Field` has of points (3, n), of a piece that turns about `middle` and a wall about `steady`.
+
+    `feet` (3, n): where their shadows fall, and `axes` (3, 3, n or 1) of the wall there.
+    """
+    count = points.shape[1]
+    moves, slopes = np.empty((8, 2, count)), np.empty(count)
+    high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty((3, 2))
+    for n in range(count):
+        own = axes[:, :, min(n, axes.shape[2] - 1)]
+        high[n] = 0.0
+        for i in range(3):
+            ray[i] = 0.0
+            for j in range(3):
+                ray[i] += own[i, j] * (points[j, n] - lamp[j])
+            high[n] += own[2, i] * (lamp[i] - feet[i, n])
+        below[n] = -ray[2]
+        slopes[n] = np.hypot(ray[0], ray[1]) / below[n]
+        for k in range(2):
+            # along the wall, of 1 mm along each axis, seen along the ray
+            for j in range(3):
+                by[j, k] = own[k, j] + own[2, j] * ray[k] / below[n]
+                moves[j, k, n] = (1 - high[n] / below[n]) * by[j, k]
+            share = high[n] / below[n]
+            for j in range(
+                3
+            ):  # a radian about an axis moves what is off it from the next to the one after
+                one, two = (j + 1) % 3, (j + 2) % 3
+                off, aside = points[one, n] - middle[one], points[two, n] - middle[two]
+                moves[3 + j, k, n] = share * (by[two, k] * off - by[one, k] * aside)
+            x, y, z = feet[0, n] - steady[0], feet[1, n] - steady[1], feet[2, n] - steady[2]
+            moves[6, k, n] = by[1, k] * z - by[2, k] * y
+            moves[7, k, n] = by[0, k] * z - by[2, k] * x
+    return moves, high, below, slopes
 
 
 class Parting(NamedTuple):
@@ -118,23 +142,26 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     scale = (field.moves.reshape(8, -1) @ spread.ravel()) / size
     turn = (field.moves.reshape(8, -1) @ _aside(spread).ravel()) / size
 
-    def left(field: _Field, of: slice) -> Array:
-        """(3 or 2, 2, n) what the best likeness does not take away."""
+    def left(field: _Field) -> Array:
+        """(8, 2, n) what the best likeness does not take away."""
         s = field.shadows - centre[:, None]
-        likeness = scale[of, None, None] * s + turn[of, None, None] * _aside(s)
-        return np.asarray(field.moves[of] - shift[of] - likeness)
+        likeness = scale[:, None, None] * s + turn[:, None, None] * _aside(s)
+        return np.asarray(field.moves - shift - likeness)
 
-    def largest(of: slice) -> float:
-        here = left(field, of)
-        size = _largest(here)
-        some = size >= _WORST * size.max()  # the slope of others does not make them the worst
-        near, here = local[:, some], here[:, :, some]
-        slopes = [
-            left(_Field.of(near + step[:, None], wall, middle, world.turns), of) - here
-            for step in radius * np.eye(3)
-        ]
-        steep = np.sqrt(sum(_largest(d) ** 2 for d in slopes))
+    here, kinds = left(field), (_LAMP, _TURN, _TILT) if lean > 0 else (_LAMP, _TURN)
+    sizes = [_largest(here[of]) for of in kinds]
+    some = np.unique(np.concatenate([_worst_of(size) for size in sizes]))
+    near, here = local[:, some], here[:, :, some]
+    slopes = [
+        left(_Field.of(near + step[:, None], wall, middle, world.turns)) - here
+        for step in radius * np.eye(3)
+    ]
+
+    def largest(of: slice, size: Array) -> float:
+        steep = np.sqrt(sum(_largest(d[of]) ** 2 for d in slopes))
         return float((size[some] + steep).max())
+
+    by_lamp, by_turn, *by_tilt = map(largest, kinds, sizes)
 
     def bent(of: slice, by: float) -> float:
         """What a round wall adds along it, and within `radius`: it leaves the plane that touches it."""
@@ -148,7 +175,6 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     if wall.round is not None:  # on which light falls aslant
         grown *= float(np.hypot(1.0, field.slopes).max())
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
-    by_lamp = largest(slice(0, 3))
     tilted = 0.0
     if lean > 0 and world.turns:
         steepest = float((field.slopes * field.below).max() + radius) / clear
@@ -157,23 +183,23 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
         if lean * steepest >= 1:
             return Parting(np.inf, np.inf, np.inf)  # the wall may be turned into a ray
         further = steepest**2 / (1 - lean * steepest) + 0.5  # along the rays, and along the wall
-        tilted = lean * largest(slice(6, 8)) + lean**2 * reach * further + bent(slice(6, 8), lean)
+        tilted = lean * by_tilt[0] + lean**2 * reach * further + bent(_TILT, lean)
     elif lean > 0:
         around = 0.5 * lean * aside * by_lamp  # the lamp goes round, not straight
-        tilted = (lean * largest(slice(6, 8)) + around) * (1 + aside / (clear - aside)) ** 2
+        tilted = (lean * by_tilt[0] + around) * (1 + aside / (clear - aside)) ** 2
     nearer = (1 + off / (clear - off)) ** 2
     return Parting(
-        (off * by_lamp + bent(slice(0, 3), off)) * nearer,
-        angle * largest(slice(3, 6)) + second + bent(slice(3, 6), angle),
+        (off * by_lamp + bent(_LAMP, off)) * nearer,
+        angle * by_turn + second + bent(_TURN, angle),
         tilted,
     )
 
 
-def _turned(vectors: Array) -> Array:
-    """(3, 3, n) what a radian about each axis moves the ends of (3, n) by."""
-    x, y, z = vectors
-    none = np.zeros_like(x)
-    return np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
+def _worst_of(size: Array) -> Array:
+    """The largest few of (n,); the slope of others does not make them the worst."""
+    most = min(_MOST, len(size))
+    some = np.argpartition(size, -most)[-most:]
+    return np.asarray(some[size[some] >= _WORST * size.max()])
 
 
 def _aside(vectors: Array) -> Array:

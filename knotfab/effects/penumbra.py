@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import shapely
@@ -11,6 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 from shapely import MultiPolygon
 
 from knotfab.arrays import Array
+from knotfab.compiled import compiled
 from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.curved_wall import CurvedWall
@@ -59,25 +59,19 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
     if view.kind == "eye" or view.light_size_mm == 0 or len(points) == 0:
         return np.zeros(len(points))
     camera = camera_of(view, 1, 1)  # where light and wall are: its pixels do not matter
-    wall, lamps = CurvedWall.of(view), _lamps_of(view, camera.eye)
-    planes = np.tile(camera.receiver, (len(points), 1)) if wall is None else wall.touching(points)
+    wall, (lamps, size) = CurvedWall.of(view), _lamps_of(view, camera.eye)
+    planes = np.tile(camera.receiver, (len(points), 1))
+    if wall is not None:
+        round_ones = wall.touching(points)  # beside a column there is none
+        planes = np.where(np.isfinite(round_ones), round_ones, planes)
 
-    def blur(points: Array, plane: Array) -> Array:
-        """(pairs of lamps, N)"""
-        thrown = [_throw(points, plane, lamp, size) for lamp, size in lamps]
-        if len(thrown) == 1:
-            return np.asarray(2 * thrown[0][1][None])
-        ends = [half * lean for _, half, lean in thrown]
-        return np.stack(
-            [
-                np.linalg.norm(thrown[i][0] - thrown[j][0], axis=1) + ends[i] + ends[j]
-                for i, j in combinations(range(len(lamps)), 2)
-            ]
-        )
+    def blur(points: Array, planes: Array) -> Array:
+        return _blurs(points, planes, lamps, size)
 
     below = ((camera.eye - points) * planes[:, :3]).sum(axis=1)
     here, step = blur(points, planes), 1e-6 * view.light_distance_mm
-    found, few = here.max(axis=0), np.argsort(here.max(axis=0))[-_MOST:]
+    found, most = here.max(axis=0), min(_MOST, len(points))
+    few = np.argpartition(found, -most)[-most:]
     near, touched, here = points[few], planes[few], here[:, few]
     slope = np.stack([blur(near + step * way, touched) - here for way in np.eye(3)], axis=-1)
     slope /= np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
@@ -87,29 +81,50 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
     return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
 
 
-def _lamps_of(view: ResolvedView, middle: Array) -> list[tuple[Array, float]]:
-    """Places (3,) and diameters of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
+def _lamps_of(view: ResolvedView, middle: Array) -> tuple[Array, float]:
+    """Places (n, 3) and diameter of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
     if view.light_shape in ("disc", "ball"):
-        return [(middle, view.light_diameter_mm)]
+        return middle[None], view.light_diameter_mm
     right, up, _ = view_axes(view)
     size = view.light_diameter_mm if view.light_shape == "leds" else 0.0
-    wide, high = 0.5 * view.light_width_mm, 0.5 * view.light_height_mm
-    return [(middle + x * wide * right + y * high * up, size) for x in (-1, 1) for y in (-1, 1)]
+    wide, high = 0.5 * view.light_width_mm * right, 0.5 * view.light_height_mm * up
+    return middle + np.array([x * wide + y * high for x in (-1, 1) for y in (-1, 1)]), size
 
 
-def _throw(points: Array, plane: Array, lamp: Array, size: float) -> tuple[Array, Array, Array]:
-    """Where a ball's middle casts points (N, 3) on planes (N, 4), half the axis of what it blurs them to,
-    and how it leans.
+@compiled
+def _blurs(points: Array, planes: Array, lamps: Array, size: float) -> Array:
+    """(pairs of lamps, N) what balls at (n, 3) blur points (N, 3) to, at most, on planes (N, 4).
+
+    Of one ball the ellipse's axis; of a pair the line between both middles, and half of each ellipse.
     """
-    height = (points * plane[:, :3]).sum(axis=1) + plane[:, 3]
-    above = plane[:, :3] @ lamp + plane[:, 3]
-    # the lamp's own ball reaches no strand
-    below = np.maximum(above - height, max(0.5005 * size, 1e-9))
-    height, ray = np.maximum(height, 0.0), points - lamp
-    far = np.maximum(np.linalg.norm(ray, axis=1), below)
-    half = 0.5 * size * height * far / (below**2 - size**2 / 4)
-    lean = 1 + 0.5 * size * np.sqrt((far / below) ** 2 - 1) / np.sqrt(far**2 - size**2 / 4)
-    return points + ray * (height / below)[:, None], half, lean
+    balls = len(lamps)
+    found = np.empty((max(1, balls * (balls - 1) // 2), len(points)))
+    spots, ends = np.empty((balls, 3)), np.empty(balls)
+    for n in range(len(points)):
+        x, y, z = points[n]
+        a, b, c, d = planes[n]
+        height = max(x * a + y * b + z * c + d, 0.0)
+        for k in range(balls):
+            u, v, w = x - lamps[k, 0], y - lamps[k, 1], z - lamps[k, 2]
+            # the lamp's own ball reaches no strand
+            below = max(-(u * a + v * b + w * c), max(0.5005 * size, 1e-9))
+            far = max(np.sqrt(u * u + v * v + w * w), below)
+            half = 0.5 * size * height * far / (below * below - 0.25 * size * size)
+            if balls == 1:
+                found[0, n] = 2 * half
+                continue
+            on = height / below
+            spots[k, 0], spots[k, 1], spots[k, 2] = x + u * on, y + v * on, z + w * on
+            lean = np.sqrt((far / below) ** 2 - 1) / np.sqrt(far * far - 0.25 * size * size)
+            ends[k] = half * (1 + 0.5 * size * lean)
+        pair = 0
+        for k in range(balls):
+            for m in range(k):
+                u, v = spots[k, 0] - spots[m, 0], spots[k, 1] - spots[m, 1]
+                w = spots[k, 2] - spots[m, 2]
+                found[pair, n] = np.sqrt(u * u + v * v + w * w) + ends[k] + ends[m]
+                pair += 1
+    return found
 
 
 PENUMBRA = Effect(

@@ -232,7 +232,7 @@ class Room(_Table):
 class Placing(_Table):
     """How far off people are expected to place lamp (or eye), piece and wall."""
 
-    lamp_mm: NotNegative = 5.0
+    lamp_mm: Annotated[float, Strict(), Field(ge=0, le=1e4)] = 5.0
     turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
     tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0  # of the wall, in any direction
 
@@ -366,7 +366,8 @@ class ResolvedView(View):
     @property
     def reach_mm(self) -> float:
         """How far from its middle a piece may reach to either side, where its region is "auto"."""
-        return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm)
+        before_lamp = WALL_SHARE * (self.light_distance_mm - 0.5 * self.light_size_mm)
+        return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
 
     def px_per_mm(self, width_px: int) -> float:
         """px of a picture so wide to a mm of a piece in the middle of the scene."""

@@ -206,17 +206,21 @@ class _Judge:
         """The extent, mm, from `least_mm` to its own, at which a profile is best.
 
         Shadows part by how far apart strands are in depth: a profile's shape has little say in what careless
-        placing costs, its extent all. An IoU that is lost counts as one that is read from aside.
+        placing costs, its extent all. An IoU that is lost counts as one that is read from aside; with it
+        weighs what else depends on the extent, supports in print too.
         """
-        most, costs = self.extent_mm, []
+        most, found = self.extent_mm, []
         extents = np.linspace(max(least_mm / most, 1 / _EXTENTS), 1.0, _EXTENTS) * most
         for extent in extents:
             self.extent_mm = float(extent)
             parts = self.place(profile)
-            costs.append(self.cost(parts) + steadying.cost(parts))
+            other = self.cost(parts) + float(self.supports(parts).min())
+            found.append((other, steadying.cost(parts)))
         self.extent_mm = most
-        best = int(np.argmin(costs))
-        if costs[best] > costs[-1] - _NOISE:
+        costs = np.array(found)
+        best = int(costs.sum(axis=1).argmin())
+        other, parting = costs[-1] - costs[best]
+        if min(parting, other + parting) <= _NOISE:  # nor is what else is saved, by itself
             return most
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 

@@ -74,3 +74,16 @@ def test_a_turned_region_behind_the_wall_and_a_turned_mesh_are_refused() -> None
         parse_scene(scene("[0.0, -150.0, 0.0]"))
     with pytest.raises(InputError, match="not a mesh"):
         parse_scene('[region]\nkind = "mesh"\nfile = "a.stl"\nelevation_deg = 9.0\n')
+
+
+@pytest.mark.parametrize("shape", ["ball", "disc", "rectangle"])
+def test_a_lamp_that_is_nearly_as_large_as_its_distance_allows_leaves_the_piece_outside(
+    shape: str,
+) -> None:
+    size = {"light_diameter_mm": 960.0}
+    if shape == "rectangle":
+        size = {"light_width_mm": 768.0, "light_height_mm": 576.0}
+    view = look(0, 0).model_copy(update={"light_shape": shape, **size})
+    radius, reach = 2.0, view.light_distance_mm - 480.0
+    depth = depth_extent(Scene(), SQUARE, resolve_region(Region(), [view], [], radius), radius)
+    assert depth is not None and 0 < 0.5 * depth + radius < reach

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from lit_designs import design_under, view
 
+from examples.lighting import bounce_and_truth
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
@@ -73,10 +74,43 @@ def test_a_black_piece_throws_nothing_back() -> None:
     # a small disc of strands, seen from far below its middle, fills its area over pi h²
     t = np.linspace(0, 60 * np.pi, 4000)
     disc = np.column_stack([t / 60 * np.cos(t), t / 60 * np.sin(t), np.zeros_like(t)])
-    found = contrast_of(view(), disc, 0.05, World(room=Room(reflectance=0.5), material=WHITE))
-    assert found is not None
     long = np.linalg.norm(np.diff(disc, axis=0), axis=1).sum()
-    assert found.bounced == pytest.approx(0.5 * 0.1 * long / (np.pi * 100**2), rel=0.05)
+    assert thrown_back(disc, 0.05) == pytest.approx(0.1 * long / (np.pi * 100**2), rel=0.06)
+
+
+def thrown_back(points: np.ndarray, radius: float) -> float:
+    """Of white strands, over what the wall throws at them."""
+    found = contrast_of(view(), points, radius, World(room=Room(reflectance=0.5), material=WHITE))
+    assert found is not None
+    return found.bounced / 0.5
+
+
+def rod(height: float) -> np.ndarray:
+    """So high over the wall, and so long that it has no end."""
+    points = np.zeros((4000, 3))
+    points[:, 0], points[:, 2] = np.linspace(-6000, 6000, 4000), height - 100
+    return points
+
+
+def test_a_long_rod_throws_back_its_radius_over_its_height() -> None:
+    """The cosines of both edges of an endless cylinder, seen from below (Howell, factor B-31)."""
+    for height, radius in ((80.0, 2.0), (100.0, 10.0), (30.0, 4.0)):
+        share = radius / height
+        assert share <= thrown_back(rod(height), radius) < 1.08 * share
+
+
+def test_what_strands_hide_from_each_other_is_thrown_back_once() -> None:
+    one, far = rod(60.0), rod(120.0)
+    assert thrown_back(np.concatenate([one, far]), 2.0) < 1.1 * thrown_back(one, 2.0)
+    beside = far + [0.0, 300.0, 0.0]
+    assert thrown_back(np.concatenate([one, beside]), 2.0) > 1.05 * thrown_back(one, 2.0)
+
+
+@pytest.mark.slow
+def test_what_is_thrown_back_is_bounded() -> None:
+    rng = np.random.default_rng(3)
+    ratios = [np.divide(*bounce_and_truth(rng)) for _ in range(6)]
+    assert min(ratios) >= 1 and max(ratios) < 1.3
 
 
 def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:

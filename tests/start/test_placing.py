@@ -17,6 +17,7 @@ from knotfab.problem import Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Mount, Placing, Scene, Switch
 from knotfab.scene.settings import PRESETS
+from knotfab.start import depth
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
 
@@ -95,6 +96,23 @@ def test_the_coarser_the_placing_the_flatter_and_less_is_lost_of_the_picture(
     assert flat[:, 0].mean() >= deep[:, 0].mean()
     assert flat[:, 1].min() > deep[:, 1].min() + 0.05
     assert flat[:, 1].mean() > deep[:, 1].mean() + 0.05
+
+
+def test_what_print_costs_is_weighed_in_the_extent(
+    problem: Problem, template: Template, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def extent(dearer_by: float, lamp_mm: float, turn_deg: float) -> float:
+        """Where supports cost so much more at full depth than at none."""
+
+        def supports(judge: depth._Judge, parts: list[Array]) -> Array:
+            return np.array([dearer_by * judge.extent_mm / DEPTH_MM])
+
+        monkeypatch.setattr(depth._Judge, "supports", supports)
+        return _extent(_place(problem, template, lamp_mm, turn_deg))
+
+    assert extent(0.2, 50.0, 5.0) < extent(0.0, 50.0, 5.0) < extent(-0.2, 50.0, 5.0)
+    # by itself that is no reason: what careless placing asks grows from nothing at its threshold
+    assert extent(0.2, 5.0, 1.0) == DEPTH_MM
 
 
 def test_loose_pieces_are_as_deep_whether_their_wall_mount_is_asked_for_or_not(
