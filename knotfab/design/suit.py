@@ -11,11 +11,11 @@ from knotfab.scene.settings import SearchSettings
 
 __all__ = ["GRACE", "suit"]
 
-# times the preset's grace, by what asks for smoother strands than filled areas of one picture do
+# times the preset's grace, and of what, where more is asked for than by filled areas of one picture
 GRACE = {
-    "lines": 4.0,  # a line shows every wave of its tube
-    "wire": 3.0,  # every turn is a bend to be made by hand
-    "several": 3.0,  # several pictures pull together, and wrinkle strands more
+    "lines": (4.0, "curves"),  # a line shows every wave of its tube
+    "wire": (10.0, "bends"),  # every one is to be made by hand
+    "several": (3.0, "curves"),  # several pictures pull together, and wrinkle strands more
 }
 _LINE_PX = 5.0  # of the fine picture, to the width of a line
 
@@ -32,7 +32,8 @@ def suit(settings: SearchSettings, question: Question, given: Collection[str]) -
         asks, suited = "several", settings.scaled(len(views))
     elif views[0].lines:
         asks, suited = "lines", settings.model_copy(update=_fine_lines(settings, question))
-    update = {**suited.model_dump(), "grace": GRACE.get(asks, 1.0) * settings.grace}
+    factor, kind = GRACE.get(asks, (1.0, settings.grace_of))
+    update = {**suited.model_dump(), "grace": factor * settings.grace, "grace_of": kind}
     return settings.model_copy(update={k: v for k, v in update.items() if k not in given})
 
 

@@ -146,7 +146,7 @@ def begin(
 ) -> SearchState:
     """The state at the start of a search, its effects judged there."""
     if settings.grace > 0:
-        terms += (Grace(radius, settings.grace),)
+        terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
     state = SearchState(
         problem,
         radius,

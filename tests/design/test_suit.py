@@ -24,7 +24,7 @@ def ask_of(process: str = "filament", lines: bool = False, views: int = 1) -> Qu
 
 
 ASKED = {
-    "a wire": (ask_of("wire"), 3.0),
+    "a wire": (ask_of("wire"), 10.0),
     "lines": (ask_of(lines=True), 4.0),
     "lines of wire": (ask_of("wire", lines=True), 4.0),
     "two views": (ask_of(views=2), 3.0),
@@ -41,13 +41,21 @@ def test_what_asks_for_smoother_strands_gets_them_in_proportion(what: str) -> No
     question, factor = ASKED[what]
     for grace in (PLAIN.grace, 0.3, 0.0):
         settings = PLAIN.model_copy(update={"grace": grace})
-        assert suit(settings, question, {}).grace == pytest.approx(factor * grace)
+        found = suit(settings, question, {})
+        assert found.grace == pytest.approx(factor * grace)
+        assert found.grace_of == ("bends" if what == "a wire" else "curves")
 
 
 @pytest.mark.parametrize("what", ASKED)
 def test_what_the_scene_gives_means_the_same_whatever_is_asked(what: str) -> None:
     question, _ = ASKED[what]
-    given = {"grace": 0.07, "fine_px": 100, "coarse_px": 50, "settle_iterations": 7}
+    given = {
+        "grace": 0.07,
+        "grace_of": "curves",
+        "fine_px": 100,
+        "coarse_px": 50,
+        "settle_iterations": 7,
+    }
     settings = PLAIN.model_copy(update=given)
     found = suit(settings, question, given)
     assert {key: getattr(found, key) for key in given} == given
