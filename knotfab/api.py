@@ -6,7 +6,7 @@ Everything heavy is imported where it is needed.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from knotfab.part.assemble import Part
     from knotfab.problem import SearchResult, Start
     from knotfab.request import Outcome
+    from knotfab.scene.settings import SearchSettings
 
 __all__ = [
     "assemble_part",
@@ -136,9 +137,8 @@ def choose_tube(question: Question, accuracy: str = "standard") -> tuple[Questio
         SceneError: no tube draws the pictures.
     """
     from knotfab.design.design import choose_tube as choose
-    from knotfab.scene.settings import search_settings
 
-    settings = search_settings(accuracy, question.scene.search)
+    settings = _settings_for(question, accuracy, {})
     question, radius, start, _ = choose(question, settings, Progress("quiet"))
     return question, radius, start
 
@@ -161,21 +161,27 @@ def search_knots(
         `knots`, `ious`, and whether it is `feasible`, or which limit is violated and where.
     """
     from knotfab.design.design import refine_settings
-    from knotfab.scene.settings import search_settings
     from knotfab.search.search import search
 
-    asked = search_settings(accuracy, {**question.scene.search, **settings})
     # vertices as close together as the outline's limit needs them
-    fine = refine_settings(question, asked, radius)
+    fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
     return search(question.problem, start, radius, fine, device=device)
 
 
 def settle_design(question: Question, result: SearchResult, accuracy: str = "standard") -> Design:
     """The design that a search has come to: its knots, and the scene with nothing left to choose."""
     from knotfab.design.design import settle_design as settle
+
+    return settle(question, result, _settings_for(question, accuracy, {}))
+
+
+def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
+    """The accuracy's settings as a build of this question has them, under the scene's own and these."""
+    from knotfab.design.suit import suit
     from knotfab.scene.settings import search_settings
 
-    return settle(question, result, search_settings(accuracy, question.scene.search))
+    given = {**question.scene.search, **settings}
+    return suit(search_settings(accuracy, given), question, given)
 
 
 def sweep_tube(

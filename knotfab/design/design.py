@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
-from knotfab.design.candidates import line_radius
 from knotfab.design.fineness import fine_enough
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
@@ -15,6 +14,7 @@ from knotfab.design.prices import LimitPrice, price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
+from knotfab.design.suit import suit
 from knotfab.errors import SceneError
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
@@ -53,9 +53,6 @@ __all__ = [
 
 REGION_FILE = "region.stl"
 START_FILE = "start.json"
-_LINE_PX = 5.0  # of the fine picture, to the width of a line
-_LINE_GRACE = 4.0  # times what filled areas ask for
-_WIRE_GRACE = 3.0  # likewise, of a wire: every turn is a bend to be made by hand
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
@@ -102,16 +99,13 @@ def design_knots(
     """
     progress = progress or Progress("quiet")
     settings = search_settings(scene.accuracy.name, scene.search)
-    if "coarse_iterations" not in scene.search:  # a build's own scene has them resolved already
-        # each view adds wishes that pull against the others'
-        settings = settings.scaled(len(targets)) if len(targets) > 1 else settings
     if budget is not None:
         settings = spare(settings, budget.view_s(len(targets)), scene.search)
     if settings.free_view and len(targets) == 1:
         scene, settings = place_start(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
-    settings = _for_wire(question, _for_lines(question, settings, scene), scene)
+    settings = suit(settings, question, scene.search)
     give = 0.0 if budget is None else budget.give(len(targets))
     question, radius, start, choice = choose_tube(question, settings, progress, give)
     problem = question.problem
@@ -166,36 +160,6 @@ def design_knots(
         history=() if unmet or settings.free_view else tuple(history.states),
     )
     return price_design(made, question, start, unmet, progress, device, budget)
-
-
-def _for_lines(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
-    """Settings for a picture that is drawn along its lines: finer pictures, and strands that run smoothly.
-
-    A line shows every wave of its tube, and is thinner than what the presets were measured on.
-    """
-    view = question.problem.views[0]
-    if not view.lines:
-        return settings
-    pixels = (
-        _LINE_PX * view.view.longer_mm / (2.0 * line_radius(view.view) * view.view.magnification)
-    )
-    least = {
-        "fine_px": max(settings.fine_px, min(round(pixels), VERIFIED_PX)),
-        "coarse_px": max(settings.coarse_px, min(round(0.5 * pixels), VERIFIED_PX)),
-        "grace": _LINE_GRACE * settings.grace,
-    }
-    return settings.model_copy(update={k: v for k, v in least.items() if k not in scene.search})
-
-
-def _for_wire(question: Question, settings: SearchSettings, scene: Scene) -> SearchSettings:
-    """Settings for a wire that fills one picture: smoother strands take fewer bends.
-
-    Several views and lines run smoothly for reasons of their own.
-    """
-    wire, views = question.scene.material.process == "wire", question.problem.views
-    if not wire or len(views) > 1 or views[0].lines or "grace" in scene.search:
-        return settings
-    return settings.model_copy(update={"grace": _WIRE_GRACE * settings.grace})
 
 
 def price_design(

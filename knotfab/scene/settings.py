@@ -40,6 +40,7 @@ class SearchSettings(BaseModel):
     grace: float = Field(
         0.02, ge=0, le=10
     )  # weight of bending and length: how smoothly, and how straight, strands run
+    grace_of: Literal["curves", "bends"] = "curves"  # bends: as few as can be, of a wire
     mesh_sides: int = Field(24, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
     free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too

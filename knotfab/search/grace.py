@@ -3,6 +3,9 @@
 Without it every strand crumples until it bends nearly as tightly as it may, and grows half as long again
 as what it fills, for a crumpled curve draws a picture no worse than a smooth one. What is longer than it
 need be hides strands behind each other: it costs filament, and makes the picture easier to read from aside.
+
+A wire is bent by hand, one bend after the other. Of it grace counts bends instead: it would rather turn in
+one place and run straight up to the next.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ __all__ = ["Grace"]
 
 
 _TENSION = 0.5  # of a curve one tube radius long, in units of the bending energy
+# curvature times radius: where counted bends weigh as much as their bending energy; of what is straight
+_BENT, _STRAIGHT = 0.3, 0.05
 
 
 @dataclass(frozen=True)
@@ -29,18 +34,33 @@ class Grace(Term):
     |t' - t|^2 / l, t and t' the unit tangents before and after, l the mean of the two edges (Bergou et
     al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge
     folds back).
+
+    With `bends` the root of curvature takes the place of its square, as bends are counted: a straight that
+    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it.
     """
 
     radius_mm: float
     weight: float
+    bends: bool = False
 
     def __call__(self, state: State, weights: Weights) -> Tensor:
         one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
         turn = state.after / _divisor(two)[:, None] - state.edge / _divisor(one)[:, None]
-        energy = ((turn * turn).sum(-1) / _divisor(0.5 * (one + two))).sum()
-        bending, stretched = self.radius_mm * energy, one.sum() / self.radius_mm
+        length = _divisor(0.5 * (one + two)) / self.radius_mm
+        bending = (turn * turn).sum(-1) / length
+        if self.bends:
+            bending = length * _count_bends(bending / length)
+        bending, stretched = bending.sum(), one.sum() / self.radius_mm
         loss: Tensor = self.weight * weights.grace * (bending + _TENSION * stretched)
         return loss
+
+
+def _count_bends(squares: Tensor) -> Tensor:
+    """From squared curvature, in tube radii, its root, smooth where there is none; at `_BENT` that square."""
+    least = _STRAIGHT**0.5
+    scale = _BENT**2 / ((_BENT**2 + _STRAIGHT**2) ** 0.25 - least)
+    counted: Tensor = scale * ((squares + _STRAIGHT**2) ** 0.25 - least)
+    return counted
 
 
 def _divisor(lengths: Tensor) -> Tensor:

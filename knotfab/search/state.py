@@ -33,7 +33,6 @@ __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
 
 _BALANCED_EVERY = 20  # iterations between looks at what each view falls short of
-_SEVERAL_GRACE = 3.0  # times that of one view: several pictures pull together, and wrinkle more
 
 
 @dataclass
@@ -147,8 +146,7 @@ def begin(
 ) -> SearchState:
     """The state at the start of a search, its effects judged there."""
     if settings.grace > 0:
-        asked = _SEVERAL_GRACE if len(problem.views) > 1 else 1.0
-        terms += (Grace(radius, asked * settings.grace),)
+        terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
     state = SearchState(
         problem,
         radius,

@@ -29,7 +29,7 @@ __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 TOLERANCE_RADII = 1.0
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
-_FIT_SHARES = (0.95, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
+_FIT_SHARES = (0.95, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
 
 

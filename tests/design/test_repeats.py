@@ -9,6 +9,7 @@ import pytest
 
 from knotfab.design.design import design_knots
 from knotfab.scene.model import Scene
+from knotfab.scene.settings import SearchSettings
 from knotfab.target.read import read_target
 
 pytestmark = pytest.mark.slow
@@ -53,4 +54,23 @@ def test_the_scene_of_a_build_repeats_it(
         assert made.scene.piece.depth < 0.7 * usual.scene.piece.depth
     again = design_knots(made.scene, [target])
     assert again.scene.piece == made.scene.piece
+    np.testing.assert_array_equal(made.knots.points, again.knots.points)
+
+
+def test_the_scene_of_two_views_repeats_them() -> None:
+    targets = [read_target(f"text:{glyph}") for glyph in "oI"]
+    views = [{"picture": f"{n}.png", "name": f"v{n}", "azimuth_deg": 90.0 * n} for n in range(2)]
+    few = {
+        "coarse_px": 64,
+        "fine_px": 64,
+        "coarse_iterations": 5,
+        "fine_iterations": 5,
+        "settle_iterations": 5,
+    }
+    given = {"schema": 1, "views": views, "search": few, "piece": {"tube_radius_mm": 4.0}}
+    made = design_knots(Scene.model_validate(given), targets)
+    # what is given stays, and the grace that was taken is written as that number
+    assert {key: made.scene.search[key] for key in few} == few
+    assert made.scene.search["grace"] == pytest.approx(3.0 * SearchSettings().grace)
+    again = design_knots(made.scene, targets)
     np.testing.assert_array_equal(made.knots.points, again.knots.points)

@@ -14,11 +14,13 @@ from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
 
 
-def energy(points: torch.Tensor, radius: float, weight: float = 1.0) -> torch.Tensor:
+def energy(
+    points: torch.Tensor, radius: float, weight: float = 1.0, bends: bool = False
+) -> torch.Tensor:
     polylines = polylines_of_sizes((len(points),))
     near = find_neighbours(points.detach().numpy(), polylines, 1.0, 6)
     state = State.at(points, torch.as_tensor(polylines.next), polylines, near)
-    return Grace(radius, weight)(state, Weights())
+    return Grace(radius, weight, bends)(state, Weights())
 
 
 def circle(radius: float, count: int = 400) -> torch.Tensor:
@@ -42,27 +44,43 @@ def test_a_circle_on_which_nothing_pulls_is_as_large_as_both_ask_for() -> None:
     assert sizes[np.argmin(found)] == pytest.approx(1.5 * np.sqrt(2), abs=0.05)
 
 
-def test_it_is_free_of_scale_and_in_proportion_to_its_weight() -> None:
+@pytest.mark.parametrize("bends", [False, True])
+def test_it_is_free_of_scale_and_in_proportion_to_its_weight(bends: bool) -> None:
     wavy = circle(20.0)
     wavy = wavy + 2.0 * torch.sin(9 * torch.atan2(wavy[:, 1], wavy[:, 0]))[:, None] * wavy / 20.0
-    once = float(energy(wavy, 2.0))
-    assert float(energy(3.0 * wavy, 6.0)) == pytest.approx(once, rel=1e-12)
-    assert float(energy(wavy, 2.0, weight=0.02)) == pytest.approx(0.02 * once, rel=1e-12)
-    assert once > 1.2 * float(energy(circle(20.0), 2.0))
+    once = float(energy(wavy, 2.0, bends=bends))
+    assert float(energy(3.0 * wavy, 6.0, bends=bends)) == pytest.approx(once, rel=1e-12)
+    less = energy(wavy, 2.0, weight=0.02, bends=bends)
+    assert float(less) == pytest.approx(0.02 * once, rel=1e-12)
+    assert once > 1.2 * float(energy(circle(20.0), 2.0, bends=bends))
 
 
-def test_its_slope_is_that_of_finite_differences() -> None:
+def test_a_bend_costs_no_more_where_it_is_tight() -> None:
+    def turn_once(size: float, bends: bool) -> float:
+        """What turning once about at this radius takes, what pulls left out."""
+        return float(energy(circle(size), 1.0, bends=bends)) - np.pi * size
+
+    tight, wide = 1.0 / 0.3, 1.0 / 0.1
+    assert turn_once(tight, bends=True) < 1.01 * turn_once(wide, bends=True)
+    assert turn_once(tight, bends=False) > 2.9 * turn_once(wide, bends=False)
+    # bent as a wire is they are worth their bending energy
+    assert turn_once(tight, bends=True) == pytest.approx(turn_once(tight, bends=False), rel=1e-3)
+
+
+@pytest.mark.parametrize("bends", [False, True])
+def test_its_slope_is_that_of_finite_differences(bends: bool) -> None:
     points = circle(10.0, 40) + 0.4 * torch.sin(torch.arange(120.0, dtype=torch.float64)).reshape(
         40, 3
     )
     points.requires_grad_(True)
-    (slope,) = torch.autograd.grad(energy(points, 1.0), points)
+    (slope,) = torch.autograd.grad(energy(points, 1.0, bends=bends), points)
     step, fixed = 1e-6, points.detach()
     for row, column in ((0, 0), (7, 1), (39, 2)):
         ahead, behind = fixed.clone(), fixed.clone()
         ahead[row, column] += step
         behind[row, column] -= step
-        change = float(energy(ahead, 1.0) - energy(behind, 1.0)) / (2 * step)
+        after, before = (energy(p, 1.0, bends=bends) for p in (ahead, behind))
+        change = float(after - before) / (2 * step)
         assert float(slope[row, column]) == pytest.approx(change, rel=1e-5, abs=1e-7)
 
 
