@@ -120,7 +120,8 @@ renderer-table: $(DONE)
 validator-table: system $(DONE)
 	$(BIN)/python -m examples.studies.validator_table
 
-# thirty pictures as people bring them: a person's word against the verdict's; resumed (about 10 min)
+# thirty pictures as people bring them, built with default options: a person's word against the verdict's;
+# resumed (about 45 min)
 verdict-table: system $(DONE)
 	$(BIN)/python -m examples.studies.verdict_table --out verdict-table
 

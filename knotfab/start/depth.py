@@ -25,11 +25,9 @@ from knotfab.start.legibility import legibility
 __all__ = ["choose_depth", "lift"]
 
 
-_CONFLICT = (
-    20.0  # weight of strands that hide each other at the same depth, against legibility: a share of
-)
-# a hundredth is a few places where one must step aside, and every one is a knob on the outline
-_LONGER = 6  # times as many profiles are tried while there are such places
+_CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
+_KNOBS = 10.0  # the same of a drawing of strokes, to a sample: there one steps aside, a knob on the outline
+_LONGER = 4  # times as many profiles are tried of such a drawing, while there is such a place
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 _RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
@@ -158,6 +156,7 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
+        self.stroke = len(self.pairs[0]) > sum(map(len, self.samples))
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # what the samples' lanes add to their heights, mm
         if self.lanes is not None:
@@ -198,7 +197,7 @@ class _Judge:
     def cost(self, parts: list[Array]) -> float:
         """All but supports: how legible it is, what strands hide each other, and a wide lamp's blur."""
         blur = 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
-        return self.legibility(parts) + _CONFLICT * self.conflicts(parts) + blur
+        return self.legibility(parts) + self.conflicts(parts) + blur
 
     def find_extent(
         self, profile: _Profile | _Relief, least_mm: float, steadying: Steadying
@@ -233,10 +232,16 @@ class _Judge:
         )
 
     def conflicts(self, parts: list[Array]) -> float:
-        """Of what strands hide each other, the share that is at the same depth."""
+        """The weighted share of what strands hide each other that is at the same depth.
+
+        A drawing is one of strokes where every sample has on average another before or behind it. Where
+        areas are filled, strands that meet have room to step aside.
+        """
         points, (one, other) = np.concatenate(parts), self.pairs
         close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
-        return float(close.sum()) / max(len(one), 1)
+        if self.stroke:
+            return _KNOBS * float(close.sum()) / len(points)
+        return _CONFLICT * float(close.sum()) / max(len(one), 1)
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -277,7 +282,7 @@ def choose_depth(
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
-    More are tried while strands that hide each other are at the same depth somewhere.
+    More are tried of a drawing of strokes, while strands that hide each other are at the same depth.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
@@ -312,12 +317,11 @@ def choose_depth(
     ]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
     begin, end = _CHANGES
-    rounds = candidates - drawn
-    for n in range(_LONGER * rounds):
-        if n >= rounds and best[0][2] == 0:
+    varied = candidates - drawn
+    for n in range(drawn, drawn + _LONGER * varied):
+        if n >= candidates and (not judge.stroke or best[0][2] == 0):
             break
-        done = n / rounds if n < rounds else (n / rounds - 1) / (_LONGER - 1)
-        change = begin + (end - begin) * done
+        change = begin + (end - begin) * ((n - drawn) % varied) / varied
         profile = best[n % len(best)][1].varied(rng, change)
         parts = judge.place(profile)
         cost = judge.cost(parts)
@@ -329,6 +333,7 @@ def choose_depth(
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)
-    seen = judge.legibility(judge.place(profile))
+    placed = judge.place(profile)
+    seen = judge.legibility(placed) + (0.0 if judge.stroke else judge.conflicts(placed))
     drawing = [] if sharpening is None else sharpening.drawing(curves)
     return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen, best_mm)
