@@ -36,8 +36,8 @@ class Grace(Term):
     folds back).
 
     With `bends` a root of curvature takes the place of its square, as bends are counted: a straight that
-    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it. Smooth where there is none, it grows
-    about as curvature does: a bend costs the same however tight it is.
+    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it. Smooth where there is none, it
+    grows about as curvature does: a bend costs the same however tight it is.
     """
 
     radius_mm: float
