@@ -15,7 +15,7 @@ __all__ = ["GRACE", "suit"]
 GRACE = {
     "lines": (4.0, "curves"),  # a line shows every wave of its tube
     "wire": (10.0, "bends"),  # every one is to be made by hand
-    "several": (3.0, "curves"),  # several pictures pull together, and wrinkle strands more
+    "several": (2.65, "curves"),  # several pictures pull together, and wrinkle strands more
 }
 _LINE_PX = 5.0  # of the fine picture, to the width of a line
 

@@ -35,8 +35,9 @@ class Grace(Term):
     al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2): bounded where an edge
     folds back).
 
-    With `bends` the root of curvature takes the place of its square, as bends are counted: a straight that
-    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it.
+    With `bends` a root of curvature takes the place of its square, as bends are counted: a straight that
+    may be t beside a curve of curvature k stands for 4 sqrt(t / k) of it. Smooth where there is none, it
+    grows about as curvature does: a bend costs the same however tight it is.
     """
 
     radius_mm: float
@@ -46,11 +47,13 @@ class Grace(Term):
     def __call__(self, state: State, weights: Weights) -> Tensor:
         one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
         turn = state.after / _divisor(two)[:, None] - state.edge / _divisor(one)[:, None]
-        length = _divisor(0.5 * (one + two)) / self.radius_mm
-        bending = (turn * turn).sum(-1) / length
+        length, turned = _divisor(0.5 * (one + two)), (turn * turn).sum(-1)
         if self.bends:
-            bending = length * _count_bends(bending / length)
-        bending, stretched = bending.sum(), one.sum() / self.radius_mm
+            lengths = length / self.radius_mm
+            bending = (lengths * _count_bends(turned / lengths / lengths)).sum()
+        else:
+            bending = self.radius_mm * (turned / length).sum()
+        stretched = one.sum() / self.radius_mm
         loss: Tensor = self.weight * weights.grace * (bending + _TENSION * stretched)
         return loss
 

@@ -56,25 +56,27 @@ def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
     return np.sort(np.array(best) % n)
 
 
-def fit_wires(curves: list[Array], light: Array | None, limits: FitLimits) -> list[Wire]:
+def fit_wires(
+    curves: list[Array], light: Array | None, limits: FitLimits, chords: float = 2.0
+) -> list[Wire]:
     """Wires of straights and bends that follow closed curves, with few bends.
 
-    Corners start on the curve (greedy chords of twice the tolerance, as the corners will be moved
-    outwards), and are moved by damped Gauss-Newton steps so that the largest weighted distances
-    shrink (iteratively reweighted), straights keep the length that the bender needs, and wires that
-    would run into each other are pushed apart. Corners are added where a distance is still too
-    large and taken out where a straight is too short. The best of all rounds is kept, which need
-    not meet every limit: measure what comes back.
+    Corners start on the curve (greedy chords), and are moved by damped Gauss-Newton steps so that the
+    largest weighted distances shrink (iteratively reweighted), straights keep the length that the bender
+    needs, and wires that would run into each other are pushed apart. Corners are added where a distance is
+    still too large and taken out where a straight is too short. The best of all rounds is kept, which
+    need not meet every limit: measure what comes back.
 
     Args:
         curves: (n, 3) each, mm. light: (3,) the point light of the one view; None, with several views:
             no direction is special.
+        chords: tolerances that they may be off at first: about two, as corners will be moved outwards.
     """
     strands = []
     for curve in curves:
         points = sample_evenly(curve, _STEP_MM, at_most=True)
         scaled = _flatten_depth(points, light, limits.depth_factor)
-        index = _first_corners(points, scaled, 2.0 * limits.tolerance_mm)
+        index = _first_corners(points, scaled, chords * limits.tolerance_mm)
         if len(index) < 3:
             index = np.arange(3) * (len(points) // 3)
         tolerance = np.full(len(points), limits.tolerance_mm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,10 @@ TOLERANCE_RADII = 1.0
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
 _FIT_SHARES = (0.95, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
+_CHORDS = (
+    2.0,
+    1.6,
+)  # tolerances that a fit begins with: how many bends it ends with differs by some
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
 
 
@@ -141,7 +146,9 @@ def write_bending_plan(
     types = tuple(k.type for k in knots.knots)
     judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
-    for share in _FIT_SHARES:
+    for share, chords in product(_FIT_SHARES, _CHORDS):
+        if chords == _CHORDS[0] and best is not None and best[0][0] == 0:
+            break
         limits = FitLimits(
             bend_radius_mm(material),
             material.min_straight_mm,
@@ -150,7 +157,7 @@ def write_bending_plan(
             share * tolerance,
             depth_factor,
         )
-        wires = fit_wires(curves, light, limits)
+        wires = fit_wires(curves, light, limits, chords)
         joints = [_choose_joint(wire, shadows) for wire in wires]
         rows = [
             list_bends(wire, cut, material.springback_percent)
@@ -158,11 +165,11 @@ def write_bending_plan(
         ]
         hidden = [h for _, h in joints]
         tried = judge.of(rows, names, hidden)
-        rank = (sum(c["status"] != "pass" for c in tried.checks), -min(tried.ious.values()))
+        failed = sum(c["status"] != "pass" for c in tried.checks)
+        # of plans that pass the one of fewest bends, of others that of the best shadow
+        rank = (failed, -min(tried.ious.values()) if failed else sum(r.count for r in rows))
         if best is None or rank < best[0]:
             best = (rank, rows, hidden)
-        if rank[0] == 0:
-            break
     assert best is not None
     tolerances = f"{tolerance:g} mm in any direction"
     if light is not None:

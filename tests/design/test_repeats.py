@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from knotfab.design.design import design_knots
+from knotfab.design.suit import GRACE
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import SearchSettings
 from knotfab.target.read import read_target
@@ -71,6 +72,6 @@ def test_the_scene_of_two_views_repeats_them() -> None:
     made = design_knots(Scene.model_validate(given), targets)
     # what is given stays, and the grace that was taken is written as that number
     assert {key: made.scene.search[key] for key in few} == few
-    assert made.scene.search["grace"] == pytest.approx(3.0 * SearchSettings().grace)
+    assert made.scene.search["grace"] == pytest.approx(GRACE["several"][0] * SearchSettings().grace)
     again = design_knots(made.scene, targets)
     np.testing.assert_array_equal(made.knots.points, again.knots.points)

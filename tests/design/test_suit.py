@@ -27,8 +27,8 @@ ASKED = {
     "a wire": (ask_of("wire"), 10.0),
     "lines": (ask_of(lines=True), 4.0),
     "lines of wire": (ask_of("wire", lines=True), 4.0),
-    "two views": (ask_of(views=2), 3.0),
-    "three views of wire": (ask_of("wire", views=3), 3.0),
+    "two views": (ask_of(views=2), 2.65),
+    "three views of wire": (ask_of("wire", views=3), 2.65),
 }
 
 

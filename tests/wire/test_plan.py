@@ -75,6 +75,22 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
     assert plan.to_dict()["bends"] == sum(k.bends for k in plan.knots)
 
 
+def test_of_the_fits_that_pass_the_one_of_fewest_bends_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    knots, scene, picture = ring_scene(tmp_path, 1)
+
+    def count(*chords: float) -> int:
+        monkeypatch.setattr("knotfab.wire.plan._CHORDS", chords)
+        plan = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.5)
+        assert plan.status == "pass"
+        return sum(k.bends for k in plan.knots)
+
+    one, other = count(0.4), count(2.0)
+    assert one != other
+    assert count(0.4, 2.0) == count(2.0, 0.4) == min(one, other)
+
+
 def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     knots, scene, picture = ring_scene(tmp_path, 1)
     good = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.5)
