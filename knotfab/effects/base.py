@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ class OnWall:
     round: CurvedWall | None
 
     @staticmethod
+    @lru_cache(maxsize=8)  # of the same views many times
     def of(view: ResolvedView) -> OnWall:
         """Where light and wall are."""
         camera = camera_of(view, 1, 1)
