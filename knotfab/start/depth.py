@@ -26,7 +26,7 @@ __all__ = ["choose_depth", "lift"]
 
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
-_KNOBS = 10.0  # the same of a drawing of strokes, to a sample: there one steps aside, a knob on the outline
+_KNOBS = 10.0  # the same of a drawing of fine strokes, to a sample
 _LONGER = 4  # times as many profiles are tried of such a drawing, while there is such a place
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
@@ -146,6 +146,7 @@ class _Judge:
     light_distance: float
     extent_mm: float
     target: Mask
+    thinnest: bool
     overhang_deg: float | None
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
@@ -156,7 +157,8 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
-        self.stroke = len(self.pairs[0]) > sum(map(len, self.samples))
+        # on average every sample has another before or behind it
+        self.stroke = self.thinnest and len(self.pairs[0]) > sum(map(len, self.samples))
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # what the samples' lanes add to their heights, mm
         if self.lanes is not None:
@@ -234,8 +236,8 @@ class _Judge:
     def conflicts(self, parts: list[Array]) -> float:
         """The weighted share of what strands hide each other that is at the same depth.
 
-        A drawing is one of strokes where every sample has on average another before or behind it. Where
-        areas are filled, strands that meet have room to step aside.
+        Where areas are filled strands that meet have room to step aside, and so they have in strokes that ask
+        for no thinner tube. In finer ones there is none: what steps aside is a knob on the outline.
         """
         points, (one, other) = np.concatenate(parts), self.pairs
         close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
@@ -279,10 +281,11 @@ def choose_depth(
     lanes: tuple[Array, ...] | None = None,
     steadying: Steadying | None = None,
     least_mm: float = 0.0,
+    thinnest: bool = False,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
-    More are tried of a drawing of strokes, while strands that hide each other are at the same depth.
+    More are tried of a drawing of fine strokes, while strands that hide each other are at the same depth.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
@@ -296,10 +299,11 @@ def choose_depth(
             depths that are returned leave them out.
         steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
         least_mm: no less than this.
+        thinnest: no thinner tube can be printed.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
-        curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening, lanes
+        curves, radius, light_distance, extent_mm, target, thinnest, overhang_deg, sharpening, lanes
     )
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
