@@ -8,6 +8,7 @@ that draw the outline are lowered towards the wall; where people place carelessl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import floor
 
@@ -26,8 +27,9 @@ __all__ = ["choose_depth", "lift"]
 
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
-_KNOBS = 10.0  # the same of a drawing of fine strokes, to a sample
-_LONGER = 4  # times as many profiles are tried of such a drawing, while there is such a place
+_CROWDED = 0.05  # of the samples, from where on strands of the thinnest tube have too little room
+_KNOBS = 10.0  # weight of such strands then, to a sample
+_LONGER = 4  # times as many candidates there are then
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 _RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
@@ -146,19 +148,17 @@ class _Judge:
     light_distance: float
     extent_mm: float
     target: Mask
-    thinnest: bool
     overhang_deg: float | None
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
     turns: Array = field(default_factory=_turns)
+    crowded: bool = False  # strands cannot step aside
 
     def __post_init__(self) -> None:
         step = _SAMPLE_RADII * self.radius
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
-        # on average every sample has another before or behind it
-        self.stroke = self.thinnest and len(self.pairs[0]) > sum(map(len, self.samples))
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # what the samples' lanes add to their heights, mm
         if self.lanes is not None:
@@ -233,17 +233,21 @@ class _Judge:
             for share, angle in ((0.75, 45.0), (0.25, 30.0))
         )
 
+    def count_conflicts(self, parts: list[Array]) -> int:
+        """Pairs of samples that hide each other at the same depth."""
+        points, (one, other) = np.concatenate(parts), self.pairs
+        return int((np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius).sum())
+
     def conflicts(self, parts: list[Array]) -> float:
         """The weighted share of what strands hide each other that is at the same depth.
 
         Where areas are filled strands that meet have room to step aside, and so they have in strokes that ask
-        for no thinner tube. In finer ones there is none: what steps aside is a knob on the outline.
+        for no thinner tube. In crowded ones there is none: what steps aside is a knob on the outline.
         """
-        points, (one, other) = np.concatenate(parts), self.pairs
-        close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
-        if self.stroke:
-            return _KNOBS * float(close.sum()) / len(points)
-        return _CONFLICT * float(close.sum()) / max(len(one), 1)
+        found = float(self.count_conflicts(parts))
+        if self.crowded:
+            return _KNOBS * found / sum(map(len, parts))
+        return _CONFLICT * found / max(len(self.pairs[0]), 1)
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -253,6 +257,39 @@ class _Judge:
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
         found = [support_cm3(rods, turn, rules) for turn in self.turns]
         return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
+
+    def rank(
+        self, profiles: Sequence[_Profile | _Relief]
+    ) -> list[tuple[float, _Profile | _Relief]]:
+        """The best of these and what they cost, supports in print too."""
+        placed = [(self.place(profile), profile) for profile in profiles]
+        costs = [self.cost(parts) + float(self.supports(parts).min()) for parts, _ in placed]
+        both = zip(costs, profiles, strict=True)
+        return sorted(both, key=lambda one: one[0])[:_KEPT]
+
+    def vary(
+        self,
+        best: list[tuple[float, _Profile | _Relief]],
+        rng: np.random.Generator,
+        begin: int,
+        end: int,
+    ) -> list[tuple[float, _Profile | _Relief]]:
+        """The best after the candidates of these numbers, which vary them by less and less.
+
+        Crowded ones are varied until no strands conflict.
+        """
+        much, little = _CHANGES
+        for n in range(begin, end):
+            if self.crowded and not self.count_conflicts(self.place(best[0][1])):
+                break
+            change = much + (little - much) * (n - begin) / (end - begin)
+            profile = best[n % len(best)][1].varied(rng, change)
+            parts = self.place(profile)
+            cost = self.cost(parts)
+            if cost < best[-1][0]:  # else no saving of supports could bring it in
+                cost += float(self.supports(parts).min())
+                best = sorted([*best, (cost, profile)], key=lambda one: one[0])[:_KEPT]
+        return best
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:
         """From here on only the turns in which these need least."""
@@ -285,7 +322,7 @@ def choose_depth(
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
-    More are tried of a drawing of fine strokes, while strands that hide each other are at the same depth.
+    Where many strands of the thinnest tube hide each other at the same depth, more are tried against that.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
@@ -303,7 +340,7 @@ def choose_depth(
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
-        curves, radius, light_distance, extent_mm, target, thinnest, overhang_deg, sharpening, lanes
+        curves, radius, light_distance, extent_mm, target, overhang_deg, sharpening, lanes
     )
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
@@ -315,29 +352,19 @@ def choose_depth(
         first.append((judge.cost(parts), profile, parts))
     first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
-    scored = [
-        (cost + float(judge.supports(parts).min()), p, judge.conflicts(parts))
-        for cost, p, parts in first
-    ]
-    best = sorted(scored, key=lambda one: one[0])[:_KEPT]
-    begin, end = _CHANGES
-    varied = candidates - drawn
-    for n in range(drawn, drawn + _LONGER * varied):
-        if n >= candidates and (not judge.stroke or best[0][2] == 0):
-            break
-        change = begin + (end - begin) * ((n - drawn) % varied) / varied
-        profile = best[n % len(best)][1].varied(rng, change)
-        parts = judge.place(profile)
-        cost = judge.cost(parts)
-        if cost < best[-1][0]:  # else no saving of supports could bring it in
-            cost += float(judge.supports(parts).min())
-            best = sorted([*best, (cost, profile, judge.conflicts(parts))], key=lambda b: b[0])
-            best = best[:_KEPT]
+    best = judge.rank([profile for _, profile, _ in first])
+    best = judge.vary(best, rng, drawn, candidates)
+    placed = judge.place(best[0][1])
+    few = _CROWDED * sum(map(len, placed))
+    if thinnest and lanes is None and judge.count_conflicts(placed) > few:
+        judge.crowded = True
+        best = judge.rank([profile for _, profile in best])
+        best = judge.vary(best, rng, candidates, _LONGER * candidates)
     profile = best[0][1]
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)
     placed = judge.place(profile)
-    seen = judge.legibility(placed) + (0.0 if judge.stroke else judge.conflicts(placed))
+    seen = judge.legibility(placed) + (0.0 if judge.crowded else judge.conflicts(placed))
     drawing = [] if sharpening is None else sharpening.drawing(curves)
     return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen, best_mm)
