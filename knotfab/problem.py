@@ -72,7 +72,6 @@ class Problem:
         None  # of one view: extent of the centre lines along its axis; None: flat
     )
     depth_open: bool = False  # whether less of it will do where the scene calls for that
-    thinnest_mm: float = 0.0  # the least tube radius that is printed
     overhang_deg: float | None = (
         None  # steepest that prints without supports; None: they cost nothing
     )

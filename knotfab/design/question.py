@@ -132,7 +132,6 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
         None if isinstance(bend, str) else bend,
         scene.material.max_length_mm,
         resolve_region(scene.region, views, bounds, thinnest),
-        thinnest_mm=thinnest,
         overhang_deg=_overhang_deg(scene),
         knot=scene.piece.knot,
         # a third picture leaves the others little room; two are drawn best as equals

@@ -91,9 +91,8 @@ def _moves(
                 by[j, k] = own[k, j] + own[2, j] * ray[k] / below[n]
                 moves[j, k, n] = (1 - high[n] / below[n]) * by[j, k]
             share = high[n] / below[n]
-            for j in range(
-                3
-            ):  # a radian about an axis moves what is off it from the next to the one after
+            # a radian about an axis moves what is off it from the next to the one after
+            for j in range(3):
                 one, two = (j + 1) % 3, (j + 2) % 3
                 off, aside = points[one, n] - middle[one], points[two, n] - middle[two]
                 moves[3 + j, k, n] = share * (by[two, k] * off - by[one, k] * aside)

@@ -8,7 +8,6 @@ that draw the outline are lowered towards the wall; where people place carelessl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import floor
 
@@ -27,9 +26,6 @@ __all__ = ["choose_depth", "lift"]
 
 
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
-_CROWDED = 0.05  # of the samples, from where on strands of the thinnest tube have too little room
-_KNOBS = 10.0  # weight of such strands then, to a sample
-_LONGER = 4  # times as many candidates there are then
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 _RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
@@ -152,7 +148,6 @@ class _Judge:
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
     turns: Array = field(default_factory=_turns)
-    crowded: bool = False  # strands cannot step aside
 
     def __post_init__(self) -> None:
         step = _SAMPLE_RADII * self.radius
@@ -196,10 +191,9 @@ class _Judge:
             return fitted
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
-    def cost(self, parts: list[Array]) -> float:
-        """All but supports: how legible it is, what strands hide each other, and a wide lamp's blur."""
-        blur = 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
-        return self.legibility(parts) + self.conflicts(parts) + blur
+    def blur(self, parts: list[Array]) -> float:
+        """The weighted brightness error of a wide lamp; 0 where none is called for."""
+        return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
     def find_extent(
         self, profile: _Profile | _Relief, least_mm: float, steadying: Steadying
@@ -215,7 +209,7 @@ class _Judge:
         for extent in extents:
             self.extent_mm = float(extent)
             parts = self.place(profile)
-            other = self.cost(parts) + float(self.supports(parts).min())
+            other = self.legibility(parts) + self.blur(parts) + float(self.supports(parts).min())
             found.append((other, steadying.cost(parts)))
         self.extent_mm = most
         costs = np.array(found)
@@ -226,28 +220,15 @@ class _Judge:
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 
     def legibility(self, parts: list[Array]) -> float:
-        """From 45 and 30 degrees aside."""
+        """From 45 and 30 degrees aside, and what strands hide each other."""
         points = np.concatenate(parts)
-        return sum(
+        seen = [
             share * legibility(points, self.radius, self.light_distance, self.target, angle)
             for share, angle in ((0.75, 45.0), (0.25, 30.0))
-        )
-
-    def count_conflicts(self, parts: list[Array]) -> int:
-        """Pairs of samples that hide each other at the same depth."""
-        points, (one, other) = np.concatenate(parts), self.pairs
-        return int((np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius).sum())
-
-    def conflicts(self, parts: list[Array]) -> float:
-        """The weighted share of what strands hide each other that is at the same depth.
-
-        Where areas are filled strands that meet have room to step aside, and so they have in strokes that ask
-        for no thinner tube. In crowded ones there is none: what steps aside is a knob on the outline.
-        """
-        found = float(self.count_conflicts(parts))
-        if self.crowded:
-            return _KNOBS * found / sum(map(len, parts))
-        return _CONFLICT * found / max(len(self.pairs[0]), 1)
+        ]
+        one, other = self.pairs
+        close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
+        return sum(seen) + _CONFLICT * float(close.sum()) / max(len(one), 1)
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -257,39 +238,6 @@ class _Judge:
         tube_cm3 = np.pi * self.radius**2 * rods.length.sum() / 1000
         found = [support_cm3(rods, turn, rules) for turn in self.turns]
         return np.asarray(_SUPPORT * np.array(found) / tube_cm3)
-
-    def rank(
-        self, profiles: Sequence[_Profile | _Relief]
-    ) -> list[tuple[float, _Profile | _Relief]]:
-        """The best of these and what they cost, supports in print too."""
-        placed = [(self.place(profile), profile) for profile in profiles]
-        costs = [self.cost(parts) + float(self.supports(parts).min()) for parts, _ in placed]
-        both = zip(costs, profiles, strict=True)
-        return sorted(both, key=lambda one: one[0])[:_KEPT]
-
-    def vary(
-        self,
-        best: list[tuple[float, _Profile | _Relief]],
-        rng: np.random.Generator,
-        begin: int,
-        end: int,
-    ) -> list[tuple[float, _Profile | _Relief]]:
-        """The best after the candidates of these numbers, which vary them by less and less.
-
-        Crowded ones are varied until no strands conflict.
-        """
-        much, little = _CHANGES
-        for n in range(begin, end):
-            if self.crowded and not self.count_conflicts(self.place(best[0][1])):
-                break
-            change = much + (little - much) * (n - begin) / (end - begin)
-            profile = best[n % len(best)][1].varied(rng, change)
-            parts = self.place(profile)
-            cost = self.cost(parts)
-            if cost < best[-1][0]:  # else no saving of supports could bring it in
-                cost += float(self.supports(parts).min())
-                best = sorted([*best, (cost, profile)], key=lambda one: one[0])[:_KEPT]
-        return best
 
     def keep_best_turns(self, placed: list[list[Array]]) -> None:
         """From here on only the turns in which these need least."""
@@ -318,11 +266,8 @@ def choose_depth(
     lanes: tuple[Array, ...] | None = None,
     steadying: Steadying | None = None,
     least_mm: float = 0.0,
-    thinnest: bool = False,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
-
-    Where many strands of the thinnest tube hide each other at the same depth, more are tried against that.
 
     Args:
         curves: closed planar polylines [(n, 2) mm], evenly sampled.
@@ -336,7 +281,6 @@ def choose_depth(
             depths that are returned leave them out.
         steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
         least_mm: no less than this.
-        thinnest: no thinner tube can be printed.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
@@ -349,22 +293,24 @@ def choose_depth(
     for n in range(drawn):
         profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
-        first.append((judge.cost(parts), profile, parts))
+        first.append((judge.legibility(parts) + judge.blur(parts), profile, parts))
     first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
-    best = judge.rank([profile for _, profile, _ in first])
-    best = judge.vary(best, rng, drawn, candidates)
-    placed = judge.place(best[0][1])
-    few = _CROWDED * sum(map(len, placed))
-    if thinnest and lanes is None and judge.count_conflicts(placed) > few:
-        judge.crowded = True
-        best = judge.rank([profile for _, profile in best])
-        best = judge.vary(best, rng, candidates, _LONGER * candidates)
+    scored = [(seen + float(judge.supports(parts).min()), p, seen) for seen, p, parts in first]
+    best = sorted(scored, key=lambda one: one[0])[:_KEPT]
+    begin, end = _CHANGES
+    for n in range(drawn, candidates):
+        change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
+        profile = best[n % len(best)][1].varied(rng, change)
+        parts = judge.place(profile)
+        seen = judge.legibility(parts) + judge.blur(parts)
+        if seen < best[-1][0]:  # else no saving of supports could bring it in
+            cost = seen + float(judge.supports(parts).min())
+            best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)
-    placed = judge.place(profile)
-    seen = judge.legibility(placed) + (0.0 if judge.crowded else judge.conflicts(placed))
+    seen = judge.legibility(judge.place(profile))
     drawing = [] if sharpening is None else sharpening.drawing(curves)
     return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen, best_mm)

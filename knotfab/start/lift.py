@@ -54,7 +54,6 @@ def lift_template(
         None if lanes is None else tuple(0.5 * separation * lane for lane in lanes),
         steadying,
         _FLAT_RADII * radius,
-        thinnest=radius <= problem.thinnest_mm,
     )
     if flat:
         depth = replace(depth, extent_mm=None)

@@ -21,9 +21,8 @@ Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
 
 _ROWS = 512  # rows handled at once where colours are compared, to bound the memory
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
-_NOISE = (
-    8.0  # of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
-)
+# of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
+_NOISE = 8.0
 _WORTH_SAYING = 0.02  # share of the ink of a colour that is told
 
 
@@ -169,7 +168,8 @@ def _differ(colours: Levels, middle: Array, threshold: float, what: str) -> Mask
     largest = float(squared.max())
     if largest == 0.0:
         raise _one_colour(what)
-    if colours.dtype == np.uint8 and largest <= _NOISE**2:
+    channels = colours.shape[2] if colours.ndim == 3 else 1
+    if colours.dtype == np.uint8 and largest <= channels * _NOISE**2:
         raise InputError(
             what,
             "it is nearly all one colour: nothing in it differs from its border by more than noise does",

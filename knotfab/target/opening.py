@@ -67,12 +67,17 @@ def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: f
     """
     import shapely
 
-    gone, thin = polygon.difference(opened), _SLIVER * radius
-    gone = gone.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")
-    far = gone.difference(opened.buffer(radius)) if not opened.is_empty else gone
+    whole, thin = polygon.difference(opened), _SLIVER * radius
+    far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
+    # slivers along edges join what is lost at corners: without them, but with lines as thin as they
+    thick = whole.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")
+    parts = [part for part in shapely.get_parts(thick) if part.intersects(far)]
+    known = shapely.union_all(parts)
+    hair = shapely.get_parts(whole.difference(thick))
+    parts += [part for part in hair if part.intersects(far) and not part.intersects(known)]
     found = []
-    for part in shapely.get_parts(gone):
-        if not (isinstance(part, Polygon) and part.intersects(far)):
+    for part in parts:
+        if not isinstance(part, Polygon):
             continue
         # to a fiftieth of the radius: the circle's place need not be exact
         circle = shapely.maximum_inscribed_circle(part, tolerance=0.02 * radius)

@@ -31,10 +31,8 @@ TOLERANCE_RADII = 1.0
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
 _FIT_SHARES = (0.95, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
-_CHORDS = (
-    2.0,
-    1.6,
-)  # tolerances that a fit begins with: how many bends it ends with differs by some
+# tolerances that a fit begins with: how many bends it ends with differs by some
+_CHORDS = (2.0, 1.6)
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
 
 

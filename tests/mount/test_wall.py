@@ -139,9 +139,8 @@ def test_a_knot_that_others_bar_from_the_wall_hangs_on_one_of_them() -> None:
     assert {peg.knot for peg in mount.pegs} == {0}
     assert mount.struts_of[0] == 1 and mount.sag_again_mm <= PLA.max_sag_mm
     tubes = [sweep(k.points, RADIUS, 24) for k in piece.knots]
-    ((vertices, faces),) = wall_bodies(
-        tubes, mount, view
-    )  # one body, of as many handles as predicted
+    # one body, of as many handles as predicted
+    ((vertices, faces),) = wall_bodies(tubes, mount, view)
     assert mesh_volume(vertices, faces) > 0
     with pytest.raises(SceneError, match="no light ray from knot 1"):
         plan_wall(piece, view, 0.4, PLA, DOWEL)

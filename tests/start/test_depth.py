@@ -84,21 +84,6 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
 
 
-def test_strands_that_hide_each_other_pass_before_or_behind_and_change_no_places() -> None:
-    """Both sides of a stroke thinner than two tubes: where they were at one depth, one had to step aside."""
-    radius, turn = 3.0, np.deg2rad(np.linspace(20.0, 340.0, 400))
-    sides = [
-        (60.0 + off) * np.column_stack([np.cos(turn), np.sin(turn)])
-        for off in (0.4 * radius, -0.4 * radius)
-    ]
-    stroke = (np.concatenate([sides[0], sides[1][::-1]]),)
-    target = np.ones((128, 128), dtype=bool)
-    choice = choose_depth(stroke, radius, 500.0, 90.0, target, 60, 0, thinnest=True)
-    one, other = np.split(choice.depths[0], 2)
-    apart = np.abs(one - other[::-1])[40:-40]  # at its ends the stroke's sides meet
-    assert (apart < 2 * radius).mean() < 0.02
-
-
 def _lit_by(problem: Problem, diameter_mm: float, word: Switch = "auto") -> Problem:
     one = problem.views[0]
     view = one.view.model_copy(update={"light_diameter_mm": diameter_mm})

@@ -241,8 +241,11 @@ def test_both_readers_agree_on_anything(tmp_path: Path, ink: str) -> None:
             assert any(w in error.why for w in known) or ink == "alpha"
 
 
-def test_blank_paper_is_refused_though_a_camera_saw_noise_in_it(tmp_path: Path) -> None:
-    noise = np.random.default_rng(3).integers(0, 4, (200, 200)).astype(np.uint8)
+@pytest.mark.parametrize("shape", [(200, 200), (200, 200, 3)])
+def test_blank_paper_is_refused_though_a_camera_saw_noise_in_it(
+    tmp_path: Path, shape: tuple[int, ...]
+) -> None:
+    noise = np.random.default_rng(3).integers(0, 4, shape).astype(np.uint8)
     Image.fromarray(255 - noise).save(tmp_path / "paper.jpg")
     with pytest.raises(InputError, match="nearly all one colour"):
         read_target(tmp_path / "paper.jpg")

@@ -70,3 +70,10 @@ def test_the_thickest_tube_of_a_disc_is_the_disc(radius: float) -> None:
     assert thickest_radius(disc, 0.9, 2 * radius, 400.0) is None
     assert thickest_radius(disc, 0.9, 0.01, 0.5 * radius) == 0.5 * radius
     assert opening_iou(disc, 0.5 * radius) == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("px", [1, 2, 5])
+def test_a_line_however_thin_is_lost(px: int) -> None:
+    disc = Point(0, 0).buffer(350)
+    lost = losses(shape(disc, box(500, 0, 500 + px, 700)), 30.0)
+    assert [round(loss.extent) for loss in lost] == [700]
