@@ -64,15 +64,16 @@ def mobius_loss(
     little, and a polygon knows none between its corners.
     """
     u, v = pairs
+    # of a way that is hardly longer than the distance nothing is left in single precision
+    kind, knots = knots.dtype, knots.double()
     n = knots.shape[1]
     lengths = _norm(_edges(knots))
     whole = lengths.sum(1)
-    # the way from each knot's first point to each of its points; of a short way between two of them little is
-    # left in single precision
-    ways = lengths[:, :-1].double().cumsum(1)
+    # the way from each knot's first point to each of its points
+    ways = lengths[:, :-1].cumsum(1)
     along = torch.cat([torch.zeros_like(ways[:, :1]), ways], 1).reshape(-1)
     flat = knots.reshape(-1, 3)
-    one_way = (along[u] - along[v]).abs().to(lengths)
+    one_way = (along[u] - along[v]).abs()
     knot = torch.div(u, n, rounding_mode="floor")
     same = knot == torch.div(v, n, rounding_mode="floor")
     g = torch.minimum(one_way, (whole[knot] - one_way).clamp_min(0.0))
@@ -88,7 +89,7 @@ def mobius_loss(
     # one factor at a time: the square of the product would underflow
     gap = (g - apart) / both * ((g + apart) / both)
     energy = torch.where(same, gap.clamp_min(0.0), 1 / apart**2)
-    return (energy * (2 * radius - d)).sum() / len(u)
+    return ((energy * (2 * radius - d)).sum() / len(u)).to(kind)
 
 
 def occupancy_loss(knots: Tensor, radius: float, region: Region) -> Tensor:

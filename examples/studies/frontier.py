@@ -1,9 +1,9 @@
 """What accuracy costs in time on the project's own pictures: the study that the presets are points of.
 
-`python -m examples.studies.frontier [--kept DIR] [--write DIR] [--time-limit T] [NAME ...]` (`make
-frontier`) measures as `knotfab tradeoff` does: presets, single knobs and combinations, the better half on
-ever more pictures. What is measured is kept in DIR, and an interrupted study goes on. It prints the front
-and the presets as a table and writes frontier.json, its figures alone, and frontier.png.
+`python -m examples.studies.frontier [--kept DIR] [--write DIR] [--time-limit T] [--jobs N] [NAME ...]`
+(`make frontier`) measures as `knotfab tradeoff` does: presets, single knobs and combinations, the better
+half on ever more pictures. What is measured is kept in DIR, and an interrupted study goes on. It prints the
+front and the presets as a table and writes frontier.json, its figures alone, and frontier.png.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ def main() -> None:
     parser.add_argument("--write", type=Path)
     parser.add_argument("--time-limit")
     parser.add_argument("--combinations", type=int, default=COMBINATIONS)
+    parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
     drawn = pictures()
     studies = [Study(name, read_question(drawn[name])) for name in asked.names]
@@ -53,8 +54,9 @@ def main() -> None:
             studies,
             Scene(),
             asked.kept,
-            run_all(studies),
+            run_all(studies, asked.jobs),
             progress=progress,
+            jobs=asked.jobs,
             limit_s=limit_s,
             combinations=asked.combinations,
         )
