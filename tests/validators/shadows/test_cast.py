@@ -73,3 +73,17 @@ def test_faces_across_the_light_and_the_wall_are_cut_there() -> None:
         assert (expected & ~met_by_rays(moved, np.delete(corners, range(4, 8), 0))).sum() > 50
         caster.render(replace(moved, light=light + 1.0))
         assert caster._seen[1] is table and len(table.faces) == 4
+
+
+@needs_rendering
+@pytest.mark.parametrize(("above", "dark"), [(0.0, False), (0.015, False), (0.1, True)])
+def test_a_plate_whose_face_is_the_wall_casts_nothing(above: float, dark: bool) -> None:
+    """Cleaning a mesh may leave its face by hundredths of a millimetre before the wall."""
+    g = view_geometry(PlainView(wall_distance_mm=40.0), 64, 64)
+    pixels = np.array([[8.0, 8.0], [56.0, 10.0], [30.0, 50.0]])
+    corners = g.on_receiver(pixels) + above * g.normal
+    face = np.array([[0, 1, 2]], dtype=np.int32)
+    with SilhouetteRenderer(corners, face) as renderer:
+        assert renderer.render(g).any() == dark
+    assert ShadowCaster(corners, face).render(g).any() == dark
+    assert shadow_mask(shadow_lines(corners, face, g), g).any() == dark

@@ -15,8 +15,8 @@ from knotfab_validators.shadows.frame import WorkingFrame
 __all__ = ["ON_RECEIVER_MM", "SceneView", "ViewGeometry", "view_geometry"]
 
 
-ON_RECEIVER_MM = 2e-3
-"""What is no farther before the receiver plane lies on it: a plate's face, as rounding leaves it."""
+ON_RECEIVER_MM = 2e-2
+"""What is no farther before the receiver plane lies on it: a plate's face, as cleaning a mesh leaves it."""
 
 
 FRAME_MM = 180.0
