@@ -269,7 +269,7 @@ def test_what_stands_out_by_a_fiftieth_is_no_facet_of_a_tube(radii: float, own: 
     assert found.all() if own else not found.any()
 
 
-@pytest.mark.parametrize(("above_mm", "seen"), [(1.99e-3, False), (2.01e-3, True)])
+@pytest.mark.parametrize(("above_mm", "seen"), [(1.99e-2, False), (2.01e-2, True)])
 def test_what_lies_on_the_receiver_casts_no_shadow(above_mm: float, seen: bool) -> None:
     geometry = view_geometry(PlainView(), 64, 64)
     plate = box((-40, -40, -110), (40, 40, above_mm - 100))
