@@ -222,8 +222,14 @@ def report_piece(
         tell_contrast(report)
         tell_walls(report)
         add_bounds(report, made)
-        laid = part, piece.flattening, piece.suffix
-        add_posing(report, *laid, printing=request.printing, access=access)
+        add_posing(
+            report,
+            part,
+            piece.flattening,
+            piece.suffix,
+            printing=request.printing,
+            access=access,
+        )
     return report
 
 

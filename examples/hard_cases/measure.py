@@ -123,9 +123,8 @@ def _rounded(value: Tensor, inputs: list[Tensor], eye: Tensor) -> Tensor:
     each other before they are anything else."""
     edge = (inputs[1] - inputs[0]).detach().abs()
     total = torch.zeros_like(value).detach()
-    for x, slope in zip(
-        inputs, torch.autograd.grad(value.sum(), inputs, retain_graph=True), strict=True
-    ):
+    slopes = torch.autograd.grad(value.sum(), inputs, retain_graph=True)
+    for x, slope in zip(inputs, slopes, strict=True):
         size = x.detach().abs()
         if x.ndim == 2:
             size = size + eye.abs() + (x.detach() - eye).abs() + edge

@@ -249,8 +249,8 @@ def sag_on_pegs(knots: Knots, camera: Camera, clearance_mm: float, stiffness: St
 
 
 def _require_rays(chosen: Pegs) -> None:
-    for k in chosen.barred:
-        raise ValueError(f"no light ray from knot {k} to the wall is free for a peg")
+    if chosen.barred:
+        raise ValueError(f"no light ray from knot {chosen.barred[0]} to the wall is free for a peg")
 
 
 def _choose(

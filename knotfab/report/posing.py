@@ -30,7 +30,7 @@ def add_posing(
     Args:
         suffix: of the plates' files, such as "-01" of a sequence's frame.
         printing: it is printed: also what supports cost and whether they can be taken out.
-        access: what `find_access` says of the part, where that is known.
+        access: what `find_access` says of the part.
     """
     account = part.pose.account
     powder = part.mounted.scene.printer.process == "powder"
@@ -81,7 +81,7 @@ def add_posing(
                 f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
             )
     if printing:
-        _add_printing(report, part, access or find_access(part))
+        _add_printing(report, part, access)
     if part.plates is None:
         return
     plates = part.plates.to_dict(suffix)

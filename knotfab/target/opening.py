@@ -10,7 +10,7 @@ from shapely import MultiPolygon, Polygon
 __all__ = ["Loss", "find_losses", "open_by", "opening_iou", "thickest_radius"]
 
 _COARSE = 0.02  # radii that an outline may move by before it is opened
-_SLIVER = 0.03  # radii: half as thick is what that leaves along edges
+_SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
 _STEPS = 14  # of the search for a radius: 0.05 % of it where the range is a thousandfold
 
 
@@ -69,7 +69,7 @@ def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: f
 
     whole, thin = polygon.difference(opened), _SLIVER * radius
     far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
-    # slivers along edges join what is lost at corners: without them, but with lines as thin as they
+    # slivers along edges would join what is lost at corners, so they go; lines as thin stay by themselves
     thick = whole.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")
     parts = [part for part in shapely.get_parts(thick) if part.intersects(far)]
     known = shapely.union_all(parts)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -144,9 +143,7 @@ def write_bending_plan(
     types = tuple(k.type for k in knots.knots)
     judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
-    for share, chords in product(_FIT_SHARES, _CHORDS):
-        if chords == _CHORDS[0] and best is not None and best[0][0] == 0:
-            break
+    for share in _FIT_SHARES:
         limits = FitLimits(
             bend_radius_mm(material),
             material.min_straight_mm,
@@ -155,19 +152,22 @@ def write_bending_plan(
             share * tolerance,
             depth_factor,
         )
-        wires = fit_wires(curves, light, limits, chords)
-        joints = [_choose_joint(wire, shadows) for wire in wires]
-        rows = [
-            list_bends(wire, cut, material.springback_percent)
-            for wire, (cut, _) in zip(wires, joints, strict=True)
-        ]
-        hidden = [h for _, h in joints]
-        tried = judge.of(rows, names, hidden)
-        failed = sum(c["status"] != "pass" for c in tried.checks)
-        # of plans that pass the one of fewest bends, of others that of the best shadow
-        rank = (failed, -min(tried.ious.values()) if failed else sum(r.count for r in rows))
-        if best is None or rank < best[0]:
-            best = (rank, rows, hidden)
+        for chords in _CHORDS:
+            wires = fit_wires(curves, light, limits, chords)
+            joints = [_choose_joint(wire, shadows) for wire in wires]
+            rows = [
+                list_bends(wire, cut, material.springback_percent)
+                for wire, (cut, _) in zip(wires, joints, strict=True)
+            ]
+            hidden = [h for _, h in joints]
+            tried = judge.of(rows, names, hidden)
+            failed = sum(c["status"] != "pass" for c in tried.checks)
+            # of plans that pass the one of fewest bends, of others that of the best shadow
+            rank = (failed, -min(tried.ious.values()) if failed else sum(r.count for r in rows))
+            if best is None or rank < best[0]:
+                best = (rank, rows, hidden)
+        if best is not None and best[0][0] == 0:
+            break
     assert best is not None
     tolerances = f"{tolerance:g} mm in any direction"
     if light is not None:

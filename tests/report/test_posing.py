@@ -10,7 +10,7 @@ import pytest
 
 from knotfab.part.flatter import Flattening
 from knotfab.part.plates import Plate, Plates
-from knotfab.report.posing import add_posing
+from knotfab.report.posing import add_posing, find_access
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab.slicer.known_warnings import SlicerWarning
@@ -80,7 +80,8 @@ def test_a_piece_that_was_brought_to_its_wall() -> None:
 
 def test_powder_asks_for_neither_supports_nor_access() -> None:
     found = report()
-    add_posing(found, part(scene="[printer]\nname = 'hp-mjf'"), None, printing=True)
+    piece = part(scene="[printer]\nname = 'hp-mjf'")
+    add_posing(found, piece, None, printing=True, access=find_access(piece))
     assert found["print"]["pose"]["chosen_by"] == "the volume of its box"
     assert "no supports" in found["notes"][2] and "6 cm³" in found["notes"][2]
     assert "support_access" not in found["print"]
@@ -89,7 +90,7 @@ def test_powder_asks_for_neither_supports_nor_access() -> None:
 def test_what_was_sliced_is_told_with_its_supports() -> None:
     found = report()
     found["print"] = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
-    add_posing(found, part(), None, printing=True)
+    add_posing(found, part(), None, printing=True, access=find_access(part()))
     assert "1.5 h and 20 g of filament, 25% of it supports." in found["notes"][2]
     assert found["print"]["support_access"]["worst"] is None  # a box that has no face
     quiet = report()

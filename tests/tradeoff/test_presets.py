@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from knotfab.scene.settings import PRESETS
+from knotfab.tradeoff.front import beaten_by
 from knotfab.tradeoff.points import PRESET, list_changes
 
 STUDY = json.loads((Path(__file__).parents[2] / "docs/frontier.json").read_text("utf-8"))
@@ -16,15 +18,12 @@ MOST = 1.2  # times what another point takes, or is off
 
 
 def excess(preset: dict[str, Any], points: list[dict[str, Any]]) -> float:
-    """By which factor a point of the study is faster at no more error, or better in no more time."""
-    seconds, error = preset["seconds"], 1 - preset["iou"]
-    factors = [1.0]
-    for other in points:
-        if other["eligible"] and 1 - other["iou"] <= error:
-            factors.append(seconds / other["seconds"])
-        if other["eligible"] and other["seconds"] <= seconds:
-            factors.append(error / (1 - other["iou"]))
-    return max(factors)
+    """By which factor a point of the study that may lie on the front beats a preset."""
+    one, *others = (
+        SimpleNamespace(seconds=p["seconds"], error=1 - p["iou"])
+        for p in (preset, *(p for p in points if p["eligible"]))
+    )
+    return beaten_by(one, others)  # type: ignore[arg-type]
 
 
 def test_the_study_is_of_the_presets_that_are() -> None:
