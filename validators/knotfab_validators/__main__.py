@@ -11,6 +11,7 @@ bad files; and "asked", as it was.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import os
@@ -69,6 +70,7 @@ def main() -> None:
     # libraries in C++ write to standard output as they like: the answers have one of their own
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
+    gc.set_threshold(20_000, 20, 20)  # the libraries make a million things that stay
     _load()
     _warm_up(graphics=NO_GRAPHICS not in sys.argv)
     for line in sys.stdin:
@@ -76,6 +78,7 @@ def main() -> None:
             request = json.loads(line)
             answer = {**_answer(request), "asked": request.get("asked")}
             print(json.dumps(answer), file=answers, flush=True)
+    gc.freeze()  # a parent waits for the end: what is left is not looked through for it
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
