@@ -7,6 +7,7 @@ planar, every curve is an unknot, and the curves together an unlink, by inspecti
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -115,12 +116,35 @@ def _turning(points: Array) -> Array:
     return np.asarray(uniform_filter1d(turn, 7, mode="wrap")) * 7
 
 
-def _closest(one: Array, other: Array, radius: float) -> tuple[float, int, int]:
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    """A closed polyline (n, 2) while loops are joined, with what is asked of it time and again."""
+
+    points: Array
+
+    @cached_property
+    def ring(self) -> LinearRing:
+        return LinearRing(self.points)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    @cached_property
+    def turning(self) -> Array:
+        return _turning(self.points)
+
+    @cached_property
+    def box(self) -> Array:
+        return np.concatenate([self.points.min(0), self.points.max(0)])
+
+
+def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
     """The best place for a bridge: nearly the shortest, where both curves are straight."""
-    near, index = cKDTree(other).query(one)
+    near, index = other.tree.query(one.points)
     shortest = float(near.min())
-    turn_one, turn_other = _turning(one), _turning(other)
-    cost = near + radius * 0.7 * (np.minimum(turn_one, 2.0) + np.minimum(turn_other[index], 2.0))
+    turns = np.minimum(one.turning, 2.0) + np.minimum(other.turning[index], 2.0)
+    cost = near + radius * 0.7 * turns
     cost[near > shortest + 0.6 * radius] = np.inf
     best = int(np.argmin(cost))
     return shortest, best, int(index[best])
@@ -150,11 +174,10 @@ def _bridge(one: Array, at: int, other: Array, to: int, gap: int, step: float) -
 
 def simple_curves(curves: list[Array]) -> bool:
     """Whether the closed curves are simple and disjoint."""
-    if not all(LinearRing(c).is_simple for c in curves):
-        return False
-    tree = shapely.STRtree([LinearRing(c) for c in curves])
     rings = [LinearRing(c) for c in curves]
-    one, other = tree.query(rings, predicate="intersects")
+    if not all(ring.is_simple for ring in rings):
+        return False
+    one, other = shapely.STRtree(rings).query(rings, predicate="intersects")
     return bool((one == other).all())
 
 
@@ -163,41 +186,41 @@ def join_curves(
 ) -> list[Array]:
     """Closed curves joined, smallest first and each to its nearest, until so many are left.
 
-    A curve that no bridge reaches is left out, or with `keep` stays as it is.
+    What is joined is simple, and clear of the others. A curve that no bridge reaches is left out, or with
+    `keep` stays as it is.
     """
-    curves, kept = list(curves), []
-    while len(curves) > max(1, until):
+    loops, kept = [_Loop(curve) for curve in curves], []
+    while len(loops) > max(1, until):
         # the smallest curve joins its nearest neighbour: rings nest, so the tree stays short
-        smallest = min(range(len(curves)), key=lambda k: len(curves[k]))
-        one = curves.pop(smallest)
-        boxes = np.array([(*c.min(0), *c.max(0)) for c in curves])
-        low, high = one.min(0), one.max(0)
-        apart = np.maximum(0.0, np.maximum(boxes[:, :2] - high, low - boxes[:, 2:]))
+        one = loops.pop(min(range(len(loops)), key=lambda k: len(loops[k].points)))
+        boxes = np.array([loop.box for loop in loops])
+        apart = np.maximum(0.0, np.maximum(boxes[:, :2] - one.box[2:], one.box[:2] - boxes[:, 2:]))
         bound = np.hypot(apart[:, 0], apart[:, 1])
         options: list[tuple[float, int, int, int]] = []
         for k in np.argsort(bound, kind="stable").tolist():
             if len(options) >= _BRIDGES and bound[k] > options[_BRIDGES - 1][0]:
                 break
-            options = sorted([*options, (*_closest(one, curves[k], radius), k)])
+            options = sorted([*options, (*_closest(one, loops[k], radius), k)])
         joined = None
         for _, at, to, k in options[:_BRIDGES]:
-            rest = curves[:k] + curves[k + 1 :]
+            others = shapely.STRtree([loop.ring for i, loop in enumerate(loops) if i != k])
             for width in (2.0, 1.2, 0.6, 0.3):
                 gap = max(1, round(width * radius / step))
-                candidate = _bridge(one, at, curves[k], to, gap, step)
-                if simple_curves([candidate, *rest]):
+                candidate = _Loop(_bridge(one.points, at, loops[k].points, to, gap, step))
+                crossed = others.query(candidate.ring, predicate="intersects")
+                if candidate.ring.is_simple and not crossed.size:
                     joined = (candidate, k)
                     break
             if joined:
                 break
         if joined is None:
             if keep:  # a piece of the picture stays a knot of its own
-                kept.append(one)
+                kept.append(one.points)
                 until -= 1
             # an inner ring without a bridge is left out: its neighbours must cover for it
             continue
-        curves[joined[1]] = joined[0]
-    return curves + kept
+        loops[joined[1]] = joined[0]
+    return [loop.points for loop in loops] + kept
 
 
 def smooth_closed(curve: Array, sigma: float) -> Array:
