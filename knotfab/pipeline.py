@@ -62,7 +62,6 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue
 
-            verifier.start_second()
             left = request.budget(progress.total)
             if request.printing and request.scene.mount.kind in ("wall", "stand"):
                 prefetch_modeller()

@@ -76,7 +76,6 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         # side by side as the machine allows, with two processes that verify to one that slices
         jobs = min(len(targets), max(1, count_jobs() // 2))
         with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
-            verifier.start_second()
             left = request.budget(progress.total)
             chain = Chain(request.scene, targets, request.device, progress, left, kept)
             found: dict[int, tuple[Frame, WrittenPiece]] = {}

@@ -481,7 +481,7 @@ def test_a_verifier_answers_for_several_pieces_and_ends_what_is_not_done(tmp_pat
         skipped = verifier.submit(Files(None, good), ["thickness"]).result()
         assert {c["name"]: c["status"] for c in skipped["checks"]}["thickness"] == "skipped"
         pending = [verifier.submit(Files(None, good)) for _ in range(50)]
-    assert pending[-1].halves[0].cancelled()
+    assert pending[-1].verdict.cancelled()
 
 
 def ring(n: int = 200, size: float = 20.0) -> list[list[float]]:

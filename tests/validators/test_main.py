@@ -13,8 +13,9 @@ from validator_parts import circle
 
 from knotfab_validators.validate import validate
 
-EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures", "only")} | {
-    "skip": []
+EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures")} | {
+    "skip": [],
+    "processes": 1,
 }
 
 

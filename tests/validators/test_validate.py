@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +17,10 @@ from validator_parts import Array, PlainView, trefoil, tube
 
 from examples.corpus.files import encode
 from examples.corpus.parts import Body
-from knotfab_validators.check import skip_check
+from knotfab_validators.check import Check, skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.names import PRINTING
+from knotfab_validators.part_checks import Group
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
@@ -199,12 +202,24 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     assert found == ([("measured", "")] if asked else left)
 
 
-def test_two_halves_are_the_whole_where_the_shadows_measures_strands(right: Path) -> None:
-    part, knots = right / "part.stl", right / "knots.json"  # without a scene nothing casts a shadow
-    whole = validate(part, knots, skip=PRINTING)
-    one = validate(part, knots, skip=PRINTING, only="geometry", strands="shadows")
-    other = validate(part, knots, skip=PRINTING, only="shadows", strands="shadows")
-    found = sorted(str(c.to_dict()) for half in (one, other) for c in half.checks)
-    assert found == sorted(str(c.to_dict()) for c in whole.checks)
-    names = {c.name for c in one.checks}
-    assert "mesh_closed" in names and not {"tube", "clearance", "thickness"} & names
+@pytest.mark.parametrize("skip", [PRINTING, ("shadow-render", "legibility")])
+def test_what_two_processes_share_is_the_whole(
+    right: Path, monkeypatch: pytest.MonkeyPatch, skip: Collection[str]
+) -> None:
+    """And each check is measured by one of them alone."""
+    measured: list[Group] = []
+    part_checks = validate.__globals__["part_checks"]
+
+    def count(*given: Any) -> list[Check]:
+        measured.extend(given[-1])
+        return part_checks(*given)
+
+    monkeypatch.setitem(validate.__globals__, "part_checks", count)
+    whole = run(right, skip=["shadow-render", *skip])
+    assert sorted(measured) == ["strands", "surface"]
+    measured.clear()
+    shared = run(right, skip=["shadow-render", *skip], processes=2)
+    assert measured == ([] if skip == PRINTING else ["strands"])  # in this one
+    one, other = ({str(c.to_dict()) for c in verdict.checks} for verdict in (whole, shared))
+    assert one == other and shared.views == whole.views and len(shared.checks) == len(one)
+    assert shared.seconds.keys() == whole.seconds.keys()

@@ -4,7 +4,7 @@ Everything slow to load is loaded while the first request is still awaited, so t
 process early; and a graphics library that crashes takes only this process with it.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
-"only": "geometry", "shadows" or null, "asked": whatever tells it from others}.
+"processes": 1, or 2 that share the work, "asked": whatever tells it from others}.
 Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for
 bad files; and "asked", as it was.
 """
@@ -82,14 +82,11 @@ def main() -> None:
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
-    from knotfab_validators.names import PRINTING
-    from knotfab_validators.validate import Half, validate
+    from knotfab_validators.validate import validate
 
-    # whether a part can be printed takes as long to measure as what else knows its strands
-    strands: Half = "geometry" if set(PRINTING) <= set(request["skip"]) else "shadows"
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
-        verdict = validate(**paths, skip=request["skip"], only=request["only"], strands=strands)
+        verdict = validate(**paths, skip=request["skip"], processes=request["processes"])
     except ValueError as error:
         return {"error": str(error)}
     return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}

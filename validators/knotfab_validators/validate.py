@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +17,8 @@ from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.plates import read_plates
-from knotfab_validators.files.scene import read_scene
+from knotfab_validators.files.scene import Scene, read_scene
+from knotfab_validators.forked import CAN_FORK, Forked
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.names import PLATES, PRINTING, SHADOWS
@@ -40,7 +43,7 @@ def validate(
     pictures_dir: FilePath | None = None,
     failures: FilePath | None = None,
     only: Half | None = None,
-    strands: Half = "geometry",
+    processes: int = 1,
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
 
@@ -54,8 +57,9 @@ def validate(
             shadows, no view is reported then, unless their pictures are to be written.
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
-        only: one half of the work, "geometry" or "shadows", for two processes that share it. strands:
-            the half that measures what knows strands: centre lines, tube, clearance, thickness, knot types.
+        only: one half of the work, "geometry" or "shadows".
+        processes: 2: a copy of this one measures the geometry of a part in a scene meanwhile, or, where
+            it is to be printed, what of it knows no strands: that takes as long as what does.
 
     Raises:
         ValueError: a file cannot be read, or the part reaches the light (each error of the
@@ -71,28 +75,25 @@ def validate(
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
-    groups: set[Group] = set()
-    if only != "shadows":
-        groups.add("surface")
-    if only in (None, strands):
-        groups.add("strands")
-    checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups)
+
+    def measure(
+        groups: Collection[Group], seconds: dict[str, float]
+    ) -> tuple[list[Check], dict[str, float]]:
+        return part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups), seconds
+
+    here: set[Group] = set() if only == "shadows" else {"surface", "strands"}
+    there: set[Group] = set()
+    if processes > 1 and CAN_FORK and only is None and mesh is not None and setting is not None:
+        there = set(here) if set(PRINTING) <= set(skip) else {"surface"}
     views: list[dict[str, Any]] = []
-    nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
-    if only == "geometry":
-        pass
-    elif mesh is None or setting is None or scene is None:
-        lacking = "the part" if mesh is None else "the scene"
-        checks += skip_shadow_checks(f"not given {lacking}", required=False)
-    elif pictures_dir is None and set(SHADOWS) <= set(skip):
-        checks += skip_shadow_checks("left out on request", required=False)
-    elif nameless:
-        why = f"the scene names no picture for view {nameless[0]}"
-        checks += skip_shadow_checks(why, required=False)
-    else:
-        folder = Path(scene).parent
-        found, views = verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
-        checks += found
+    with Forked(partial(measure, there, {})) if there else nullcontext() as copy:
+        checks, _ = measure(here - there, seconds)
+        if only != "geometry":
+            found, views = _check_shadows(mesh, curves, setting, scene, skip, pictures_dir, seconds)
+            checks += found
+        if copy is not None:
+            others, spent = copy.result()
+            checks, seconds = [*others, *checks], {**spent, **seconds}
     checks = [_leave_out(c) if c.name in skip else _in_file(c, left) for c in checks]
     drawn = False
     if failures is not None:
@@ -102,6 +103,29 @@ def validate(
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
     return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
+
+
+def _check_shadows(
+    mesh: Mesh | None,
+    curves: Curves | None,
+    setting: Scene | None,
+    scene: FilePath | None,
+    skip: Collection[str],
+    pictures_dir: FilePath | None,
+    seconds: dict[str, float],
+) -> tuple[list[Check], list[dict[str, Any]]]:
+    """The checks of the shadows and what is told of each view, or why there are none."""
+    nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
+    if mesh is None or setting is None or scene is None:
+        why = f"not given {'the part' if mesh is None else 'the scene'}"
+    elif pictures_dir is None and set(SHADOWS) <= set(skip):
+        why = "left out on request"
+    elif nameless:
+        why = f"the scene names no picture for view {nameless[0]}"
+    else:
+        folder = Path(scene).parent
+        return verify_shadows(mesh, curves, setting, folder, skip, pictures_dir, seconds)
+    return skip_shadow_checks(why, required=False), []
 
 
 def _shrink(
