@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -93,7 +94,7 @@ class Built:
     code: int  # exit code; STOPPED where the limit was up
     wall_s: float
     cpu_s: float  # of the build and its children
-    peak_mb: float  # resident memory, all its processes together
+    peak_mb: float  # resident memory, all its processes together, what they share once
     report: dict[str, Any] | None  # of the folder or of its `rejected`; none was written where None
     said: str  # on stderr, or else on stdout
 
@@ -145,26 +146,15 @@ def _stop(child: subprocess.Popen[str]) -> None:
         child.wait()
 
 
-def _resident_mb(root: int) -> float:
-    """Resident memory of a process and all its descendants, MB."""
-    parents: dict[int, int] = {}
-    sizes: dict[int, float] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            except OSError:
-                continue  # it has just ended
-            parents[int(entry.name)] = int(fields[1])
-            sizes[int(entry.name)] = int(fields[21]) * resource.getpagesize() / 2**20
-    total = 0.0
-    for process in parents:
-        ancestor = process
-        while ancestor in parents and ancestor != root:
-            ancestor = parents[ancestor]
-        if ancestor == root:
-            total += sizes[process]
-    return total
+def _resident_mb(process: int | str) -> float:
+    """Memory of a process and all its descendants, MB; pages that several share are counted once."""
+    folder = Path(f"/proc/{process}")
+    try:
+        (pages,) = re.findall(r"^Pss:\s+(\d+) kB", (folder / "smaps_rollup").read_text(), re.M)
+        children = [c for t in folder.glob("task/*/children") for c in t.read_text().split()]
+    except (OSError, ValueError):
+        return 0.0  # it has just ended
+    return int(pages) / 1024 + sum(map(_resident_mb, children))
 
 
 def read_report(out: Path) -> dict[str, Any] | None:
