@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import atan2, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.drawing.pages import Box
-from knotfab.geometry.meshes import as_manifold
 
 if TYPE_CHECKING:
+    from manifold3d import Manifold
     from matplotlib.axes import Axes
 
 __all__ = ["Scaled", "draw_dimension", "fit_scale", "length", "project_outlines"]
@@ -126,12 +125,11 @@ def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
     axes.fill(*head.T, color=color, lw=0)
 
 
-def project_outlines(bodies: Sequence[tuple[Array, NDArray[np.int32]]], axes: Array) -> list[Array]:
-    """The outlines (n, 2) of closed meshes seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
+def project_outlines(solids: Iterable[Manifold], axes: Array) -> list[Array]:
+    """The outlines (n, 2) of solids seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
 
     Args:
-        bodies: vertices (n, 3) mm and faces (m, 3) of each. axes: (3, 3) orthonormal rows,
-            right-handed; the last one points to the viewer.
+        axes: (3, 3) orthonormal rows, right-handed; the last one points to the viewer.
 
     Outer outlines turn counter-clockwise, those of holes clockwise; corners within 0.02 mm of a
     straight line are left out.
@@ -139,6 +137,6 @@ def project_outlines(bodies: Sequence[tuple[Array, NDArray[np.int32]]], axes: Ar
     from manifold3d import CrossSection
 
     flat = CrossSection()
-    for vertices, faces in bodies:
-        flat += as_manifold((vertices @ axes.T, faces)).project()
+    for solid in solids:
+        flat += solid.transform(np.pad(axes, ((0, 0), (0, 1)))).project()
     return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.02).to_polygons()]

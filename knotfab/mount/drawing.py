@@ -171,7 +171,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     """Lamp, piece and wall from the left of someone at the lamp: the lamp is at the right."""
     # to the right of the page: level towards the lamp; the viewer is at the piece's left
     seen = np.stack([place.level[2], place.level[1], -place.level[0]])
-    piece = project_outlines(mounted.bodies, seen)
+    piece = project_outlines(mounted.solids, seen)
     lamp = seen[:2] @ place.lamp
     frame, wall = _wall_lines(place, seen)
     ends = np.concatenate([*piece, frame, wall, lamp[None]])
@@ -371,14 +371,14 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
 
 def _shadow(mounted: Mounted, place: Placement) -> list[Array]:
     """The outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
-    from manifold3d import CrossSection, Manifold, Mesh64
+    from manifold3d import CrossSection
 
     lamp = place.wall @ (place.lamp - place.middle)
     flat = CrossSection()
-    for vertices, faces in mounted.bodies:
-        own = np.ascontiguousarray((vertices - place.middle) @ place.wall.T)
-        solid = Manifold(Mesh64(own, np.ascontiguousarray(faces, dtype=np.uint64)))
-        solid = solid.trim_by_plane([0.0, 0.0, 1.0], 0.01)  # a plate's face is the wall
+    onto_wall = np.column_stack([place.wall, -place.wall @ place.middle])
+    for body in mounted.solids:
+        # a plate's face is the wall
+        solid = body.transform(onto_wall).trim_by_plane([0.0, 0.0, 1.0], 0.01)
 
         def cast(points: Array) -> Array:
             reach = lamp[2] / (lamp[2] - points[:, 2:])

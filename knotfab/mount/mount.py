@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
+from knotfab.geometry.meshes import as_manifold
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
@@ -19,6 +21,9 @@ from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.require import require_mount
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
 
 __all__ = ["Mounted", "mount_piece"]
 
@@ -41,6 +46,11 @@ class Mounted:
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
+
+    @cached_property
+    def solids(self) -> list[Manifold]:
+        """The bodies as solids, for drawings of them."""
+        return [as_manifold(body) for body in self.bodies]
 
     @property
     def moves(self) -> Array | None:

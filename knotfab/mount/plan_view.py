@@ -49,7 +49,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     figure, axes = make_page(paper)
     right, up, out = places[0].level
     above = np.stack([right, -out, up])  # to the right and up the page, and to the viewer
-    piece = project_outlines(mounted.bodies, above)
+    piece = project_outlines(mounted.solids, above)
     walls = [_wall(place, above) for place in places]
     lamps = [above[:2] @ place.lamp for place in places]
     every = np.concatenate([*piece, *walls, np.stack(lamps)])

@@ -7,6 +7,7 @@ import pytest
 
 from knotfab.drawing.dimensions import draw_dimension, fit_scale, length, project_outlines
 from knotfab.drawing.pages import PAPERS, make_page
+from knotfab.geometry.meshes import as_manifold
 from knotfab.geometry.tube import sweep
 
 
@@ -54,15 +55,15 @@ def test_a_short_dimension_has_its_text_beside_it() -> None:
 def test_the_outline_of_a_ring_has_a_hole_where_one_looks_through() -> None:
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([30 * np.cos(t), 30 * np.sin(t), np.zeros(200)], axis=1)
-    mesh = sweep(ring, 2.0, 32)
+    solid = as_manifold(sweep(ring, 2.0, 32))
 
     def area(polygon: np.ndarray) -> float:
         x, y = polygon.T
         return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
-    front = sorted(area(p) for p in project_outlines([mesh], np.eye(3)))
+    front = sorted(area(p) for p in project_outlines([solid], np.eye(3)))
     assert front == pytest.approx([-np.pi * 28**2, np.pi * 32**2], rel=3e-3)
-    side = project_outlines([mesh], np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
+    side = project_outlines([solid], np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
     assert [area(p) for p in side] == pytest.approx([60 * 4 + np.pi * 4], rel=1e-2)
-    both = project_outlines([mesh, (mesh[0] + [100.0, 0, 0], mesh[1])], np.eye(3))
+    both = project_outlines([solid, solid.translate((100.0, 0, 0))], np.eye(3))
     assert len(both) == 4
