@@ -9,22 +9,21 @@ With `--kept` what is done is kept as it comes, and an interrupted run goes on w
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image, ImageDraw
 
 import knotfab
+from examples.measurement import run_study
 from knotfab_validators.names import PRINTING
 
 _PX = 160
@@ -360,46 +359,42 @@ def _keep(path: Path, results: Mapping[Cell, Result]) -> None:
     staged.replace(path)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(
+    *,
+    only: str | None = None,
+    column: Literal[*COLUMNS] | None = None,
+    out: Path | None = None,
+    kept: Path | None = None,
+    write: Path | None = None,
+) -> int:
     """Build the cells, print each as it comes, then the table; 1 if one neither works nor is refused."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", help="rows whose name holds this word")
-    parser.add_argument("--column", choices=COLUMNS)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument(
-        "--kept",
-        type=Path,
-        help="what is done, by cell: not built again; removed when the whole table is as it should be",
-    )
-    parser.add_argument("--write", type=Path, help="the page to write the table into")
-    given = parser.parse_args(arguments)
-    results = _read_kept(given.kept)
+    results = _read_kept(kept)
     with tempfile.TemporaryDirectory() as scratch:
         for cell in CELLS:
-            if cell in results or (given.only and given.only not in cell.row.name):
+            if cell in results or (only and only not in cell.row.name):
                 continue
-            if given.column and given.column != cell.column:
+            if column and column != cell.column:
                 continue
             name = f"{cell.row.name}-{cell.column}".replace(" ", "-")
-            place = Path(os.path.abspath((given.out or Path(scratch)) / name))
+            place = Path(os.path.abspath((out or Path(scratch)) / name))
             good, said = build_cell(cell, place)
             results[cell] = good, said, date.today().isoformat()
             print(
                 f"{'ok  ' if good else 'FAIL'} {cell.row.name}, {cell.column}: {said}", flush=True
             )
-            if given.kept:
-                _keep(given.kept, results)
+            if kept:
+                _keep(kept, results)
     table = _table(results)
     print(f"\n{table}")
     good = all(ok for ok, _, _ in results.values())
-    if given.write:
+    if write:
         days = sorted({day for _, _, day in results.values()})
         built = "on " + days[0] if len(days) == 1 else f"from {days[0]} to {days[-1]}"
-        given.write.write_text(_PAGE.format(days=built, table=table), encoding="utf-8")
-        if given.kept and good and len(results) == len(CELLS):
-            given.kept.unlink(missing_ok=True)
+        write.write_text(_PAGE.format(days=built, table=table), encoding="utf-8")
+        if kept and good and len(results) == len(CELLS):
+            kept.unlink(missing_ok=True)
     return int(not good)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -5,15 +5,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from PIL import Image
 
+from examples.measurement import run_study
+
 WIDTH = 1200
 
 
-def compose(folder: Path, out: Path) -> None:
+def compose(folder: Path, out: Path, /) -> None:
     """Stack a build's compare-*.png and part.png, both `WIDTH` wide, and write the result."""
     found = [next(iter(sorted(folder.glob("compare-*.png")))), folder / "part.png"]
     rows = []
@@ -30,4 +31,4 @@ def compose(folder: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    compose(Path(sys.argv[1]), Path(sys.argv[2]))
+    run_study(compose)

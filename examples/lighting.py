@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.parting import directions, random_scene
+from knotfab.arrays import Array
 from knotfab.effects.base import VERIFIED_PX, EffectContext, OnWall, World
 from knotfab.effects.contrast import contrast_of
 from knotfab.effects.wall import WALL
@@ -13,8 +14,6 @@ from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import Material, Room
 
 __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]
-
-Array = NDArray[np.float64]
 
 _RAYS = 6000  # from a place on the wall
 _FEW = 400

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,6 +50,21 @@ class Stopwatch:
 def _children_s() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def run_study(main: Callable[..., int | None]) -> None:
+    """Call a study's `main` with the words of the command line, and end with what it returns.
+
+    Its parameters are the arguments and, by keyword, the options; the help is its module's docstring.
+    """
+    from cyclopts import App, Parameter
+
+    options = Parameter(negative=(), consume_multiple=True)
+    app = App(
+        help=sys.modules[main.__module__].__doc__, version_flags=(), default_parameter=options
+    )
+    app.default(main)
+    app()
 
 
 def make_folder(asked: Path | None, name: str) -> Path:

@@ -7,21 +7,20 @@ at the frames. Ends with 1 if one fails.
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import distance_transform_edt
 
 import knotfab
-from examples.measurement import Stopwatch, make_folder
-from examples.pictures import BOLD, SIZE, Canvas, Point
+from examples.measurement import Stopwatch, make_folder, run_study
+from examples.pictures import BOLD, SIZE, Canvas
+from examples.walk_cycle import polar_down, print_frames
 from knotfab.sequence.frames import frame_name
 
 
@@ -49,17 +48,12 @@ def _stick_figure(phase: float, lift: float) -> Image.Image:
     c.disc(0.40, 0.17 - bob, 0.095)
     c.stroke([(0.40, 0.24 - bob), neck, hip], width)
     for side in (1, -1):
-        knee = _swing(hip, 0.18, side * swing)
+        knee = polar_down(hip, 0.18, side * swing)
         bend = lift * (0.3 + max(0.0, side * cos(phase)))
-        c.stroke([hip, knee, _swing(knee, 0.17, side * swing - bend)], width)
-        elbow = _swing(neck, 0.13, -side * swing)
-        c.stroke([neck, elbow, _swing(elbow, 0.12, -side * swing + 0.3)], width)
+        c.stroke([hip, knee, polar_down(knee, 0.17, side * swing - bend)], width)
+        elbow = polar_down(neck, 0.13, -side * swing)
+        c.stroke([neck, elbow, polar_down(elbow, 0.12, -side * swing + 0.3)], width)
     return c.finish()
-
-
-def _swing(at: Point, length: float, angle: float) -> Point:
-    """`length` below `at`, `angle` from straight down, towards the right."""
-    return at[0] + length * sin(angle), at[1] + length * cos(angle)
 
 
 def bouncing_ball(frames: int = 8) -> list[Image.Image]:
@@ -129,34 +123,18 @@ def draw_frames(name: str, folder: Path) -> Path:
     return folder
 
 
-def _print_table(report: dict[str, Any]) -> None:
-    print("frame   IoU    word        vertices go   at most   began as   steps certified")
-    for view in report["views"]:
-        moved = view["motion"] or {"largest_mm": 0.0, "limit_mm": 0.0}
-        origin = "template" if view["began_as"] is None else f"frame {view['began_as']}"
-        word = view.get("verdict", {}).get("word", "")
-        print(
-            f"{view['frame']:5d}  {view['iou']:.4f}  {word:10s}  {moved['largest_mm']:8.2f} mm"
-            f"{moved['limit_mm']:8.2f} mm  {origin:9s}  {view['certificate']['accepted']:6d}"
-            f"  {view['failed'] or ''}"
-        )
-    for check in report["checks"]:
-        if check["required"] and check["status"] != "pass":
-            print(f"{check['name']}: {check['status']}, {check['detail']}")
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(
+    *,
+    only: Literal[*SEQUENCES] | None = None,
+    out: Path | None = None,
+    accuracy: str = "draft",
+    draw: bool = False,
+) -> int:
     """Draw, build, print; 1 where a sequence fails."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=SEQUENCES)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--accuracy", default="draft")
-    parser.add_argument("--draw", action="store_true")
-    given = parser.parse_args(arguments)
-    folder, failed = make_folder(given.out, "sequences"), []
-    for name in [given.only] if given.only else SEQUENCES:
+    folder, failed = make_folder(out, "sequences"), []
+    for name in [only] if only else SEQUENCES:
         frames = draw_frames(name, folder / name / "frames")
-        if given.draw:
+        if draw:
             continue
         watch = Stopwatch()
         outcome = knotfab.build(
@@ -164,15 +142,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             folder / name / "parts",
             sequence=True,
             no_loop=not SEQUENCES[name].loops,
-            accuracy=given.accuracy,
+            accuracy=accuracy,
             skip=("slicer",),
         )
         print(f"{name}: exit {outcome.exit_code}, {watch.wall_s:.0f} s", flush=True)
-        _print_table(outcome.report)
+        print_frames(outcome.report)
         if outcome.exit_code:
             failed.append(name)
     return int(bool(failed))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

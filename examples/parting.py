@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import VERIFIED_PX, EffectContext, World
 from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import parting_mm
@@ -12,15 +12,7 @@ from knotfab.effects.sag import SAG
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Placing, Printer, ResolvedView
 
-__all__ = [
-    "bounds_and_truths",
-    "cast",
-    "directions",
-    "random_scene",
-    "shift_bound_and_truth",
-]
-
-Array = NDArray[np.float64]
+__all__ = ["bounds_and_truths", "cast", "directions", "random_scene", "shift_bound_and_truth"]
 
 
 def bounds_and_truths(

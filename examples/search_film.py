@@ -14,20 +14,16 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from examples.measurement import paint_comparison, read_question
+from examples.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.limits.base import State
 from knotfab.problem import Problem
-from knotfab.render.frame import Frame
-from knotfab.render.picture import picture_at
-from knotfab.render.silhouette import render
+from knotfab.render.picture import picture_at, seen_in
 from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of
@@ -86,23 +82,14 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
     wanted = target.numpy() > 0.5
     found = []
     for points in stages:
-        left = _shadow(points, rings, frame, radius, wanted)
+        cast = seen_in(points, rings, frame, target, radius).numpy()
+        left = Image.fromarray(paint_comparison(cast, wanted))
         right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
         found.append(beside(left, right))
     return found + found[-1:] * LAST
 
 
-def _shadow(
-    points: Array, rings: Polylines, frame: Frame, radius: float, wanted: NDArray[np.bool_]
-) -> Image.Image:
-    """The tube's shadow: black where it is wanted, red where not, blue where it is missing."""
-    p = torch.as_tensor(points, dtype=torch.float32)
-    with torch.no_grad():
-        cast = render(p, p[torch.as_tensor(rings.next)], frame, radius, 10.0, 5.0).numpy() > 0.5
-    return Image.fromarray(paint_comparison(cast, wanted))
-
-
-def main(source: str, path: Path) -> None:
+def main(source: str, path: Path, /) -> None:
     """Write the film of the search for one picture."""
     question = read_question(source)
     radius = round(SHARE * question.views[0].frame_width_mm, 3)
@@ -112,6 +99,4 @@ def main(source: str, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: python examples/search_film.py PICTURE FILM.gif")
-    main(sys.argv[1], Path(sys.argv[2]))
+    run_study(main)

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from examples.measurement import run_study
 from examples.studies.studio_table import TOKEN, serve
 
 COLOURS = 128
@@ -45,7 +45,7 @@ def _keep(page: Page, path: Path) -> None:
     Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
-def main(picture: Path, out: Path) -> None:
+def main(picture: Path, out: Path, /) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="knotfab-studio-") as place,
         serve(Path(place)) as (_, host),
@@ -62,6 +62,4 @@ def main(picture: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: python -m examples.studio_pictures PICTURE FOLDER")
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    run_study(main)

@@ -7,7 +7,6 @@ verified shadow, and that shadow seen through a Gaussian of three tube radii bes
 
 from __future__ import annotations
 
-import argparse
 import json
 import tomllib
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-__all__ = ["lay_beside", "paint_portrait"]
+from examples.measurement import run_study
 
 Grey = np.ndarray
 LIGHT = np.array([-0.52, -0.50, 0.69])  # from the upper left, in front
@@ -96,10 +95,11 @@ def lay_beside(folder: Path, height: int = 560, gap: int = 24) -> Image.Image:
     return laid
 
 
+def main(file: Path, *, built: Path | None = None) -> None:
+    """Write the portrait, or what became of it."""
+    made = paint_portrait() if built is None else lay_beside(built)
+    made.save(file, optimize=True)
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--built", type=Path)
-    asked = parser.parse_args()
-    made = paint_portrait() if asked.built is None else lay_beside(asked.built)
-    made.save(asked.file, optimize=True)
+    run_study(main)

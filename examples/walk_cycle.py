@@ -7,18 +7,15 @@ DIR/zoetrope.png. `--draw` stops at the frames.
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
 from math import cos, dist, pi, sin
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
 
-from examples.measurement import Stopwatch
+import knotfab
+from examples.measurement import Stopwatch, run_study
 from examples.pictures import Canvas, Point
-from knotfab.scene.model import Scene
 
 FRAMES = 12
 IOU = 0.97  # to be reached by each part
@@ -69,8 +66,8 @@ def _skeleton(phase: float) -> dict[str, list[Point]]:
             0.35 + 0.4 * sin(phase),
         ),
     ):
-        elbow = _polar_down(shoulder, 0.16, raised)
-        found[limb] = [shoulder, elbow, _polar_down(elbow, 0.135, raised + bend)]
+        elbow = polar_down(shoulder, 0.16, raised)
+        found[limb] = [shoulder, elbow, polar_down(elbow, 0.135, raised + bend)]
     return found
 
 
@@ -96,13 +93,13 @@ def _leg(phase: float) -> list[Point]:
     """Hip, knee, ankle and toe from the hip: the leg swings forward where its knee bends."""
     hip = _STRIDE * cos(phase)
     bend = 0.10 + 0.20 * max(0.0, -sin(phase))
-    knee = _polar_down((0.0, 0.0), _THIGH, hip + 0.5 * bend)
-    ankle = _polar_down(knee, _SHANK, hip - 0.5 * bend)
-    toe = _polar_down(ankle, _FOOT, 0.5 * pi + 0.5 * (hip - bend) * (hip < bend))
+    knee = polar_down((0.0, 0.0), _THIGH, hip + 0.5 * bend)
+    ankle = polar_down(knee, _SHANK, hip - 0.5 * bend)
+    toe = polar_down(ankle, _FOOT, 0.5 * pi + 0.5 * (hip - bend) * (hip < bend))
     return [(0.0, 0.0), knee, ankle, toe]
 
 
-def _polar_down(at: Point, length: float, angle: float) -> Point:
+def polar_down(at: Point, length: float, angle: float) -> Point:
     """`length` away from `at`, `angle` from straight down, towards the right."""
     return at[0] + length * sin(angle), at[1] + length * cos(angle)
 
@@ -111,28 +108,17 @@ def _add(at: Point, by: Point) -> Point:
     return at[0] + by[0], at[1] + by[1]
 
 
-def _built(frames: Path, parts: Path) -> tuple[int, dict[str, Any]]:
-    """Build the sequence with its parts posed for printing; exit code and report."""
-    from knotfab.progress import Progress
-    from knotfab.request import Request
-    from knotfab.sequence.build import build_sequence
-
-    with Progress("quiet") as progress:
-        skip = frozenset({"slicer"})  # which takes longer than all frames together
-        request = Request(Scene(), (str(frames),), parts, printing=True, skip=skip)
-        found = build_sequence(request, progress)
-    return found.exit_code, found.report
-
-
-def _print_table(report: dict[str, Any]) -> None:
-    print("frame   IoU    vertices go   at most   began as   steps certified")
+def print_frames(report: dict[str, Any]) -> None:
+    """A line a frame of a sequence's report, its closing, and the checks that are not passed."""
+    print("frame   IoU    word        vertices go   at most   began as   steps certified")
     for view in report["views"]:
         moved = view["motion"] or {"largest_mm": 0.0, "limit_mm": 0.0}
         origin = "template" if view["began_as"] is None else f"frame {view['began_as']}"
+        word = view.get("verdict", {}).get("word", "")
         print(
-            f"{view['frame']:5d}  {view['iou']:.4f}  {moved['largest_mm']:8.2f} mm"
+            f"{view['frame']:5d}  {view['iou']:.4f}  {word:10s}  {moved['largest_mm']:8.2f} mm"
             f"{moved['limit_mm']:8.2f} mm  {origin:9s}  {view['certificate']['accepted']:6d}"
-            f"{'' if view['certificate']['certified'] else '  NOT CERTIFIED'}"
+            f"{'' if view['certificate']['certified'] else '  NOT CERTIFIED'}  {view['failed'] or ''}"
         )
     closing = report["settings"]["sequence"]["closing"]
     print(f"closing        {closing['largest_mm']:8.2f} mm{closing['limit_mm']:8.2f} mm")
@@ -141,23 +127,21 @@ def _print_table(report: dict[str, Any]) -> None:
             print(f"{check['name']}: {check['status']}, {check['detail']}")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
     """Draw, build, print; 1 where a figure is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("walk-cycle"))
-    parser.add_argument("--draw", action="store_true")
-    given = parser.parse_args(arguments)
-    frames = given.out / "frames"
+    frames = out / "frames"
     frames.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(walk_cycle(), start=1):
         image.save(frames / f"frame-{number:02d}.png", optimize=True)
     swung = swings()
     print("swing, of the frame: " + ", ".join(f"{k} {v:.2f}" for k, v in swung.items()))
-    if given.draw:
+    if draw:
         return 0
     watch = Stopwatch()
-    code, report = _built(frames, given.out / "parts")
-    _print_table(report)
+    # the slicer takes longer than all frames together
+    built = knotfab.build(str(frames), out / "parts", sequence=True, print_=True, skip=("slicer",))
+    code, report = built.exit_code, built.report
+    print_frames(report)
     searched = sum(report["timings"][k] for k in ("radius", "template", "search"))
     print(
         f"{watch.wall_s:.0f} s in all: search {searched:.0f} s, beside it verification; CPU seconds: "
@@ -168,11 +152,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from examples.walk_film import walk_film, zoetrope_picture
         from knotfab.sequence.gif import write_gif
 
-        write_gif(given.out / "walk.gif", walk_film(given.out / "parts"), 100)
-        zoetrope_picture(given.out / "parts" / "zoetrope.stl", given.out / "zoetrope.png")
+        write_gif(out / "walk.gif", walk_film(out / "parts"), 100)
+        zoetrope_picture(out / "parts" / "zoetrope.stl", out / "zoetrope.png")
     reached = min(view["iou"] for view in report["views"]) >= IOU and min(swung.values()) >= 0.1
     return int(code != 0 or not reached)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -7,13 +7,13 @@ what is in its files: shadow-frame-NN.png and knots-NN.json.
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image, ImageChops, ImageOps
 
+from examples.measurement import run_study
 from examples.side_view import beside, side_view
 from knotfab.report.pictures import draw_part
 from knotfab.scene.load import load_scene
@@ -81,7 +81,7 @@ def zoetrope_picture(part: Path, path: Path, pixels: int = 1100) -> bool:
     return True
 
 
-def main(folder: Path, path: Path) -> None:
+def main(folder: Path, path: Path, /) -> None:
     """Write the film of one sequence."""
     pictures = walk_film(folder)
     write_gif(path, pictures, FRAME_MS)
@@ -89,6 +89,4 @@ def main(folder: Path, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: python -m examples.walk_film DIR FILM.gif")
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    run_study(main)

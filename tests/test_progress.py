@@ -6,8 +6,6 @@ import base64
 import io
 import json
 import logging
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 
@@ -169,17 +167,6 @@ def test_the_time_left_follows_from_what_the_stages_took(monkeypatch: pytest.Mon
     assert 0 < last < 200
     shares = [event["share"] for event in told if "share" in event]
     assert shares == sorted(shares) and 0 < shares[0] < 1
-
-
-def test_nothing_of_rich_is_loaded_when_piped() -> None:
-    code = (
-        "import io, sys; from knotfab.progress import Progress\n"
-        "with Progress('verbose', io.StringIO()) as p:\n"
-        "    with p.stage('a'): p.update(0.5)\n"
-        "print('rich' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_a_line_for_each_of_several_things_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:

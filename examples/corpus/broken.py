@@ -12,13 +12,7 @@ from .case import Broken
 
 def broken_parts() -> list[Broken]:
     """All but the files made by hand, which take seconds to make."""
-    return [
-        *broken_mesh(),
-        *broken_knots(),
-        *broken_shadow(),
-        *broken_print(),
-        *broken_files(),
-    ]
+    return [*broken_mesh(), *broken_knots(), *broken_shadow(), *broken_print(), *broken_files()]
 
 
 def broken() -> list[Broken]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Broken, Place, make_part, make_tied_part, places_of, with_scene
+from .case import Broken, Place, between, make_part, make_tied_part, places_of, with_scene
 from .curves import (
     Array,
     borromean,
@@ -41,25 +41,20 @@ def broken_knots() -> Iterator[Broken]:
     yield from _outside()
 
 
-def _between(part: Part) -> tuple[Place, ...]:
-    one, other = part.knots
-    return places_of((one[0] + other[len(other) // 2]) / 2)
-
-
 def _too_near() -> Iterator[Broken]:
     for check in ("thickness", "clearance"):
         yield Broken(
             f"a gap 1 % under the clearance: {check}",
             lambda: beside(2 * RADIUS + 0.99 * 0.8, 0.8),
             check,
-            _between,
+            between,
             NEAR,
         )
         yield Broken(
             f"a gap of half the clearance: {check}",
             lambda: beside(2 * RADIUS + 0.2, 0.4),
             check,
-            _between,
+            between,
             NEAR,
         )
     for factor in (0.999, 0.95):
@@ -67,7 +62,7 @@ def _too_near() -> Iterator[Broken]:
             f"strands {factor} diameters apart: thickness",
             partial(make_tied_part, partial(_pair, factor * 2 * RADIUS), RADIUS),
             "thickness",
-            _between,
+            between,
             NEAR,
         )
     yield Broken(
@@ -105,13 +100,7 @@ def _too_bent() -> Iterator[Broken]:
         lambda p: places_of(p.knots[0]),
         NEAR,
     )
-    yield Broken(
-        "a kink",
-        _make_kink,
-        "thickness",
-        lambda p: places_of(p.knots[0][20]),
-        NEAR,
-    )
+    yield Broken("a kink", _make_kink, "thickness", lambda p: places_of(p.knots[0][20]), NEAR)
     yield Broken(
         "a length 1 % over the budget",
         lambda: with_scene(
@@ -215,11 +204,7 @@ def _outside() -> Iterator[Broken]:
     }
     for name, (region, places) in regions.items():
         yield Broken(
-            f"0.1 mm outside the {name}",
-            partial(in_region, region),
-            "region",
-            places,
-            NEAR,
+            f"0.1 mm outside the {name}", partial(in_region, region), "region", places, NEAR
         )
     room = encode(box((-32.9, -40, -10), (32.9, 40, 10)), "stl")
     mesh = {"kind": "mesh", "file": "room.stl"}

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from .case import Broken, Place, make_part, places_of
+from .case import Broken, Place, between, make_part, places_of
 from .curves import circle, torus_knot
 from .damage import (
     FACE,
@@ -224,7 +224,7 @@ def _of_crossings() -> Iterator[Broken]:
             f"two strands {factor} diameters apart",
             partial(_beside, factor * 2 * RADIUS),
             crossing,
-            _between,
+            between,
             NEAR / factor,
         )
     yield Broken(
@@ -293,11 +293,6 @@ def _on_bar(part: Part) -> tuple[Place, ...]:
 def _beside(apart: float) -> Part:
     """Two rings in one plane; their centre lines come as near as `apart`, or cross if negative."""
     return make_part([circle(), circle() + np.array([60.0 + apart, 0.0, 0.0])], sides=32)
-
-
-def _between(part: Part) -> tuple[Place, ...]:
-    one, other = part.knots
-    return places_of((one[0] + other[len(other) // 2]) / 2)
 
 
 def _where_they_meet(part: Part) -> tuple[Place, ...]:

@@ -126,6 +126,12 @@ def change_scene(part: Part, table: str, **values: Any) -> Part:
     return replace(part, scene=scene)
 
 
+def between(part: Part) -> tuple[Place, ...]:
+    """The middle between the first vertex of one knot and the vertex across of the other."""
+    one, other = part.knots
+    return places_of((one[0] + other[len(other) // 2]) / 2)
+
+
 def places_of(points: Array) -> tuple[Place, ...]:
     """Points (n, 3) or (3,) as places."""
     return tuple((float(x), float(y), float(z)) for x, y, z in np.atleast_2d(points))

@@ -115,10 +115,7 @@ def _sizes() -> Iterator[Good]:
 
 def _formats() -> Iterator[Good]:
     for form in ("stl-text", "3mf", "obj", "ply", "ply-binary"):
-        yield Good(
-            f"tube as {form}",
-            partial(_as, _trefoil, form),
-        )
+        yield Good(f"tube as {form}", partial(_as, _trefoil, form))
         yield Good(f"box as {form}", partial(_as, _plain_box, form))
     yield Good(
         "OBJ with texture and normals", lambda: Part(None, raw={"part.obj": _obj_relative()})
@@ -165,10 +162,7 @@ def _regions() -> Iterator[Good]:
         "mesh": {"kind": "mesh", "file": "room.stl"},
     }
     for name, region in regions.items():
-        yield Good(
-            f"region {name}",
-            partial(in_region, region, {"room.stl": room}),
-        )
+        yield Good(f"region {name}", partial(in_region, region, {"room.stl": room}))
     yield Good("small printer", lambda: _with_room(0.5))
 
 
@@ -188,8 +182,7 @@ def _at_limits() -> Iterator[Good]:
     yield Good("part as large as the printer", lambda: _with_room(0.0))
     for kind, size in (("box", [66.0, 66.0, 6.0]), ("sphere", [66.0] * 3)):
         yield Good(
-            f"{kind} as large as the tube",
-            partial(in_region, {"kind": kind, "size_mm": size}),
+            f"{kind} as large as the tube", partial(in_region, {"kind": kind, "size_mm": size})
         )
 
 
@@ -228,10 +221,7 @@ def _printable() -> Iterator[Good]:
     yield Good("arch of the longest bridge", lambda: plain(arch(9.0), printer=no))
     yield Good("island on supports", lambda: plain(island()))
     yield Good("long bridge on supports", lambda: plain(arch(40.0)))
-    yield Good(
-        "little support",
-        lambda: plain(table(), printer={"max_support_cm3": 50.0}),
-    )
+    yield Good("little support", lambda: plain(table(), printer={"max_support_cm3": 50.0}))
     stand = {"kind": "stand"}
     yield Good("stand with a short arm", lambda: plain(gallows(8.0), mount=stand))
     yield Good("stand that nearly topples", lambda: plain(gallows(14.8), mount=stand))

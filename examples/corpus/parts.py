@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .curves import Array
+from knotfab_validators.arrays import Ints
 
-Faces = NDArray[np.int64]
+from .curves import Array
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Body:
     """Triangles: `vertices` (n, 3) mm, `faces` (m, 3), wound counter-clockwise seen from outside."""
 
     vertices: Array
-    faces: Faces
+    faces: Ints
 
     def move(self, by: Sequence[float] | Array) -> Body:
         return Body(self.vertices + np.asarray(by, dtype=np.float64), self.faces)
@@ -83,10 +83,7 @@ def box(low: Sequence[float], high: Sequence[float]) -> Body:
 
 
 def blocks(
-    cells: NDArray[np.bool_],
-    x: Sequence[float],
-    y: Sequence[float],
-    z: Sequence[float],
+    cells: NDArray[np.bool_], x: Sequence[float], y: Sequence[float], z: Sequence[float]
 ) -> Body:
     """The surface of the union of some cells (i, j, k) of a grid with planes at x, y and z, mm.
 

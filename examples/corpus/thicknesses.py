@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from examples.corpus.curves import Array
+from examples.corpus.curves import Array, circle
 from knotfab_validators.tube.thickness import thickness
 
 Curve = Callable[[Array], Array]
@@ -59,12 +59,6 @@ class ConvergenceRow:
         return sum(self.orders) / 3 > self.expected - 0.2
 
 
-def ring(n: int, radius: float = 1.0) -> Array:
-    """A regular polygon (n, 3)."""
-    t = 2 * np.pi * np.arange(n) / n
-    return radius * np.column_stack([np.cos(t), np.sin(t), 0 * t])
-
-
 def tilt(*polygons: Array) -> list[Array]:
     """In a position where no coordinate is a round number."""
     q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
@@ -95,14 +89,14 @@ def thickness_rows() -> list[ThicknessRow]:
     """Regular polygons, stacks, Hopf links, strands at a gap, lattice links: exact polygon values."""
     cases: list[tuple[str, list[Array], float]] = []
     for n in (3, 4, 5, 6, 7, 64, 1001):
-        cases.append((f"regular {n}-gon", [ring(n)], np.cos(np.pi / n)))
-    cases.append(("round circle", [ring(3000)], np.cos(np.pi / 3000)))
+        cases.append((f"regular {n}-gon", [circle(1.0, n)], np.cos(np.pi / n)))
+    cases.append(("round circle", [circle(1.0, 3000)], np.cos(np.pi / 3000)))
     for n in (5, 6, 100):
         for gap in (0.01, 0.7):
-            stack = [ring(n), ring(n) + [0, 0, gap]]
+            stack = [circle(1.0, n), circle(1.0, n) + [0, 0, gap]]
             cases.append((f"two {n}-gons stacked at {gap}", stack, gap / 2))
     for n in (8, 64, 1000):  # thickness 1, ropelength 8 pi in the limit
-        hopf = [ring(n, 2.0), ring(n, 2.0)[:, [0, 2, 1]] + [2.0, 0, 0]]
+        hopf = [circle(2.0, n), circle(2.0, n)[:, [0, 2, 1]] + [2.0, 0, 0]]
         # between the edges beside a corner in the middle of the other polygon and the edge across
         exact = np.cos(np.pi / n) / np.sqrt(1 + np.sin(np.pi / n) ** 2)
         cases.append((f"tight Hopf link of {n}-gons", hopf, exact))
@@ -196,11 +190,11 @@ def convergence_rows() -> list[ConvergenceRow]:
     def ellipse(t: Array) -> Array:
         return np.stack([2 * np.cos(t), np.sin(t), 0 * t], axis=-1)
 
-    def circle(t: Array) -> Array:
+    def unit(t: Array) -> Array:
         return np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
 
     cases: list[tuple[str, Curve, float | None, bool, int]] = [
-        ("circle", circle, 1.0, False, 2),
+        ("circle", unit, 1.0, False, 2),
         ("ellipse 2, 1: min(b²/a, b)", ellipse, 0.5, False, 2),
         ("torus knot 2, 3, chord", torus_curve(2, 3, 3.0, 1.2), None, False, 2),
         ("torus knot 3, 2, chord", torus_curve(3, 2, 3.0, 1.0), None, False, 2),

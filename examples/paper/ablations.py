@@ -9,19 +9,20 @@ table has the printed sum.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from examples.measurement import run_study
 from examples.paper.camera import PaperCamera, camera_around
 from examples.paper.losses import Region, box, squared_curvature
 from examples.paper.optimise import PaperView, iou, search_paper
@@ -261,28 +262,28 @@ def _figure(rows: list[Row], title: str, path: Path) -> None:
     figure.savefig(path)
 
 
-def main() -> None:
+def main(
+    *,
+    only: Literal[*ABLATIONS] | None = None,
+    out: Path = Path("paper-ablations"),
+    iterations: int = 600,
+) -> None:
     """Rerun the ablations that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=list(ABLATIONS))
-    parser.add_argument("--out", type=Path, default=Path("paper-ablations"))
-    parser.add_argument("--iterations", type=int, default=600)
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    base = PAPER.model_copy(update=SCALED | {"iterations": asked.iterations})
+    out.mkdir(parents=True, exist_ok=True)
+    base = PAPER.model_copy(update=SCALED | {"iterations": iterations})
     print(
         f"Scaled down: {PIXELS} px, radius {base.radius:g}, tau {base.tau:g}, N = {base.samples}, depth "
         f"{base.depth}, width {base.width}, Adam at {base.learning_rate:g}, {base.iterations} iterations, "
         "mean image loss. clearance: distance of strands in tube diameters; bend95: 95th percentile of "
         "the squared curvature; outside: of the region. The renderings are full size."
     )
-    for name in [asked.only] if asked.only else list(ABLATIONS):
+    for name in [only] if only else list(ABLATIONS):
         rows_of, paper = ABLATIONS[name]
         print(f"\n{name}: the paper shows that {paper}", flush=True)
         rows = list(rows_of(base))
-        _table(rows, asked.out / f"{name}.csv")
-        _figure(rows, f"{name} (scaled down). Paper: {paper}", asked.out / f"{name}.png")
+        _table(rows, out / f"{name}.csv")
+        _figure(rows, f"{name} (scaled down). Paper: {paper}", out / f"{name}.png")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -1,4 +1,4 @@
-"""Closed braids and an open spiral, (n, 3) float64; other curves: `examples.corpus.curves`.
+"""Closed braids, (n, 3) float64; other curves: `examples.corpus.curves`.
 
 A braid of positive letters is right-handed, as the common trefoil in books.
 """
@@ -54,15 +54,3 @@ def closed_braid(word: Sequence[int], spacing: float = 3.0) -> list[Array]:
                 place = after
         parts.append(np.concatenate(rows))
     return parts
-
-
-def spiral(
-    inner: float = 1.0, spacing: float = 2.5, turns: float = 3.0, step: float = 0.3
-) -> Array:
-    """An open flat spiral from radius `inner`, its turns `spacing` apart, vertices `step` apart."""
-    fine = np.linspace(0.0, 2 * np.pi * turns, max(64, int(200 * turns)))
-    r = inner + spacing * fine / (2 * np.pi)
-    line = np.column_stack([r * np.cos(fine), r * np.sin(fine), 0 * fine])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], max(3, round(along[-1] / step) + 1))
-    return np.stack([np.interp(at, along, line[:, k]) for k in range(3)], axis=1)

@@ -7,13 +7,11 @@ second: IoU of the search's end on the project's pictures at the same iterations
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 import torch
 
 from examples.corpus.curves import figure_eight, torus_knot
-from examples.measurement import Stopwatch, read_question
+from examples.measurement import Stopwatch, read_question, run_study
 from examples.pictures import pictures
 from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose
@@ -108,17 +106,13 @@ def designs(names: list[str]) -> None:
     print(f"mean gain {np.mean(gains):+.4f}, least {min(gains):+.4f}")
 
 
-def main() -> None:
+def main(*, pictures: tuple[str, ...] = tuple(RADII_MM), recover: bool = False) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pictures", nargs="*", default=list(RADII_MM))
-    parser.add_argument("--recover", action="store_true", help="the first table only")
-    asked = parser.parse_args()
     with one_thread():
         recoveries()
-        if not asked.recover:
-            designs(asked.pictures)
+        if not recover:
+            designs(pictures)
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

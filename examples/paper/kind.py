@@ -7,24 +7,18 @@ constraints) on its own pictures; ours are drawn to be of the same kind, not the
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
-from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
+from examples.measurement import build_apart, failed_checks, make_folder, run_study, save_pictures
 from examples.paper.pictures import PUBLISHED, paper_pictures
 
 
-def main() -> int:
+def main(*names: str, out: Path | None = None) -> int:
     """Print the table; 0 where every picture is above the paper's."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    folder = make_folder(asked.out, "paper")
+    folder = make_folder(out, "paper")
     below = 0
     print("picture        paper   ours  failed checks  seconds")
-    for name, path in save_pictures(paper_pictures(), folder, asked.names).items():
+    for name, path in save_pictures(paper_pictures(), folder, names).items():
         built = build_apart(path, folder / path.stem, "--skip", "slicer")
         if built.report is None:
             print(f"{name:<14} {PUBLISHED[name]:.3f}  {built.said}", flush=True)
@@ -42,4 +36,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

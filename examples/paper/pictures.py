@@ -1,17 +1,11 @@
-"""Pictures of the kind that the paper shows, drawn here: the ten of its figures with their published IoU.
-
-`python -m examples.paper.pictures FOLDER` writes them as PNG files.
-"""
+"""Pictures of the kind that the paper shows, drawn here: the ten of its figures with their published IoU."""
 
 from __future__ import annotations
 
-import sys
 from math import cos, pi, sin
-from pathlib import Path
 
 from PIL import Image
 
-from examples.measurement import make_folder, save_pictures
 from examples.pictures import Canvas, pictures
 
 # IoU of the paper's own published pictures with their targets, measured from its figures; the first five
@@ -104,12 +98,3 @@ def _chair() -> Image.Image:
     sheet.stroke([(0.29, 0.64), (0.29, 0.95)], 0.05)
     sheet.stroke([(0.29, 0.80), (0.62, 0.79)], 0.04)
     return sheet.finish()
-
-
-def main() -> None:
-    """Write the pictures into the folder that is named."""
-    save_pictures(paper_pictures(), make_folder(Path(sys.argv[1]), "pictures"))
-
-
-if __name__ == "__main__":
-    main()

@@ -8,25 +8,20 @@ settings (width 1024, Adam at 1e-5, tens of thousands of iterations) would take 
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
-import torch
-from numpy.typing import NDArray
 
-from examples.measurement import Stopwatch, paint_comparison, read_question
+from examples.measurement import Stopwatch, paint_comparison, read_question, run_study
 from examples.pictures import pictures
 from knotfab.problem import Problem, SearchResult
-from knotfab.render.picture import picture_at
-from knotfab.render.silhouette import render
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
+from knotfab.tradeoff.measure import find_shadows
 
 RADIUS = 0.025  # of the frame's width, as in the paper
 SCALES = (0.25, 0.5, 1.0, 2.0)  # of the iterations
@@ -49,32 +44,27 @@ class Run:
     result: SearchResult
 
 
-def main() -> None:
+def main(*, picture: str = "cat", seed: int = 0, out: Path = Path(".")) -> None:
     """Run all, print the table, draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--picture", default="cat", choices=sorted(pictures()))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("."))
-    asked = parser.parse_args()
-    question = read_question(pictures()[asked.picture])
+    question = read_question(pictures()[picture])
     radius = round(RADIUS * question.views[0].frame_width_mm, 3)
     problem = question.with_depth(radius).problem
     template = fill(problem.polygons[0], radius)
     runs = []
-    print(f"{asked.picture}, tube radius {radius:g} mm, seed {asked.seed}; IoU at 256 px\n")
+    print(f"{picture}, tube radius {radius:g} mm, seed {seed}; IoU at 256 px\n")
     print(
         f"{'way':13} {'scale':>5} {'CPU s':>6} {'IoU':>7} {'type':>9} {'bend':>6} {'gap':>6}  "
         "limits not met"
     )
     for way in WAYS:
         for scale in SCALES:
-            runs.append(run(problem, template, radius, way, scale, 0, asked.seed))
+            runs.append(run(problem, template, radius, way, scale, 0, seed))
             print(_line(runs[-1]), flush=True)
-        runs.append(run(problem, template, radius, way, 1.0, 4, asked.seed))
+        runs.append(run(problem, template, radius, way, 1.0, 4, seed))
         print(_line(runs[-1]), flush=True)
-    asked.out.mkdir(parents=True, exist_ok=True)
-    path = asked.out / "search-compare.png"
-    _draw(problem, radius, runs, path)
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "search-compare.png"
+    _draw(problem, runs, path)
     print(f"\nbend, gap: in units of what is required; +repairs: up to four short flows\n{path}")
 
 
@@ -108,7 +98,7 @@ def _line(one: Run) -> str:
     )
 
 
-def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
+def _draw(problem: Problem, runs: list[Run], path: Path) -> None:
     """IoU against seconds, and under it each way's shadow at scale 1 without repairs."""
     figure = plt.figure(figsize=(9, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, len(WAYS), height_ratios=[1.6, 1])
@@ -132,24 +122,12 @@ def _draw(problem: Problem, radius: float, runs: list[Run], path: Path) -> None:
     for column, way in enumerate(WAYS):
         one = next(r for r in runs if r.way == way and r.scale == 1.0 and not r.repairs)
         axes = figure.add_subplot(grid[1, column])
-        axes.imshow(_compare(problem, radius, one.result))
+        axes.imshow(paint_comparison(*find_shadows(problem, one.result.knots, pixels=256)[0]))
         axes.set_axis_off()
         axes.set_title(f"{way}: {one.result.iou_estimate:.3f}", fontsize=10)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
-def _compare(problem: Problem, radius: float, result: SearchResult) -> NDArray[np.uint8]:
-    """Shadow and target in one picture: black where both are, red too much, blue missing."""
-    (view,) = problem.views
-    frame, target, _ = picture_at(view.view, view.mask, 256)
-    seen = np.zeros(target.shape, dtype=bool)
-    for knot in result.knots.knots:
-        points = torch.as_tensor(knot.points, dtype=torch.float32)
-        ahead = torch.roll(points, -1, dims=0)
-        seen |= (render(points, ahead, frame, radius, 10.0, 5.0) > 0.5).numpy()
-    return paint_comparison(seen, (target > 0.5).numpy())
-
-
 if __name__ == "__main__":
-    main()
+    run_study(main)

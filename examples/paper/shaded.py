@@ -6,7 +6,6 @@ each fit, and draws shaded.png.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from examples.corpus.curves import torus_knot
+from examples.measurement import run_study
 from examples.paper.shaded_render import Shading, render_shaded
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify
@@ -107,14 +107,10 @@ def curve_distance(points: Array, truth: Array) -> float:
     return float(np.sqrt((cKDTree(dense).query(points)[0] ** 2).mean()))
 
 
-def main() -> None:
+def main(*, out: Path = Path("shaded-out"), pixels: int = 72) -> None:
     """Fit both ways, print the distances and draw what was seen."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("shaded-out"))
-    parser.add_argument("--pixels", type=int, default=72)
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    at = trial(pixels=asked.pixels)
+    out.mkdir(parents=True, exist_ok=True)
+    at = trial(pixels=pixels)
     torch.set_num_threads(1)
     found = {
         "from the silhouette": fit(at, at.silhouette),
@@ -139,9 +135,9 @@ def main() -> None:
             axis.set_axis_off()
         axes[0, column].set_title(f"{name}\n{off:.2f} mm off", fontsize=9)
         axes[1, column].set_title("from the side", fontsize=8)
-    figure.savefig(asked.out / "shaded.png", dpi=110)
-    print(asked.out / "shaded.png")
+    figure.savefig(out / "shaded.png", dpi=110)
+    print(out / "shaded.png")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -8,7 +8,6 @@ search.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import matplotlib
@@ -16,24 +15,21 @@ import numpy as np
 import torch
 import trimesh
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import label
 from torch import Tensor
 
-from examples.measurement import Stopwatch, read_question
+from examples.measurement import Stopwatch, read_question, run_study
 from examples.pictures import Canvas, pictures
-from knotfab.arrays import Array, Mask
+from knotfab.arrays import Array, Indices, Mask
 from knotfab.design.design import choose_tube
 from knotfab.errors import SceneError
 from knotfab.progress import Progress
-from knotfab.render.picture import picture_at
-from knotfab.render.silhouette import render
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
-
-Faces = NDArray[np.int64]
+from knotfab.target.masks import mask_iou
+from knotfab.tradeoff.measure import find_shadows
 
 NAMES = ("ring", "wheel", "smiley", "teapot")
 COMPARED_PX = 512
@@ -88,7 +84,9 @@ def _flattening(vertices: Tensor, pairs: Tensor, normals_of: Tensor) -> Tensor:
     return ((cosine - 1) ** 2).sum()
 
 
-def fit_sphere(target: Tensor, iterations: int = 200, subdivisions: int = 4) -> tuple[Array, Faces]:
+def fit_sphere(
+    target: Tensor, iterations: int = 200, subdivisions: int = 4
+) -> tuple[Array, Indices]:
     """Vertices (n, 3) and faces (m, 3) of a sphere deformed to the picture `target` [p, p], in [-1, 1]³.
 
     Parallel projection along z, y down in the picture. Loss: 1 - soft IoU, 0.01 of the squared
@@ -126,7 +124,7 @@ def fit_sphere(target: Tensor, iterations: int = 200, subdivisions: int = 4) -> 
     return vertices.detach().double().numpy(), faces.numpy()
 
 
-def hard_silhouette(vertices: Array, faces: Faces, pixels: int) -> Mask:
+def hard_silhouette(vertices: Array, faces: Indices, pixels: int) -> Mask:
     """(pixels, pixels) the union of the projected triangles."""
     sheet = Image.new("1", (pixels, pixels))
     draw = ImageDraw.Draw(sheet)
@@ -158,33 +156,19 @@ def _tube(picture: Image.Image) -> tuple[Mask, Mask]:
     question, settings = read_question(picture), search_settings("draft", {})
     question, radius, start, _ = choose_tube(question, settings, Progress("quiet"))
     knots = search(question.problem, start, radius, settings).knots
-    (view,) = question.problem.views
-    frame, target, _ = picture_at(view.view, view.mask, COMPARED_PX)
-    starts = torch.as_tensor(knots.points).float()
-    ends = torch.as_tensor(np.concatenate([np.roll(k.points, -1, 0) for k in knots.knots])).float()
-    with torch.no_grad():
-        seen = (render(starts, ends, frame, knots.radius_mm, 10.0) > 0.5).numpy()
-    return _square(target.numpy() > 0.5, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
+    ((seen, wanted),) = find_shadows(question.problem, knots, pixels=COMPARED_PX)
+    return _square(wanted, COMPARED_PX) > 0.5, _square(seen, COMPARED_PX) > 0.5
 
 
-def _iou(a: Mask, b: Mask) -> float:
-    return float((a & b).sum() / (a | b).sum())
-
-
-def main() -> None:
+def main(*names: str, out: Path = Path("sphere-mesh-out"), pixels: int = 96) -> None:
     """Print the table and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=list(NAMES))
-    parser.add_argument("--out", type=Path, default=Path("sphere-mesh-out"))
-    parser.add_argument("--pixels", type=int, default=96, help="of the mesh's soft silhouette")
-    asked = parser.parse_args()
     every = {"ring": ring_picture(), **pictures()}
-    asked.out.mkdir(parents=True, exist_ok=True)
-    figure = Figure(figsize=(6.6, 2.3 * len(asked.names)), layout="constrained")
-    axes = figure.subplots(len(asked.names), 3, squeeze=False)
+    out.mkdir(parents=True, exist_ok=True)
+    figure = Figure(figsize=(6.6, 2.3 * len(names or NAMES)), layout="constrained")
+    axes = figure.subplots(len(names or NAMES), 3, squeeze=False)
     print("                holes             IoU              CPU seconds")
     print("picture    target mesh tube   mesh    tube      mesh    tube")
-    for row, name in zip(axes, asked.names, strict=True):
+    for row, name in zip(axes, (names or NAMES), strict=True):
         with one_thread():
             watch = Stopwatch()
             try:
@@ -193,24 +177,24 @@ def main() -> None:
                 print(f"{name:<10} {error}")
                 continue
             tube_s = watch.cpu_s
-            coarse = torch.as_tensor(_square(target, asked.pixels), dtype=torch.float32)
+            coarse = torch.as_tensor(_square(target, pixels), dtype=torch.float32)
             mesh = hard_silhouette(*fit_sphere(coarse), COMPARED_PX)
             mesh_s = watch.cpu_s - tube_s
         print(
-            f"{name:<10} {holes(target):>5} {holes(mesh):>5} {holes(tube):>4}   {_iou(mesh, target):.4f}  "
-            f"{_iou(tube, target):.4f}  {mesh_s:>7.1f} {tube_s:>7.1f}",
+            f"{name:<10} {holes(target):>5} {holes(mesh):>5} {holes(tube):>4}   "
+            f"{mask_iou(mesh, target):.4f}  {mask_iou(tube, target):.4f}  {mesh_s:>7.1f} {tube_s:>7.1f}",
             flush=True,
         )
         for axis, mask, title in zip(
             row, (target, mesh, tube), (name, "sphere mesh", "tube"), strict=True
         ):
             axis.imshow(~mask, cmap=matplotlib.colormaps["gray"], vmin=0, vmax=1)
-            share = "" if title == name else f", IoU {_iou(mask, target):.3f}"
+            share = "" if title == name else f", IoU {mask_iou(mask, target):.3f}"
             axis.set_title(title + share, fontsize=9)
             axis.set_axis_off()
-    figure.savefig(asked.out / "sphere-mesh.png", dpi=110)
-    print(asked.out / "sphere-mesh.png")
+    figure.savefig(out / "sphere-mesh.png", dpi=110)
+    print(out / "sphere-mesh.png")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -7,14 +7,13 @@ well is not run again. All take about an hour on two quiet cores.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from examples.measurement import Stopwatch
+from examples.measurement import Stopwatch, run_study
 
 
 @dataclass(frozen=True)
@@ -63,19 +62,15 @@ def _ran(name: str, section: Section, out: Path) -> bool:
     return child.returncode == 0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(*, only: tuple[Literal[*SECTIONS], ...] = (), out: Path = Path("paper-table")) -> int:
     """Run the sections; 1 where one failed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=SECTIONS)
-    parser.add_argument("--out", type=Path, default=Path("paper-table"))
-    given = parser.parse_args(arguments)
-    given.out.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     failed = []
-    for name in given.only or SECTIONS:
-        done = given.out / f"{name}.txt"
+    for name in only or SECTIONS:
+        done = out / f"{name}.txt"
         if done.is_file():
             print(f"\n== {SECTIONS[name].title}\n{done.read_text()}", end="", flush=True)
-        elif not _ran(name, SECTIONS[name], given.out):
+        elif not _ran(name, SECTIONS[name], out):
             failed.append(name)
     if failed:
         print(f"\nDid not end well: {', '.join(failed)}", flush=True)
@@ -83,4 +78,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

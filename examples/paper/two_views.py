@@ -6,16 +6,15 @@ by shadow and by eye, and prints a line a view. `--only NAME` builds one, and `-
 
 from __future__ import annotations
 
-import argparse
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import trimesh
 from PIL import Image
 
-from examples.measurement import Stopwatch, make_folder, save_pictures
+from examples.measurement import Stopwatch, make_folder, run_study, save_pictures
 from examples.pictures import pictures
 from knotfab.design.frames import spread_views
 from knotfab.errors import KnotfabError
@@ -98,26 +97,21 @@ def _print_case(name: str, outcome: Outcome, watch: Stopwatch) -> None:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(*, out: Path, only: Literal[*CASES] | None = None, picture: Path | None = None) -> None:
     """Build, and print the table; a case that cannot be built prints why."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--only", choices=CASES)
-    parser.add_argument("--picture", type=Path, help="with --only: draw the case here, a PNG")
-    given = parser.parse_args(arguments)
-    if given.picture and not given.only:
-        parser.error("--picture draws one case: name it with --only")
-    for name in [given.only] if given.only else CASES:
+    if picture and not only:
+        raise SystemExit("--picture draws one case: name it with --only")
+    for name in [only] if only else CASES:
         watch = Stopwatch()
         try:
-            outcome = build_case(name, given.out)
+            outcome = build_case(name, out)
         except KnotfabError as error:
             print(f"{name:20} {error}")
             continue
         _print_case(name, outcome, watch)
-        if given.picture:
-            draw_case(outcome, given.picture)
+        if picture:
+            draw_case(outcome, picture)
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -7,14 +7,14 @@ radius a through its middle: (a (1 + cos t), a sin t, 2a sin(t / 2)), t from 0 t
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
 from PIL import Image
 
-from examples.measurement import Stopwatch
+from examples.measurement import Stopwatch, run_study
 from examples.paper.two_views import draw_case
 from knotfab.arrays import Array
 from knotfab.pipeline import build
@@ -75,17 +75,12 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
     return build(Request(scene, pictures, folder / "built", folder, printing))
 
 
-def main() -> None:
+def main(
+    *, out: Path, start: Literal["filling", "circle"] = "circle", picture: Path | None = None
+) -> None:
     """Rebuild, and print what each view came to."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--start", choices=["filling", "circle"], default="circle")
-    parser.add_argument(
-        "--picture", type=Path, help="draw the three views and the part here, a PNG"
-    )
-    given = parser.parse_args()
     watch = Stopwatch()
-    outcome = rebuild(given.out, given.start)
+    outcome = rebuild(out, start)
     ious = []
     for view in outcome.report["views"]:
         ious.append(view["iou"])
@@ -93,9 +88,9 @@ def main() -> None:
     checks = {c["name"]: c["status"] for c in outcome.report["checks"]}
     print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
     print(f"{watch.wall_s:.0f} s ({watch.cpu_s:.0f} CPU s)")
-    if given.picture:
-        draw_case(outcome, given.picture)
+    if picture:
+        draw_case(outcome, picture)
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -7,30 +7,25 @@ memory of whole builds.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from pathlib import Path
 
-from examples.measurement import build_apart, failed_checks, make_folder, save_pictures
+from examples.measurement import build_apart, failed_checks, make_folder, run_study, save_pictures
 from examples.pictures import pictures
 
 
-def main() -> None:
+def main(
+    *names: str, flat: bool = False, skip_slicer: bool = False, out: Path | None = None
+) -> None:
     """Print the table and its summary."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--flat", action="store_true", help="build flat as well, for legibility")
-    parser.add_argument("--skip-slicer", action="store_true")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    folder = make_folder(asked.out, "table")
-    skipped = ["--skip", "slicer"] if asked.skip_slicer else []
+    folder = make_folder(out, "table")
+    skipped = ["--skip", "slicer"] if skip_slicer else []
     rows: list[dict[str, float]] = []
     print(
         f"{'picture':<10} code    IoU  r/width%  depth  leg30  leg45  flat45   bend  turns  failed  "
         "seconds  peak MB"
     )
-    for name, path in save_pictures(pictures(), folder, asked.names).items():
+    for name, path in save_pictures(pictures(), folder, names).items():
         built = build_apart(path, folder / name, *skipped)
         report = built.report
         if report is None:
@@ -43,10 +38,10 @@ def main() -> None:
         failed = failed_checks(report)
         knots = report["knots"]
         length = sum(k["length_mm"] for k in knots)
-        flat = None
-        if asked.flat:
+        plain = None
+        if flat:
             other = build_apart(path, folder / f"{name}-flat", "--depth", "flat", *skipped).report
-            flat = other["views"][0]["legibility"]["45"] if other else None
+            plain = other["views"][0]["legibility"]["45"] if other else None
         row = {
             "iou": view["iou_tube"],
             "radius": radius,
@@ -60,12 +55,12 @@ def main() -> None:
             "peak": built.peak_mb,
             "code": built.code,
         }
-        if flat is not None:
-            row["drop"] = flat - row["leg"]
+        if plain is not None:
+            row["drop"] = plain - row["leg"]
         rows.append(row)
         print(
             f"{name:<10} {built.code:>4}  {row['iou']:.4f}  {radius:7.2f}  {row['depth']:.3f}  "
-            f"{row['leg30']:.3f}  {row['leg']:.3f}  {'' if flat is None else f'{flat:.3f}':>6}  "
+            f"{row['leg30']:.3f}  {row['leg']:.3f}  {'' if plain is None else f'{plain:.3f}':>6}  "
             f"{row['bend']:.3f}  {row['turns']:5.0f}  {len(failed):>6}  "
             f"{row['seconds']:7.1f}  {row['peak']:7.0f}  {' '.join(failed)}",
             flush=True,
@@ -87,9 +82,9 @@ def main() -> None:
         f"seconds median {statistics.median(all_of('seconds')):.1f}, worst {max(all_of('seconds')):.1f}; "
         f"peak memory {max(all_of('peak')):.0f} MB"
     )
-    if asked.flat:
+    if flat:
         print(f"legibility below the flat build's: least {min(all_of('drop')):.3f}")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

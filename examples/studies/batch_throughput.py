@@ -8,7 +8,6 @@ the pool's overhead: what a batch of one job takes a picture beside its build, f
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -20,11 +19,12 @@ import time
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from cyclopts import Parameter
 from PIL import Image, ImageOps
 
-from examples.measurement import Stopwatch, save_pictures
+from examples.measurement import Stopwatch, run_study, save_pictures
 from examples.pictures import pictures
 
 # what a build writes that holds no times and no commands
@@ -78,28 +78,26 @@ def run_cluster(files: Sequence[Path], out: Path, options: Sequence[str], worker
         return run("batch", *files, "--out", out, *address, *options)
 
 
-def main() -> None:
-    """Build, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pictures", type=int, default=40)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--kept", type=Path, help="a JSON file for the figures")
-    asked, options = parser.parse_known_args()
-    found: dict[str, Any] = {"pictures": asked.pictures, "jobs": asked.jobs, "options": options}
+def main(
+    *options: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    pictures: int = 40,
+    jobs: int = 2,
+    kept: Path | None = None,
+) -> None:
+    """Build, and print the table; the figures into the JSON file `kept`."""
+    found: dict[str, Any] = {"pictures": pictures, "jobs": jobs, "options": options}
     with tempfile.TemporaryDirectory(prefix="knotfab-throughput-") as place:
         here = Path(place)
         (here / "drawn").mkdir()
-        drawn = save_pictures(draw_pictures(asked.pictures), here / "drawn")
+        drawn = save_pictures(draw_pictures(pictures), here / "drawn")
         names, files = list(drawn), list(drawn.values())
         ways = {name: here / name for name in ("single", "batch", "cluster")}
         seconds = {
             "single": sum(
                 run("build", f, "--out", ways["single"] / f.stem, *options) for f in files
             ),
-            "batch": run(
-                "batch", *files, "--out", ways["batch"], "--jobs", str(asked.jobs), *options
-            ),
-            "cluster": run_cluster(files, ways["cluster"], options, asked.jobs),
+            "batch": run("batch", *files, "--out", ways["batch"], "--jobs", str(jobs), *options),
+            "cluster": run_cluster(files, ways["cluster"], options, jobs),
         }
         for way, folder in ways.items():
             hourly = 3600 * len(names) / seconds[way]
@@ -118,9 +116,9 @@ def main() -> None:
         overhead = (alone - sum(r["seconds"] for r in records)) / len(records)
         found["overhead_s"] = overhead
         print(f"The pool takes {overhead:.2f} s a picture, of {len(records)} one after the other")
-    if asked.kept is not None:
-        asked.kept.write_text(json.dumps(found, indent=1) + "\n")
+    if kept is not None:
+        kept.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

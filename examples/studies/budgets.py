@@ -9,13 +9,12 @@ second counts. A build is late that ends later than 1.15 times its budget. What 
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 from pathlib import Path
 from typing import Any
 
-from examples.measurement import build_apart, make_folder, save_pictures
+from examples.measurement import build_apart, make_folder, run_study, save_pictures
 from examples.pictures import pictures
 
 NAMES = ("knight", "smiley", "anchor", "cat", "wheel", "bicycle")
@@ -72,50 +71,49 @@ def draw(found: dict[str, dict[str, Record]], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def main() -> None:
+def main(
+    *names: str,
+    seconds: tuple[float, ...] = SECONDS,
+    runs: int = 5,
+    kept: Path | None = None,
+    figure: Path | None = None,
+    out: Path | None = None,
+) -> None:
     """Print a line a build, what it comes to, and draw it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", default=NAMES)
-    parser.add_argument("--seconds", type=float, nargs="+", default=SECONDS)
-    parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--kept", type=Path, help="what is measured, to go on from")
-    parser.add_argument("--figure", type=Path)
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    folder = make_folder(asked.out, "budgets")
+    folder = make_folder(out, "budgets")
     found: dict[str, dict[str, Record]] = {}
-    if asked.kept is not None and asked.kept.is_file():
-        found = json.loads(asked.kept.read_text("utf-8"))
+    if kept is not None and kept.is_file():
+        found = json.loads(kept.read_text("utf-8"))
     late = unverified = 0
     print(
         f"{'picture':<10} {'budget':>6} {'median':>7} {'worst':>7}  share  codes  IoU     verdict"
     )
-    for name, path in save_pictures(pictures(), folder, asked.names).items():
+    for name, path in save_pictures(pictures(), folder, (names or NAMES)).items():
         own = found.setdefault(name, {})
-        for seconds in asked.seconds:
-            key = f"{seconds:g}"
+        for budget in seconds:
+            key = f"{budget:g}"
             if key not in own:
-                own[key] = measure(path, seconds, asked.runs, folder)
-                if asked.kept is not None:
-                    asked.kept.parent.mkdir(parents=True, exist_ok=True)
-                    asked.kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+                own[key] = measure(path, budget, runs, folder)
+                if kept is not None:
+                    kept.parent.mkdir(parents=True, exist_ok=True)
+                    kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
             record = own[key]
             middle = statistics.median(record["seconds"])
-            late += middle > LATE * seconds
+            late += middle > LATE * budget
             unverified += any(record["codes"])
             codes = ",".join(str(code) for code in sorted(set(record["codes"])))
             iou = "" if record["iou"] is None else f"{record['iou']:.4f}"
             print(
-                f"{name:<10} {seconds:>6g} {middle:>7.2f} {max(record['seconds']):>7.2f}  "
-                f"{middle / seconds:.2f}  {codes:<6} {iou:<7} {record['verdict'] or record['said']}",
+                f"{name:<10} {budget:>6g} {middle:>7.2f} {max(record['seconds']):>7.2f}  "
+                f"{middle / budget:.2f}  {codes:<6} {iou:<7} {record['verdict'] or record['said']}",
                 flush=True,
             )
     print(
         f"{late} budgets overrun by more than 15 %, {unverified} with a run that was not verified"
     )
-    if asked.figure is not None:
-        draw(found, asked.figure)
+    if figure is not None:
+        draw(found, figure)
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from examples.corpus.broken import broken
 from examples.corpus.case import Broken, Good
 from examples.corpus.good import good
 from examples.corpus.judge import NO_RENDERING, Row, judge_case
+from examples.measurement import run_study
 
 
 def corpus_rows(
@@ -41,15 +41,11 @@ def summary(rows: Sequence[Row]) -> dict[str, tuple[int, int]]:
     }
 
 
-def main() -> int:
+def main(*, only: str = "", render: bool = False) -> int:
     """Print the table and its sums; 1 unless all is as it must be."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="cases whose name or check has this word")
-    parser.add_argument("--render", action="store_true", help="render the shadows too")
-    asked = parser.parse_args()
     every: list[Broken | Good] = [*broken(), *good()]
-    chosen = [c for c in every if asked.only in f"{c.name} {getattr(c, 'meant', 'good')}"]
-    rows = corpus_rows(chosen, () if asked.render else (NO_RENDERING,))
+    chosen = [c for c in every if only in f"{c.name} {getattr(c, 'meant', 'good')}"]
+    rows = corpus_rows(chosen, () if render else (NO_RENDERING,))
     for row in rows:
         verdict = (
             ("rejected" if row.right else "MISSED")
@@ -76,4 +72,4 @@ def _place(row: Row) -> str:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_study(main)

@@ -9,7 +9,6 @@ scalar variant), IoU at half light and brightness inside the penumbra under lamp
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -21,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.lighting import bounce_and_truth, uneven_and_truth, wall_and_truth
-from examples.measurement import build_apart
-from examples.parting import bounds_and_truths, shift_bound_and_truth
+from examples.measurement import build_apart, run_study
+from examples.parting import bounds_and_truths, cast, shift_bound_and_truth
+from knotfab.arrays import Array
 from knotfab.effects.base import VERIFIED_PX, EffectContext, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.survey import survey
@@ -38,8 +38,6 @@ from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.penumbra import measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-
-Array = NDArray[np.float64]
 
 KINDS = ("ball", "disc", "rectangle", "leds")
 KNIGHT = Path(__file__).resolve().parents[1] / "knight.png"
@@ -102,12 +100,7 @@ def edge_of_lamp(view: ResolvedView, seen_from: Array) -> Array:
 
 def true_blur(view: ResolvedView, edge: Array) -> float:
     """The longest line in what the lamp throws through one point onto the wall, mm."""
-    camera = camera_of(view, 1, 1)
-    normal, offset = camera.receiver[:3], camera.receiver[3]
-    lamp = edge_of_lamp(view, edge)
-    ray = edge - lamp
-    reach = -(lamp @ normal + offset) / (ray @ normal)
-    spots = lamp + reach[:, None] * ray
+    spots = cast(edge, edge_of_lamp(view, edge), camera_of(view, 1, 1))
     return float(np.linalg.norm(spots[:, None] - spots, axis=2).max())
 
 
@@ -312,24 +305,17 @@ class _Lamp:
         self.light_diameter_mm = diameter
 
 
-def main() -> None:
+def main(*, scenes: int = 200, part: Path | None = None, px: int = 512, samples: int = 401) -> None:
     """Print all tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--part", type=Path)
-    parser.add_argument("--px", type=int, default=512)
-    parser.add_argument("--samples", type=int, default=401)  # odd: none ties
-    asked = parser.parse_args()
-    print_bounds(asked.scenes)
+    print_bounds(scenes)
     print_deciding()
     with tempfile.TemporaryDirectory() as folder:
-        part = asked.part
         if part is None:
             part = Path(folder) / "knight"
             build_apart(KNIGHT, part)
         print_round(part, ROUND_WALLS)
         if _has_mitsuba():
-            print_traced(part, asked.px, asked.samples)
+            print_traced(part, px, samples)
 
 
 def _has_mitsuba() -> bool:
@@ -348,4 +334,4 @@ def _has_mitsuba() -> bool:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -8,12 +8,11 @@ front and the presets as a table and writes frontier.json, its figures alone, an
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import json
 from pathlib import Path
 
-from examples.measurement import read_question
+from examples.measurement import read_question, run_study
 from examples.pictures import pictures
 from knotfab.files.whole import write_whole
 from knotfab.progress import Progress
@@ -36,34 +35,33 @@ _DIGITS = 5
 _LEFT_OUT = ("settings", "faces", "radius_s", "search_s", "sweep_s")
 
 
-def main() -> None:
+def main(
+    *names: str,
+    kept: Path = Path("out/frontier"),
+    write: Path | None = None,
+    time_limit: str | None = None,
+    combinations: int = COMBINATIONS,
+    jobs: int = 1,
+) -> None:
     """Measure, write and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=NAMES)
-    parser.add_argument("--kept", type=Path, default=Path("out/frontier"))
-    parser.add_argument("--write", type=Path)
-    parser.add_argument("--time-limit")
-    parser.add_argument("--combinations", type=int, default=COMBINATIONS)
-    parser.add_argument("--jobs", type=int, default=1)
-    asked = parser.parse_args()
     drawn = pictures()
-    studies = [Study(name, read_question(drawn[name])) for name in asked.names]
-    limit_s = None if asked.time_limit is None else read_seconds(asked.time_limit, "--time-limit")
+    studies = [Study(name, read_question(drawn[name])) for name in (names or NAMES)]
+    limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
     with Progress("verbose") as progress:
         found = measure_tradeoff(
             studies,
             Scene(),
-            asked.kept,
-            run_all(studies, asked.jobs),
+            kept,
+            run_all(studies, jobs),
             progress=progress,
-            jobs=asked.jobs,
+            jobs=jobs,
             limit_s=limit_s,
-            combinations=asked.combinations,
+            combinations=combinations,
         )
     print(describe(found))
-    if asked.write is not None:
-        write_whole(asked.write / "frontier.json", dump_study(found).encode())
-        write_whole(asked.write / "frontier.png", draw(found.explored, found.title))
+    if write is not None:
+        write_whole(write / "frontier.json", dump_study(found).encode())
+        write_whole(write / "frontier.png", draw(found.explored, found.title))
 
 
 def dump_study(found: Tradeoff) -> str:
@@ -114,4 +112,4 @@ def _row(m: Measured, on_front: bool) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

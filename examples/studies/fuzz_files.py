@@ -9,7 +9,6 @@ worker. Ends with 1 if there was any; the offending files are kept in fuzz-failu
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from pathlib import Path
 from examples.corpus.examine import Outcome, examine
 from examples.corpus.fuzzed import fuzz_file
 from examples.corpus.hostile import Hostile, handmade
+from examples.measurement import run_study
 
 SLOW_S = 5.0
 MOST_MB = 1000.0
@@ -118,13 +118,9 @@ def _next(worker: _Worker, queue: object) -> bool:
     return file is not None
 
 
-def main() -> int:
-    arguments = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    arguments.add_argument("--count", type=int, default=10_000)
-    arguments.add_argument("--seed", type=int, default=0)
-    asked = arguments.parse_args()
+def main(*, count: int = 10000, seed: int = 0) -> int:
     start = time.perf_counter()
-    results = run_all(asked.count, asked.seed)
+    results = run_all(count, seed)
     kinds = Counter(outcome.kind for _, outcome in results)
     bad = [(f, o) for f, o in results if o.kind in ("crashed", "slow", "hungry")]
     bad += [(f, o) for f, o in results if f.says and (o.kind != "refused" or f.says not in o.said)]
@@ -142,4 +138,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -7,7 +7,6 @@ picture every piece from four sides, without grace on the left and with the defa
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from examples.measurement import read_question
+from examples.measurement import read_question, run_study
 from examples.pictures import pictures
 from examples.side_view import side_view
 from knotfab.arrays import Array
@@ -35,16 +34,12 @@ LABEL_PX = 64
 HEADINGS = ("IoU", "least", "curvature x r", "most", "turns", "length / r", "leg45", "leg30", "s")
 
 
-def main() -> None:
+def main(*names: str, out: Path | None = None) -> None:
     """Print the table, and draw the pieces."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
     found: dict[float, list[list[float]]] = {weight: [] for weight in WEIGHTS}
     strips = []
     for name, image in pictures().items():
-        if asked.names and name not in asked.names:
+        if names and name not in names:
             continue
         settings = PRESETS["standard"]
         question, radius, start, _ = choose_tube(read_question(image), settings, Progress("quiet"))
@@ -68,9 +63,9 @@ def main() -> None:
         row = [mean(iou), min(iou), mean(bend), max(bend), mean(turns), mean(length)]
         row += [mean(at_45), mean(at_30), mean(seconds)]
         print(f"{weight:<6g}  " + "  ".join(f"{value:13.4f}" for value in row))
-    if asked.out:
+    if out:
         sheet = Image.fromarray(np.concatenate([np.asarray(s) for s in strips]))
-        sheet.quantize(64).save(asked.out, optimize=True)
+        sheet.quantize(64).save(out, optimize=True)
 
 
 def describe(knots: Knots) -> tuple[float, float, float]:
@@ -106,4 +101,4 @@ def draw(name: str, *pieces: Knots) -> Image.Image:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -8,8 +8,6 @@ Ends with 1 where a case is outside its bounds: 16 machine epsilons times its co
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +27,7 @@ from examples.hard_cases.measure import (
 )
 from examples.hard_cases.paper_rendering import applies, paper_error, printed_fails
 from examples.hard_cases.rendering import RenderCase, render_cases
+from examples.measurement import run_study
 from examples.studies.hard_groups import Line, groups
 from examples.studies.hard_sheets import draw_image, sheet
 
@@ -196,19 +195,13 @@ def _count_printed(rows: Sequence[Row]) -> tuple[int, int]:
     return sum(said != "serves" for said in told), len(told)
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(*, only: str = "", write: Path | None = None) -> int:
     """Print the table; 1 where a case is outside its bounds."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--only", default="", help="cases, or other groups, whose name holds this word"
-    )
-    parser.add_argument("--write", type=Path, help="folder for hard-cases.md and its pictures")
-    asked = parser.parse_args(argv)
     widths = (26, 13, 10, 5, 8, 13, 14, 11, 11, 18)
     print("  ".join(head.ljust(n) for head, n in zip(HEADS, widths, strict=True)))
     rows = []
     for case in render_cases():
-        if asked.only not in case.name:
+        if only not in case.name:
             continue
         row = row_of(case)
         rows.append(row)
@@ -216,14 +209,14 @@ def main(argv: list[str] | None = None) -> int:
         print(text + ("" if row.good else "  OUTSIDE"), flush=True)
     outside = sum(not row.good for row in rows)
     bad, count = _count_printed(rows)
-    others = list(groups(asked.only))
+    others = list(groups(only))
     outside += sum(not one.good for *_, found in others for one in found)
     total = len(rows) + sum(len(found) for *_, found in others)
     print(f"{total} cases, {outside} outside their bounds; as printed {bad} of {count} fail")
-    if asked.write is not None:
-        _page(rows, others, asked.write)
+    if write is not None:
+        _page(rows, others, write)
     return int(outside > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -8,28 +8,21 @@ code or a build that is longer than the limit is a fault; any fault ends this wi
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
 from examples.hard_cases.pictures import hard_pictures
-from examples.measurement import build_apart, make_folder, save_pictures
+from examples.measurement import build_apart, make_folder, run_study, save_pictures
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(*, only: str = "", out: Path | None = None, limit_s: float = 900.0) -> int:
     """Print one line a picture; 1 where any build ended as none may."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="pictures whose name holds this word")
-    parser.add_argument("--out", type=Path, help="folder to keep the builds in")
-    parser.add_argument("--limit-s", type=float, default=900.0)
-    asked = parser.parse_args(argv)
     faults = 0
     print(f"{'picture':<14} {'code':>4} {'IoU':>7} {'CPU s':>7} {'wall s':>7}  said", flush=True)
-    folder = make_folder(asked.out, "hardest")
-    drawn = {case.name: case.image() for case in hard_pictures() if asked.only in case.name}
+    folder = make_folder(out, "hardest")
+    drawn = {case.name: case.image() for case in hard_pictures() if only in case.name}
     for name, path in save_pictures(drawn, folder).items():
         options = ("--mount", "none", "--accuracy", "draft")
-        built = build_apart(path, folder / name, *options, limit_s=asked.limit_s)
+        built = build_apart(path, folder / name, *options, limit_s=limit_s)
         faults += not built.clear
         views = built.report["views"] if built.report else []
         iou = f"{min(v['iou'] for v in views):.4f}" if views else ""
@@ -43,4 +36,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -8,14 +8,14 @@ at 45 degrees and CPU seconds of depth and search; then the means.
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from PIL import Image
 
-from examples.measurement import read_question
+from examples.measurement import read_question, run_study
 from examples.pictures import pictures
 from examples.studies.grace_table import read
 from knotfab.design.design import choose_tube
@@ -74,19 +74,14 @@ def look(target: TargetView, knots: Knots, settings: SearchSettings) -> list[flo
     return [soft.brightness_error, soft.iou, overlap(sharp, wanted).iou, legible]
 
 
-def main() -> None:
+def main(*names: str, accuracy: Literal[*PRESETS] = "standard", lamp: float = 20.0) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--accuracy", default="standard", choices=list(PRESETS))
-    parser.add_argument("--lamp", type=float, default=20.0)
-    asked = parser.parse_args()
     print(f"{'':<12}" + "".join(f"{h:>22}" for h in HEADINGS), flush=True)
     every = []
     for name, image in pictures().items():
-        if asked.names and name not in asked.names:
+        if names and name not in names:
             continue
-        off, on = compare(image, asked.accuracy, asked.lamp)
+        off, on = compare(image, accuracy, lamp)
         every.append([off, on])
         print(
             f"{name:<12}" + "".join(f"{a:>13.4f} ->{b:7.4f}" for a, b in zip(off, on, strict=True)),
@@ -102,4 +97,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

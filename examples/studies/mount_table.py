@@ -9,15 +9,13 @@ such as heart+teapot is one piece of two views, which only a stand holds.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from examples.measurement import build_apart
+from examples.measurement import build_apart, make_folder, run_study
 from examples.pictures import pictures
 
 
@@ -76,31 +74,29 @@ def _summary(kind: str, rows: Sequence[dict[str, float]]) -> str:
     return text
 
 
-def main() -> None:
+def main(
+    *names: str,
+    only: Literal["wall", "stand"] | None = None,
+    skip_slicer: bool = False,
+    out: Path | None = None,
+) -> None:
     """Print the table and its summaries."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--only", choices=["wall", "stand"])
-    parser.add_argument("--skip-slicer", action="store_true")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    folder = asked.out or Path(tempfile.mkdtemp(prefix="knotfab-mounts-"))
-    folder.mkdir(parents=True, exist_ok=True)
-    options = ["--skip", "slicer"] if asked.skip_slicer else []
+    folder = make_folder(out, "mounts")
+    options = ["--skip", "slicer"] if skip_slicer else []
     drawn = pictures()
-    for kind in [asked.only] if asked.only else ["wall", "stand"]:
+    for kind in [only] if only else ["wall", "stand"]:
         rows = []
         print(
             "picture    mount  code  IoU     drop     intr. %      sag  members    tip  "
             "seconds  warnings  failed"
         )
-        for name in asked.names or drawn:
+        for name in names or drawn:
             parts = name.split("+")
             if len(parts) > 1 and kind == "wall":
                 continue
-            out = folder / f"{name}-{kind}"
+            place = folder / f"{name}-{kind}"
             done = next(
-                (p for p in (out / "report.json", out / "rejected/report.json") if p.is_file()),
+                (p for p in (place / "report.json", place / "rejected/report.json") if p.is_file()),
                 None,
             )
             if done is None:
@@ -108,7 +104,7 @@ def main() -> None:
                 for part, path in zip(parts, paths, strict=True):
                     drawn[part].save(path)
                 more = [str(path) for path in paths[1:]]
-                built = build_apart(paths[0], out, *more, "--mount", kind, *options)
+                built = build_apart(paths[0], place, *more, "--mount", kind, *options)
                 report, code, error = built.report, built.code, built.said
             else:
                 report, error = json.loads(done.read_text()), ""
@@ -124,4 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -30,7 +30,7 @@ BATCH BLOCK BLOCKS_AT_ONCE BLOCK_LEVEL FACES_AT_ONCE HOPELESS FEWEST MANY_PAIRS
 MOST_A_FACE MOST_ACROSS MOST_AT_ONCE MOST_BATCHES MOST_BODIES MOST_BOXES MOST_BYTES
 MOST_COMPARED MOST_COUNTED MOST_CROSSINGS MOST_CUT MOST_EXACT MOST_FACTORS MOST_HOPS
 MOST_LOOKS MOST_MOVES MOST_NEAR MOST_OF_SUMS MOST_OF_UNKNOT NEAREST_PAIRS MOST_PAIRS
-MOST_RANK MOST_RINGS MOST_SAMPLES MOST_SEEDS MOST_SEEN MOST_SHAKEN MOST_STATES
+MOST_RINGS MOST_SAMPLES MOST_SEEDS MOST_SEEN MOST_SHAKEN MOST_STATES
 MOST_STEPS MOST_TESTS MOST_TORUS_CROSSINGS PAIRS_AT_ONCE ROUNDS ROWS_AT_ONCE SHAKES
 SOME_SHAKES STARTS TOP_ARCS
 """
@@ -100,7 +100,6 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("printing.plates", "winding_numbers(vertices[beyond], part, exact=False) > 0.5"): EDGE,
     ("printing.printability", "longest > 0"): WORDS,
     ("printing.printability", "len(found) > 1"): WORDS,
-    ("printing.printability", "found.widths < (use.nozzle or 0.0) - tolerance"): MARKED,
     ("printing.printability", "counted[worst] > 0"): MARKED,
     ("printing.printability", "span > _longest_bridge(use)"): MARKED,
     ("knots.projection", "DIRECTIONS"): EFFORT,
@@ -108,7 +107,6 @@ EXCUSES: dict[tuple[str, str], str] = {
     ("knots.projection", "ALL_PAIRS"): EFFORT,
     ("files.threemf", "*"): GUARDS,
     ("files.knots", "MOST_KNOTS"): GUARDS,
-    ("files.mesh", "*"): GUARDS,
     ("files.obj", "*"): GUARDS,
     ("files.ply", "*"): GUARDS,
     ("files.table", "LEAST"): GUARDS,

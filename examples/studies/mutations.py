@@ -7,7 +7,6 @@ against the copy. Exit code 1 if one of them survives that is not excused in `mu
 
 from __future__ import annotations
 
-import argparse
 import ast
 import os
 import re
@@ -20,6 +19,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from examples.measurement import run_study
 from examples.studies.mutation_excuses import excuse
 
 ROOT = Path(__file__).parents[2]
@@ -194,24 +194,16 @@ def _fails(package: Path, tests: list[Path]) -> bool:
     return done.returncode != 0
 
 
-def main() -> int:
+def main(*, module: tuple[str, ...] = (), list_: bool = False) -> int:
     """Run the study and print what survives."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--module", action="append", default=[], help="only these, such as tube.thickness"
-    )
-    parser.add_argument("--list", action="store_true", help="name the mutants, run nothing")
-    asked = parser.parse_args()
     paths = [
-        path
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if not asked.module or _module_of(path) in asked.module
+        path for path in sorted(PACKAGE.rglob("*.py")) if not module or _module_of(path) in module
     ]
     every = [mutant for path in paths for mutant in mutants_of(path)]
     excused = {mutant: reason for mutant in every if (reason := excuse(mutant))}
     left = [mutant for mutant in every if mutant not in excused]
     print(f"{len(every)} mutants of {len(paths)} modules, {len(excused)} of them excused")
-    if asked.list:
+    if list_:
         for mutant in every:
             print(f"{mutant}" + (f"  -- {excused[mutant]}" if mutant in excused else ""))
         return 0
@@ -248,4 +240,4 @@ def _study(mutants: list[Mutant]) -> tuple[list[Mutant], list[Path]]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_study(main)

@@ -7,7 +7,6 @@ the mean seconds of each stage. `--write knotfab/report/next_step.json` keeps th
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import tempfile
@@ -16,7 +15,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from examples.measurement import build_apart, save_pictures
+from examples.measurement import build_apart, run_study, save_pictures
 from examples.pictures import pictures
 from knotfab.scene.settings import PRESETS
 
@@ -54,23 +53,19 @@ def measure(names: tuple[str, ...], folder: Path) -> list[dict[str, Any]]:
     ]
 
 
-def main() -> None:
+def main(*names: str, write: Path | None = None) -> None:
     """Print the table, and keep it where that is asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=NAMES)
-    parser.add_argument("--write", type=Path)
-    asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        steps = measure(tuple(asked.names), Path(folder))
+        steps = measure(tuple(names or NAMES), Path(folder))
     content = {
         "measured": date.today().isoformat(),
-        "pictures": len(asked.names),
+        "pictures": len(names or NAMES),
         "by": "python -m examples.studies.next_step",
         "steps": steps,
     }
-    if asked.write is not None:
-        asked.write.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if write is not None:
+        write.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

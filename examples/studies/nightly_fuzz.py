@@ -9,14 +9,13 @@ is a fault: its seed is printed, and the command ends with 1.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 from collections import Counter
 
 import numpy as np
 
 from examples.hard_cases.random_cases import KINDS
+from examples.measurement import run_study
 from knotfab.errors import KnotfabError
 
 
@@ -33,15 +32,11 @@ def one_round(seed: int) -> dict[str, str]:
     return found
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(*, minutes: float = 30.0, seed: int = 0) -> int:
     """Print every fault with its seed, and the counts; 1 where there was any."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args(argv)
-    end = time.monotonic() + 60 * asked.minutes
+    end = time.monotonic() + 60 * minutes
     counts: Counter[str] = Counter()
-    faults, seed = 0, asked.seed
+    faults, first = 0, seed
     while time.monotonic() < end:
         for kind, said in one_round(seed).items():
             counts[f"{kind} {said}" if said == "refused" else kind] += 1
@@ -49,10 +44,10 @@ def main(argv: list[str] | None = None) -> int:
                 faults += 1
                 print(f"seed {seed}, {kind}: {said}", flush=True)
         seed += 1
-    print(f"{seed - asked.seed} rounds, {faults} faults, {time.process_time():.0f} CPU s")
+    print(f"{seed - first} rounds, {faults} faults, {time.process_time():.0f} CPU s")
     print(dict(counts))
     return int(faults > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -8,7 +8,6 @@ once, and evaluated once, at the rates at which the same loops run in cache.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Callable
 
@@ -16,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from examples.measurement import Stopwatch
+from examples.measurement import Stopwatch, run_study
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.silhouette import render, squared_error, winners
@@ -84,50 +83,42 @@ def _floor_s(points: Tensor, frame: Frame, cut: float) -> float:
 
 
 @one_thread()
-def main() -> None:
+def main(*, pixels: int = 256, capsules: int = 1000, cut: float = 16.0, runs: int = 3) -> None:
     """Print medians and their ratios, and how far the forms agree."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pixels", type=int, default=256)
-    parser.add_argument("--capsules", type=int, default=1000)
-    parser.add_argument("--cut", type=float, default=16.0, help="tau s below minus this is empty")
-    parser.add_argument("--runs", type=int, default=3)
-    asked = parser.parse_args()
-    points = curve(asked.capsules, torch.float32).requires_grad_()
-    frame = frame_of(camera_of(VIEW, asked.pixels, asked.pixels), torch.float32)
-    target = torch.rand(asked.pixels, asked.pixels, generator=torch.Generator().manual_seed(1))
+    points = curve(capsules, torch.float32).requires_grad_()
+    frame = frame_of(camera_of(VIEW, pixels, pixels), torch.float32)
+    target = torch.rand(pixels, pixels, generator=torch.Generator().manual_seed(1))
     # the dense formula at its own best chunk, found first
     chunks = {
-        c: _seconds(_errors(frame, target, asked.cut, c)["dense"], points) for c in (128, 512, 2048)
+        c: _seconds(_errors(frame, target, cut, c)["dense"], points) for c in (128, 512, 2048)
     }
     chunk = min(chunks, key=lambda c: chunks[c])
-    errors = _errors(frame, target, asked.cut, chunk)
+    errors = _errors(frame, target, cut, chunk)
     for name in ("torch", "compiled"):
         _seconds(errors[name], points)
     spent: dict[str, list[float]] = {name: [] for name in errors}
-    for _ in range(asked.runs):
+    for _ in range(runs):
         spent["dense"].append(_seconds(errors["dense"], points))
         for name in 5 * ("torch", "compiled"):
             spent[name].append(_seconds(errors[name], points))
     middle = {name: statistics.median(seconds) for name, seconds in spent.items()}
-    print(
-        f"{asked.pixels} px, {asked.capsules} capsules, forward and backward, float32, one thread"
-    )
+    print(f"{pixels} px, {capsules} capsules, forward and backward, float32, one thread")
     print(f"dense (chunks of {chunk} pixels) {middle['dense']:.2f} s")
     for name in ("torch", "compiled"):
         times = middle["dense"] / middle[name]
         print(f"{name:9}{1000 * middle[name]:.1f} ms: {times:.0f} times faster than dense")
-    floor_s = _floor_s(points, frame, asked.cut)
+    floor_s = _floor_s(points, frame, cut)
     print(
         f"compiled {middle['torch'] / middle['compiled']:.1f} times faster than torch, "
         f"{middle['compiled'] / floor_s:.1f} times the floor of {1000 * floor_s:.2f} ms"
     )
     seen = [
-        f(points.detach(), points.detach().roll(-1, 0), frame, RADIUS, TAU, asked.cut)
+        f(points.detach(), points.detach().roll(-1, 0), frame, RADIUS, TAU, cut)
         for f in (render_tiled, render)
     ]
     print(f"float32: images differ by {float((seen[0] - seen[1]).abs().max()):.1e}")
     small = frame_of(camera_of(VIEW, 96, 96), torch.float64)
-    exact = curve(asked.capsules, torch.float64).requires_grad_()
+    exact = curve(capsules, torch.float64).requires_grad_()
     found = [
         (float(e.detach()), torch.autograd.grad(e, exact)[0])
         for e in (f(exact) for f in _errors(small, torch.rand(96, 96).double(), 40.0).values())
@@ -141,4 +132,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -10,7 +10,6 @@ picture for a 2 m wall, drawn by a tube of 0.2 % of the frame.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import tempfile
 import time
@@ -20,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from examples.measurement import run_study
 from knotfab.arrays import Array
 from knotfab.design.question import Question, ask
 from knotfab.problem import Start
@@ -180,11 +180,8 @@ def tabulate(target: Target) -> list[str]:
     return [*lines, "", last, "", *rows]
 
 
-def main() -> None:
+def main(*, write: Path | None = None) -> None:
     """Print the tables, and write them into a page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", type=Path)
-    asked = parser.parse_args()
     v, u = np.mgrid[:1024, :1024]
     disc = np.where(np.hypot(u - 511.5, v - 511.5) < 0.45 * FILLED * 1024, 0, 255)
     with tempfile.TemporaryDirectory() as folder:
@@ -194,10 +191,10 @@ def main() -> None:
     _measure(Load(vertices=500, pixels=128), _question(Load(), target))  # compiled, from here on
     table = tabulate(target)
     print("\n".join(table))
-    if asked.write is not None:
-        head = asked.write.read_text("utf-8").split(MARK)[0] if asked.write.is_file() else ""
-        asked.write.write_text("\n".join([head + MARK, "", *table, ""]), encoding="utf-8")
+    if write is not None:
+        head = write.read_text("utf-8").split(MARK)[0] if write.is_file() else ""
+        write.write_text("\n".join([head + MARK, "", *table, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

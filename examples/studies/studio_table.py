@@ -7,7 +7,6 @@ Only ratios count where other work runs on the machine: builds take turns, and t
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import shutil
@@ -26,6 +25,7 @@ from urllib.request import Request, urlopen
 import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
+from examples.measurement import run_study
 from knotfab.knots import read_start
 from knotfab.report.report_html import VIEWER
 from knotfab.scene.load import load_scene
@@ -147,21 +147,16 @@ def frames_a_second(start: Path, scene: Path) -> str:
     )
 
 
-def main() -> None:
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--repeats", type=int, default=3)
-    asked.add_argument("--picture", type=Path, default=Path("examples/knight.png"))
-    asked.add_argument("--accuracy", default="draft")
-    given = asked.parse_args()
+def main(
+    *, repeats: int = 3, picture: Path = Path("examples/knight.png"), accuracy: str = "draft"
+) -> None:
     firsts, studios, commands, counts = [], [], [], []
     with tempfile.TemporaryDirectory(prefix="knotfab-studio-") as place:
         here = Path(place)
         with serve(here / "studio") as (studio, host):
-            name = given.picture.name
-            post(host, f"/api/pictures?name={name}", given.picture.read_bytes())
-            post(
-                host, "/api/settings", json.dumps({**SETTINGS, "accuracy": given.accuracy}).encode()
-            )
+            name = picture.name
+            post(host, f"/api/pictures?name={name}", picture.read_bytes())
+            post(host, "/api/settings", json.dumps({**SETTINGS, "accuracy": accuracy}).encode())
             origin = f"http://{host}"
             with connect(
                 f"ws://{host}/live",
@@ -170,16 +165,16 @@ def main() -> None:
                 max_size=None,
             ) as live:
                 live.recv()
-                for _ in range(given.repeats):
+                for _ in range(repeats):
                     time.sleep(15)  # the next process has loaded
                     first, whole, frames = build_in_studio(host, live)
                     firsts.append(first)
                     studios.append(whole)
                     counts.append(frames)
-                    commands.append(build_by_command(given.picture, given.accuracy, here / "out"))
+                    commands.append(build_by_command(picture, accuracy, here / "out"))
             start = here / "start.json"
             start.write_text(studio.start)
-        folder = here / "studio" / "builds" / given.picture.stem
+        folder = here / "studio" / "builds" / picture.stem
         same = [
             (folder / n).read_bytes() == (here / "out" / n).read_bytes()
             for n in ("part.stl", "part.3mf", "knots.json")
@@ -196,4 +191,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from examples.corpus.curves import Array
+from examples.corpus.curves import Array, circle
 from examples.corpus.thicknesses import (
     convergence_rows,
     racetrack,
-    ring,
     thickness_rows,
     tilt,
     torus_curve,
@@ -47,13 +46,13 @@ def cost_rows(n: int = 10_000) -> list[CostRow]:
     long = 2 * np.pi * np.arange(10 * n) / (10 * n)
     kinds: dict[str, list[Array]] = {
         "tight torus knot 40, 41": [torus_curve(40, 41, 50.0, 20.0)(t)],
-        "circle": [ring(n, 50.0)],
+        "circle": [circle(50.0, n)],
         "Gaussian points": [rng.normal(size=(n, 3))],
         "Gaussian walk": [rng.normal(size=(n, 3)).cumsum(axis=0)],
         "lattice walk": [np.cumsum(unit[rng.integers(0, 6, n)], axis=0)],
         "bundle of parallel rods": tilt(rods),
         "nested racetracks": [p for p in np.split(strands, n // 50)],
-        "100 rings stacked": [ring(n // 100, 50.0) + [0, 0, k] for k in range(100)],
+        "100 rings stacked": [circle(50.0, n // 100) + [0, 0, k] for k in range(100)],
         "torus knot 5, 6": [torus_curve(5, 6, 50.0, 20.0)(long)],
     }
     rows = []

@@ -10,14 +10,13 @@ below.
 
 from __future__ import annotations
 
-import argparse
 import statistics
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
 
-from examples.measurement import read_question
+from examples.measurement import read_question, run_study
 from examples.pictures import pictures
 from knotfab.design.design import choose_tube
 from knotfab.design.question import Question
@@ -63,22 +62,17 @@ def share_of_threshold(
     return WALL.magnitude(context) / WALL.threshold(settings.tolerance_px)
 
 
-def main() -> None:
+def main(*names: str, accuracy: Literal[*PRESETS] = "standard", seeds: int = 3) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=NAMES)
-    parser.add_argument("--accuracy", default="standard", choices=list(PRESETS))
-    parser.add_argument("--seeds", type=int, default=3)
-    asked = parser.parse_args()
-    settings = PRESETS[asked.accuracy]
-    seeded = [settings.model_copy(update={"seed": seed}) for seed in range(asked.seeds)]
+    settings = PRESETS[accuracy]
+    seeded = [settings.model_copy(update={"seed": seed}) for seed in range(seeds)]
     # the key of a view or of placing, a first value, and the power of it that the magnitude goes by
     keys = {
         "penumbra": ("light_diameter_mm", 1.0, 1),
         "misplacement": ("lamp_mm", 1.0, 1),
         "wall": ("wall_radius_mm", 30000.0, -1),
     }
-    for name in asked.names:
+    for name in names or NAMES:
         image = pictures()[name]
         _, radius, _, _ = choose_tube(read_question(image), settings, Progress("quiet"))
         for effect, (key, value, power) in keys.items():
@@ -104,4 +98,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -7,13 +7,11 @@ share. Ends with 1 if a build fails, a type is not verified, or the IoU drops by
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from examples.measurement import Stopwatch, make_folder
+from examples.measurement import Stopwatch, make_folder, run_study
 from knotfab.pipeline import build
 from knotfab.request import Request
 from knotfab.scene.load import load_scene
@@ -61,24 +59,23 @@ def measure(picture: str, piece: Piece, accuracy: str, out: Path) -> Row:
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(
+    *names: str,
+    picture: str = "text:♞",
+    accuracy: Literal[*PRESETS] = "standard",
+    tube_radius: float | None = None,
+    out: Path | None = None,
+) -> int:
     """Print a row a knot."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--picture", default="text:♞")
-    parser.add_argument("--accuracy", default="standard", choices=tuple(PRESETS))
-    parser.add_argument("--tube-radius", type=float, metavar="MM")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("names", nargs="*")
-    given = parser.parse_args(arguments)
-    out = make_folder(given.out, "tied-knots")
-    piece = Piece() if given.tube_radius is None else Piece(tube_radius_mm=given.tube_radius)
+    out = make_folder(out, "tied-knots")
+    piece = Piece() if tube_radius is None else Piece(tube_radius_mm=tube_radius)
     print(HEADER)
     plain: Row | None = None
     fine = True
-    for name in ("unknot", *(given.names or KNOTS)):
+    for name in ("unknot", *(names or KNOTS)):
         piece = piece.model_copy(update={"knot": name})
         folder = out / name.replace(" ", "-").replace("#", "+")
-        row = measure(given.picture, piece, given.accuracy, folder)
+        row = measure(picture, piece, accuracy, folder)
         if plain is None:
             plain = row
             piece = piece.model_copy(update={"tube_radius_mm": row.radius_mm})
@@ -94,4 +91,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -9,13 +9,12 @@ options, its accuracy too. With --out, those that are done are not made again, b
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from examples.brought import OVERTAKEN, WORDS, draw_brought
-from examples.measurement import build_apart, make_folder, read_report, save_pictures
+from examples.measurement import build_apart, make_folder, read_report, run_study, save_pictures
 from examples.pictures import pictures
 from knotfab_validators import validate
 from knotfab_validators.shadows.recognition import UNKNOWN, worst_verdict
@@ -93,23 +92,19 @@ def _row(name: str, expected: str, folder: Path, said: str) -> tuple[str, bool, 
     return line, agrees, verdict
 
 
-def main() -> None:
+def main(
+    *names: str, accuracy: str | None = None, limit: float = 900.0, out: Path | None = None
+) -> None:
     """Print the table and what it comes to."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--accuracy", help="other than the command's own")
-    parser.add_argument("--limit", type=float, default=900.0, help="seconds a build may take")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    folder = make_folder(asked.out, "verdict")
-    own = pictures() if OWN in asked.names else {}
-    names = [n for n in WORDS if not asked.names or n in asked.names]
+    folder = make_folder(out, "verdict")
+    own = pictures() if OWN in names else {}
+    names = [n for n in WORDS if not names or n in names]
     drawn = {n: draw_brought(n) for n in names} | own
     expected = WORDS | dict.fromkeys(own, "faithful")
     agreed, good, rows, overtaken, wrong = 0, 0, 0, 0, []
     print(f"{'picture':<20} {'person':<9} {'verdict':<17} IoU    off, radii  why it is no better")
     for name, path in save_pictures(drawn, folder).items():
-        said = _build(path, folder / name, asked.accuracy, asked.limit)
+        said = _build(path, folder / name, accuracy, limit)
         line, agrees, verdict = _row(name, expected[name], folder / name, said)
         changed = verdict["word"] == OVERTAKEN.get(name, ("",))[0]
         print(("  " if agrees else "* " if changed else "! ") + line, flush=True)
@@ -124,4 +119,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

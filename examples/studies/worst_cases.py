@@ -11,10 +11,8 @@ and a test holds every kept case to its bound. Ends with 1 where a share is abov
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import json
-import sys
 import warnings
 from pathlib import Path
 
@@ -22,6 +20,7 @@ import numpy as np
 
 from examples.hard_cases.climb import Worst, climb
 from examples.hard_cases.worst import HUNTS, KEPT
+from examples.measurement import run_study
 from knotfab.files.whole import write_whole
 
 _OPENING = """# The worst that could be found
@@ -67,21 +66,21 @@ def keep(name: str, worst: Worst, path: Path) -> float:
     return share
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(
+    *,
+    minutes: float = 60.0,
+    only: str = "",
+    seed: int = 0,
+    kept: Path = KEPT,
+    write: Path | None = None,
+) -> int:
     """Print a line a kind; 1 where a share is above 1."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--only", default="", help="kinds whose name holds this word")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--kept", type=Path, default=KEPT)
-    parser.add_argument("--write", type=Path, help="folder for worst-cases.md")
-    asked = parser.parse_args(argv)
-    hunts = [hunt for name, hunt in HUNTS.items() if asked.only in name]
+    hunts = [hunt for name, hunt in HUNTS.items() if only in name]
     warnings.simplefilter("ignore")  # what is not finite is found out by its share
     found, ever = {}, {}
     print(f"{'what':<24} {'cases':>8} {'climbs':>6} {'random':>9} {'worst':>9}", flush=True)
     for k, hunt in enumerate(hunts):
-        worst = climb(hunt, 60 * asked.minutes / len(hunts), 1000 * asked.seed + k)
+        worst = climb(hunt, 60 * minutes / len(hunts), 1000 * seed + k)
         found[hunt.name] = worst
         said = "  OUTSIDE" if not worst.share <= 1 else ""
         print(
@@ -89,12 +88,12 @@ def main(argv: list[str] | None = None) -> int:
             f"{worst.begun:>9.2g} {worst.share:>9.3g}{said}",
             flush=True,
         )
-        ever[hunt.name] = keep(hunt.name, worst, asked.kept)
-    if asked.write is not None:
-        page = describe(found, ever, asked.minutes, asked.seed)
-        write_whole(asked.write / "worst-cases.md", page.encode())
+        ever[hunt.name] = keep(hunt.name, worst, kept)
+    if write is not None:
+        page = describe(found, ever, minutes, seed)
+        write_whole(write / "worst-cases.md", page.encode())
     return int(any(not worst.share <= 1 for worst in found.values()))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_study(main)

@@ -7,13 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.design.candidates import (
-    drawing_radius,
-    line_radius,
-    range_of,
-    too_fine,
-    usual_radii,
-)
+from knotfab.design.candidates import drawing_radius, line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots

@@ -44,7 +44,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         ValueError: wrong shapes or numbers that are no lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
-    p = _check_points(points, radius_mm, sides, least=3)
+    p = _check_points(points, radius_mm, sides)
     edges = np.roll(p, -1, axis=0) - p
     lengths = np.sqrt(np.einsum("ij,ij->i", edges, edges))
     _require_room(p, edges, lengths, radius_mm)
@@ -101,23 +101,18 @@ def mesh_volume(vertices: Array, faces: Faces) -> float:
     return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
 
 
-def _check_points(points: Array, radius_mm: float, sides: int, least: int) -> Array:
-    """The points as (n, 3) float64, of which there are at least `least`."""
+def _check_points(points: Array, radius_mm: float, sides: int) -> Array:
+    """The points as (n, 3) float64, of which there are three or more."""
     p = np.asarray(points, dtype=np.float64)
-    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < least or not np.isfinite(p).all():
-        raise ValueError(f"points must be (n >= {least}, 3) and finite, got shape {p.shape}")
+    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3 or not np.isfinite(p).all():
+        raise ValueError(f"points must be (n >= 3, 3) and finite, got shape {p.shape}")
     if not (radius_mm > 0 and np.isfinite(radius_mm)) or sides < 3:
         raise ValueError(f"radius {radius_mm} and {sides} sides do not make a tube")
     return p
 
 
-def _require_room(
-    p: Array, edges: Array, lengths: Array, radius_mm: float, closed: bool = True
-) -> None:
-    """Refuse a vertex whose MinRad (Rawdon 1998) does not exceed the radius.
-
-    An open line's first vertex, which no edge leads to, is left out.
-    """
+def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> None:
+    """Refuse a vertex whose MinRad (Rawdon 1998) does not exceed the radius."""
     if lengths.min() <= 1e-9 * lengths.max():
         i = int(lengths.argmin())
         raise SceneError(
@@ -133,7 +128,6 @@ def _require_room(
     cosine = np.einsum("ij,ij->i", back, edges) / product
     opening = np.maximum(1.0 + cosine, 0.0)
     tight = (2.0 * sine * radius_mm >= shorter * opening) & ((sine > 0) | (cosine < 0))
-    tight[0] &= closed
     if tight.any():
         bend = np.where(tight, shorter * opening / np.maximum(2.0 * sine, 1e-9), np.inf)
         i = int(bend.argmin())

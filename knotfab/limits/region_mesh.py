@@ -9,15 +9,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
 from knotfab.errors import InputError
 
 __all__ = ["RegionMesh", "beyond", "region_mesh"]
-
-Faces = NDArray[np.int64]
 
 _REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
@@ -35,7 +32,7 @@ class RegionMesh:
     """
 
     vertices: Array  # (n, 3) mm
-    faces: Faces  # (m, 3)
+    faces: Indices  # (m, 3)
     face_normals: Array
     edge_normals: Array
     corner_normals: Array
@@ -125,7 +122,7 @@ def _corners(path: Path, what: str) -> Array:
     return np.asarray(corners, dtype=np.float64) + 0.0
 
 
-def _require_closed(vertices: Array, faces: Faces, what: str) -> None:
+def _require_closed(vertices: Array, faces: Indices, what: str) -> None:
     """Refuse a surface whose half-edges are not all paired, or whose volume is not positive."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     forth = np.sort(start * np.int64(len(vertices)) + end)

@@ -18,13 +18,7 @@ from knotfab.scene.own_data import (
     load_named,
 )
 
-__all__ = [
-    "material_of",
-    "materials",
-    "printer_of",
-    "printers",
-    "resolve",
-]
+__all__ = ["material_of", "materials", "printer_of", "printers", "resolve"]
 
 _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
 

@@ -19,13 +19,7 @@ from knotfab.sequence.frames import read_frames
 from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.kept import keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
-from knotfab.sequence.report import (
-    Ring,
-    check_closing,
-    check_motion,
-    check_ring,
-    sequence_report,
-)
+from knotfab.sequence.report import Ring, check_closing, check_motion, check_ring, sequence_report
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope

@@ -23,14 +23,7 @@ from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import finish
-from knotfab.sequence.starts import (
-    Attempt,
-    Following,
-    Likeness,
-    Tie,
-    list_attempts,
-    list_retries,
-)
+from knotfab.sequence.starts import Attempt, Following, Likeness, Tie, list_attempts, list_retries
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 

@@ -17,14 +17,7 @@ from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Answer
 from knotfab_validators.check import Check, Status, at_least, at_most
 
-__all__ = [
-    "Ring",
-    "advise",
-    "check_closing",
-    "check_motion",
-    "check_ring",
-    "sequence_report",
-]
+__all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "sequence_report"]
 
 Record = dict[str, Any]
 _OF_FRAME = ("pose", "plates")  # of a piece's `print`, what goes with its frame

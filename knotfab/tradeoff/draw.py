@@ -42,15 +42,12 @@ def draw(explored: Explored, title: str) -> bytes:
                 zorder=5,
             )
             continue
-        full = len(m.runs) >= explored.compared and m.over(explored.compared).keeps(
-            middle.over(explored.compared)
-        )
         color = colors.get(knob, "#9a9a9a")
         axes.scatter(
             seconds,
             error,
             s=24,
-            facecolors=color if full else "none",
+            facecolors="none" if explored.sets_apart(m) else color,
             edgecolors=color,
             linewidths=1.0,
             marker="o" if knob != COMBINED else "s",

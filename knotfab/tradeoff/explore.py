@@ -39,6 +39,11 @@ class Explored:
         """Of these, what nothing beats."""
         return frontier(self.whole, self.middle.over(self.compared))
 
+    def sets_apart(self, one: Measured) -> bool:
+        """Whether it saw fewer pictures than are compared, or may not stand on the front."""
+        middle = self.middle.over(self.compared)
+        return len(one.runs) < self.compared or not one.over(self.compared).keeps(middle)
+
     def place(self, one: Measured) -> tuple[float, float]:
         """(seconds, error) over the pictures compared; of a point that has seen fewer what they would be.
 

@@ -41,12 +41,13 @@ class Measured:
     runs: tuple[Run, ...]
     clock: str = "cpu"
 
-    def _mean(self, key: str) -> float:
+    def mean(self, key: str) -> float:
+        """Of a figure of its runs."""
         return statistics.fmean(getattr(run, key) for run in self.runs)
 
     @property
     def iou(self) -> float:
-        return self._mean("iou")
+        return self.mean("iou")
 
     @property
     def least_iou(self) -> float:
@@ -61,21 +62,21 @@ class Measured:
     def seconds(self) -> float:
         """What a picture takes: radius, search and sweep together."""
         if self.clock == "cpu":
-            return self._mean("cpu_s")
-        return self._mean("radius_s") + self._mean("search_s") + self._mean("sweep_s")
+            return self.mean("cpu_s")
+        return self.mean("radius_s") + self.mean("search_s") + self.mean("sweep_s")
 
     @property
     def outline_px(self) -> float:
-        return self._mean("outline_px")
+        return self.mean("outline_px")
 
     @property
     def facet_px(self) -> float:
-        return self._mean("facet_px")
+        return self.mean("facet_px")
 
     @property
     def curvature(self) -> float:
         """Mean curvature times the tube's radius: the less the more graceful."""
-        return self._mean("curvature")
+        return self.mean("curvature")
 
     @property
     def legible(self) -> float | None:

@@ -105,12 +105,14 @@ class Run:
         return asdict(self)
 
 
-def find_shadows(problem: Problem, knots: Knots, device: str = "cpu") -> list[tuple[Mask, Mask]]:
-    """(shadow, picture) of the round tube in each view, at 1024 px."""
+def find_shadows(
+    problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
+) -> list[tuple[Mask, Mask]]:
+    """(shadow, picture) of the round tube in each view, `pixels` on its longer side."""
     rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
     found = []
     for view in problem.views:
-        image = view.image_at(knots.radius_mm, VERIFIED_PX, device)
+        image = view.image_at(knots.radius_mm, pixels, device)
         seen = seen_in(knots.points, rings, image.frame, image.target, knots.radius_mm)
         found.append((seen.cpu().numpy(), (image.target > 0.5).cpu().numpy()))
     return found

@@ -81,7 +81,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
             "x": x(place[0]),
             "y": y(place[1]),
             "front": m.point.settings in front,
-            "hollow": _is_hollow(m, explored),
+            "hollow": explored.sets_apart(m),
             "figures": _figures(m.over(explored.compared)),
             "changed": [
                 [key, _plain(old), _plain(new)]
@@ -130,13 +130,6 @@ def _count_shadows(measured: Sequence[Measured]) -> int:
         if sum(len(run.shadow) for m in measured for run in m.runs[:count]) < _SHADOW_BYTES:
             return count
     return 1
-
-
-def _is_hollow(m: Measured, explored: Explored) -> bool:
-    over = m.over(explored.compared)
-    return len(m.runs) < explored.compared or not over.keeps(
-        explored.middle.over(explored.compared)
-    )
 
 
 def _remark(m: Measured, explored: Explored) -> str:

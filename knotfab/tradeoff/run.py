@@ -216,10 +216,7 @@ def list_rows(explored: Explored) -> list[dict[str, Any]]:
 
     def row(m: Measured) -> dict[str, Any]:
         m = m.over(explored.compared)
-        means = {
-            key: sum(getattr(run, key) for run in m.runs) / len(m.runs)
-            for key in ("radius_s", "search_s", "sweep_s", "cpu_s")
-        }
+        means = {key: m.mean(key) for key in ("radius_s", "search_s", "sweep_s", "cpu_s")}
         return {
             "knob": m.point.knob,
             "point": m.point.label,
@@ -233,7 +230,7 @@ def list_rows(explored: Explored) -> list[dict[str, Any]]:
             "seconds": m.seconds,
             "feasible": m.feasible,
             "repairs": m.repairs,
-            "faces": round(sum(run.faces for run in m.runs) / len(m.runs)),
+            "faces": round(m.mean("faces")),
             "pictures": len(m.runs),
             "eligible": m.keeps(explored.middle.over(len(m.runs))),
             "frontier": m.point.settings in on,

@@ -25,15 +25,7 @@ from knotfab.wire.replay import (
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = [
-    "Judge",
-    "Verdict",
-    "ViewShadow",
-    "WireKnot",
-    "cast_shadows",
-    "check_type",
-    "check_wire",
-]
+__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_type", "check_wire"]
 
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from knotfab.arrays import Mask
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
 from knotfab.design.hull import hull_bounds, inside_hull
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.read import Target
-
-Mask = NDArray[np.bool_]
 
 SIDE = 120
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.effects.base import EffectContext
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
-
-Array = NDArray[np.float64]
 
 
 def view(**keys: float | str) -> ResolvedView:

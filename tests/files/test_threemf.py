@@ -15,12 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from knotfab.files.stl import write_stl
-from knotfab.files.threemf import (
-    read_back_strict,
-    read_shells,
-    write_3mf,
-    write_coloured_3mf,
-)
+from knotfab.files.threemf import read_back_strict, read_shells, write_3mf, write_coloured_3mf
 from knotfab.geometry.meshes import join_meshes, split_shells
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from validator_parts import circle
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry import overhang
 from knotfab.geometry.overhang import (
@@ -41,14 +42,10 @@ from knotfab_validators.printing.overhang import support_volume
 
 pytestmark = pytest.mark.slow
 
-Array = NDArray[np.float64]
 ROOM = (250.0, 210.0, 220.0)
 RADIUS = 2.0
-
-
-def ring(radius: float = 40.0, n: int = 240) -> Array:
-    t = 2 * np.pi * np.arange(n) / n
-    return radius * np.column_stack([np.cos(t), np.sin(t), np.zeros(n)])
+FOOT = np.array([[200.0, 0, 0], [200.0, 50, 0]])
+BAR = np.array([[0.0, 0, 30], [100.0, 0, 30]])
 
 
 def wave(n: int = 400, deep: float = 30.0) -> Array:
@@ -63,9 +60,9 @@ def knots_of(*curves: Array) -> Knots:
     return Knots(tuple(Knot(c) for c in curves), RADIUS)
 
 
-def rods(points: Array) -> Strands:
-    """An open line as a few rods."""
-    return strands_of(Knots((Knot(points, closed=False),), RADIUS))
+def rods(*lines: Array) -> Strands:
+    """Open lines as a few rods."""
+    return strands_of(Knots(tuple(Knot(line, closed=False) for line in lines), RADIUS))
 
 
 def make_pose(
@@ -86,10 +83,7 @@ def measure(points: Array, turn: Array) -> float:
 
 def test_a_level_bar_above_a_lower_one() -> None:
     """Columns under a bar at height h: 2 r sin 45° wide, from its underside down to the bed."""
-    foot = np.array([[200.0, 0, 0], [200.0, 50, 0]])
-    bar = np.array([[0.0, 0, 30], [100.0, 0, 30]])
-    knots = Knots((Knot(foot, closed=False), Knot(bar, closed=False)), RADIUS)
-    found = estimate(strands_of(knots), np.eye(3), Rules())
+    found = estimate(rods(FOOT, BAR), np.eye(3), Rules())
     half = RADIUS * np.sin(np.pi / 4)
     # the underside's mean height above its lowest line, over the width that counts
     x = np.linspace(-half, half, 2001)
@@ -102,7 +96,7 @@ def test_a_level_bar_above_a_lower_one() -> None:
 
 def test_the_columns_alone_are_the_estimates_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last digit, and without what only the estimate is asked for."""
-    strands, rules = strands_of(knots_of(wave(), ring(20.0))), Rules(40.0)
+    strands, rules = strands_of(knots_of(wave(), circle(240, 20.0))), Rules(40.0)
     turns = Rotation.random(6, random_state=3).as_matrix()
     whole = [estimate(strands, turn, rules).support_cm3 for turn in turns]
 
@@ -119,9 +113,7 @@ def test_the_filament_of_a_wall_under_a_bar() -> None:
     """A line along either edge, lines across, two layers of roof: counted by hand; never of more than
     the pose needs."""
     rules = Rules()
-    bar, foot = np.array([[0.0, 0, 30], [100.0, 0, 30]]), np.array([[200.0, 0, 0], [200.0, 50, 0]])
-    knots = Knots((Knot(foot, closed=False), Knot(bar, closed=False)), RADIUS)
-    found = estimate(strands_of(knots), np.eye(3), rules)
+    found = estimate(rods(FOOT, BAR), np.eye(3), rules)
     line, wide = rules.support_line_mm, 2 * RADIUS * np.sin(np.pi / 4)
     edges = EDGES * line * 100 * 30
     across = line / (SPACING_MM + line) * wide * 100 * 30
@@ -133,29 +125,25 @@ def test_the_filament_of_a_wall_under_a_bar() -> None:
 
 def test_columns_end_on_the_strand_below() -> None:
     """The same bar with another 10 mm below it: the column is as high as the gap between them."""
-    upper = np.array([[0.0, 0, 30], [100.0, 0, 30]])
     lower = np.array([[0.0, 0, 20], [100.0, 0, 20]])
     foot = np.array([[0.0, 80, 0], [100.0, 80, 0]])
 
     def volume(*bars: Array) -> float:
-        knots = Knots(tuple(Knot(b, closed=False) for b in bars), RADIUS)
-        return estimate(strands_of(knots), np.eye(3), Rules()).support_cm3
+        return estimate(rods(*bars), np.eye(3), Rules()).support_cm3
 
-    both, alone = volume(foot, upper, lower), volume(foot, lower)
+    both, alone = volume(foot, BAR, lower), volume(foot, lower)
     half = RADIUS * np.sin(np.pi / 4)
     assert both - alone == pytest.approx(2 * half * 100 * (10 - 2 * RADIUS) / 1000, rel=0.25)
-    assert volume(foot, upper) > alone  # it is higher
+    assert volume(foot, BAR) > alone  # it is higher
 
 
 @pytest.mark.parametrize(("lean", "needs"), [(44.0, False), (46.0, True)])
 def test_the_limit_of_overhang(lean: float, needs: bool) -> None:
     """A bar that leans by less than the limit from the vertical hangs over nowhere."""
     s, c = np.sin(np.radians(lean)), np.cos(np.radians(lean))
-    found = estimate(rods(np.array([[0.0, 0, 0], [60 * s, 0, 60 * c]])), np.eye(3), Rules())
-    assert (found.support_cm3 > 0) == needs
-    flat = Rules(max_overhang_deg=47.0)
     bar = rods(np.array([[0.0, 0, 0], [60 * s, 0, 60 * c]]))
-    assert estimate(bar, np.eye(3), flat).support_cm3 == 0
+    assert (estimate(bar, np.eye(3), Rules()).support_cm3 > 0) == needs
+    assert estimate(bar, np.eye(3), Rules(max_overhang_deg=47.0)).support_cm3 == 0
 
 
 @pytest.mark.parametrize("turn", AXES[:3])
@@ -166,7 +154,7 @@ def test_it_agrees_with_columns_through_the_mesh(turn: Array) -> None:
 
 
 def test_what_stands_and_what_tips() -> None:
-    flat = estimate(strands_of(knots_of(ring())), np.eye(3), Rules())
+    flat = estimate(strands_of(knots_of(circle(240))), np.eye(3), Rules())
     assert flat.tip_deg == pytest.approx(np.degrees(np.arctan2(40.0, RADIUS)), abs=1.5)
     assert flat.contact_mm2 == pytest.approx(
         2 * np.pi * 40 * 2 * np.sqrt(0.2 * (2 * RADIUS - 0.2)), rel=0.01
@@ -196,7 +184,7 @@ def test_starts_and_bridges_count_where_nothing_is_supported() -> None:
 
 def test_a_flat_ring_lies_flat() -> None:
     turn = Rotation.from_euler("xyz", [30, 50, 70], degrees=True).as_matrix()
-    pose = make_pose([ring() @ turn.T], Rules())
+    pose = make_pose([circle(240) @ turn.T], Rules())
     assert pose.size_mm[2] == pytest.approx(2 * RADIUS, abs=0.1)
     assert pose.account is not None
     assert pose.account.chosen.estimate.support_cm3 < 0.5

@@ -4,17 +4,11 @@ import numpy as np
 import pymeshlab
 import pytest
 import trimesh
+from validator_parts import trefoil
 
 from knotfab.geometry.tube import sweep
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections
-
-
-def _trefoil(size: float) -> np.ndarray:
-    t = np.linspace(0, 2 * np.pi, 300, endpoint=False)
-    return size * np.column_stack(
-        [np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)]
-    )
 
 
 def _count_selected(vertices: np.ndarray, faces: np.ndarray) -> int:
@@ -27,14 +21,14 @@ def _count_selected(vertices: np.ndarray, faces: np.ndarray) -> int:
 
 @pytest.mark.parametrize(("size", "clear"), [(12.0, True), (4.0, False)])
 def test_self_intersection_agrees_with_pymeshlab(size: float, clear: bool) -> None:
-    vertices, faces = sweep(_trefoil(size), 3.0, 24)
+    vertices, faces = sweep(trefoil(300, size), 3.0, 24)
     ours = len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
     assert (ours == 0) == clear
     assert (_count_selected(vertices, faces) == 0) == clear
 
 
 def test_a_swept_knot_is_a_volume_to_trimesh() -> None:
-    points = _trefoil(12.0)
+    points = trefoil(300, 12.0)
     vertices, faces = sweep(points, 3.0, 24)
     part = trimesh.Trimesh(vertices, faces, process=False)
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum()

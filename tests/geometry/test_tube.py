@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.meshes import as_manifold
 from knotfab.geometry.tube import mesh_volume, sides_for, sweep
-
-Array = NDArray[np.float64]
 
 
 def wiggle(n: int, seed: int = 0, amplitude: float = 0.3) -> Array:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 from questions import ask_heart, start_and_search
 from region_meshes import box_mesh
 
+from knotfab.arrays import Array
 from knotfab.files.stl import write_stl
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
@@ -22,7 +22,6 @@ from knotfab.limits.region import REGION
 from knotfab.scene.model import ResolvedRegion
 from knotfab.scene.settings import PRESETS
 
-Array = NDArray[np.float64]
 QUICK = PRESETS["draft"].model_copy(
     update={
         **{"coarse_px": 64, "coarse_iterations": 12, "depth_candidates": 2},

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import region_meshes
 import torch
 from command import knotfab
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import InputError
 from knotfab.files.stl import write_stl
 from knotfab.limits.region import outside, tube_outside
@@ -20,24 +22,16 @@ from knotfab.scene.load import load_scene, parse_scene
 from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.names import KNOTS, MESH
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 
 
-def prism(outline: list[tuple[float, float]], half: float) -> Mesh:
-    """What stands over a polygon that is a star about its first corner, from z -half to half."""
-    n = len(outline)
-    flat = np.array(outline, dtype=np.float64)
-    vertices = np.vstack([np.c_[flat, np.full(n, -half)], np.c_[flat, np.full(n, half)]])
-    i = np.arange(n)
-    j = (i + 1) % n
-    caps = np.array([[0, k, k + 1] for k in range(1, n - 1)])
-    sides = np.concatenate([np.c_[i, j, j + n], np.c_[i, j + n, i + n]])
-    return vertices, np.concatenate([caps[:, ::-1], caps + n, sides]).astype(np.int32)
+def prism(*outline: tuple[float, float], half: float) -> Mesh:
+    mesh = region_meshes.prism(*outline, low=-half, high=half)
+    return mesh.vertices, mesh.faces.astype(np.int32)
 
 
-BOX = prism([(-30, -20), (30, -20), (30, 20), (-30, 20)], 10)
-WEDGE = prism([(0, 5), (-9, 60), (-60, 60), (-60, -60), (60, -60), (60, 60), (9, 60)], 30)
+BOX = prism((-30, -20), (30, -20), (30, 20), (-30, 20), half=10)
+WEDGE = prism((0, 5), (-9, 60), (-60, 60), (-60, -60), (60, -60), (60, 60), (9, 60), half=30)
 
 
 def region(
@@ -145,7 +139,7 @@ def test_a_scene_names_its_mesh_beside_itself(tmp_path: Path) -> None:
 def test_a_build_stays_inside_and_can_be_repeated(tmp_path: Path) -> None:
     # an edge from the right reaches 2 mm into the picture
     outline = [(63.0, 28.0), (90.0, 56.0), (90.0, 90.0), (-90.0, 90.0), (-90.0, -90.0)]
-    write_stl(tmp_path / "room.stl", [prism([*outline, (90.0, -90.0), (90.0, 0.0)], 60.0)])
+    write_stl(tmp_path / "room.stl", [prism(*outline, (90.0, -90.0), (90.0, 0.0), half=60.0)])
     scene = tmp_path / "mine.toml"
     scene.write_text(
         '[region]\nkind = "mesh"\nfile = "room.stl"\n[piece]\ntube_radius_mm = 2.5\n'

@@ -17,9 +17,7 @@ from knotfab.mount.plinth import slope_below
 from knotfab.mount.shade import ViewShadow
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
-from knotfab.mount.struts import (
-    sites_of,
-)
+from knotfab.mount.struts import sites_of
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.standing import bodies, footprint, margin
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 from rings import RADIUS, knots, one, ring
 
-from knotfab.mount.struts import (
-    ROOT_SHARE,
-    Obstacles,
-    join,
-    nothing,
-    sites_of,
-    struts,
-)
+from knotfab.mount.struts import ROOT_SHARE, Obstacles, join, nothing, sites_of, struts
 
 
 def test_clear_by_exactly_the_clearance() -> None:

@@ -11,6 +11,7 @@ import pytest
 from manifold3d import Manifold, Mesh64
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.files.threemf import write_3mf
 from knotfab.geometry.overhang import Rules
@@ -27,7 +28,6 @@ from knotfab_validators.geometry.mesh import Mesh as Surface
 from knotfab_validators.geometry.mesh import merge_equal
 from knotfab_validators.printing.plates import VOLUME_SHARE, check_plates, check_plates_printable
 
-Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int32]]
 RADIUS = 3.0
 SIDES = 32

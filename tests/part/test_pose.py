@@ -6,16 +6,14 @@ import re
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
 from knotfab.part.pose import PrintPose, choose_pose
-
-Array = NDArray[np.float64]
 
 
 def oval(size: tuple[float, float, float], n: int = 120) -> Array:

@@ -6,7 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from knot_curves import mirror
 from questions import ask_heart, start_and_search
+from validator_parts import trefoil
 
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.carry import (
@@ -60,12 +62,6 @@ def _search(
     return result, shares, seen
 
 
-def _trefoil(count: int, mirror: bool = False) -> np.ndarray:
-    t = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    z = -np.sin(3 * t) * (-1 if mirror else 1)
-    return np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), z])
-
-
 @pytest.mark.slow
 def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None:
     curves = (np.array([[0.0, 0], [40, 0], [40, 90]]), np.array([[1.0, 0], [1, 9], [0, 0]]))
@@ -80,8 +76,10 @@ def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None
 
 
 def test_splines_pass_through_their_polygons_and_parameters_even_out() -> None:
-    curves = Curves.through([_trefoil(60), 3 * _trefoil(40)])
-    for at, polygon in zip(curves.at(curves.knots), (_trefoil(60), 3 * _trefoil(40)), strict=True):
+    curves = Curves.through([trefoil(60, 1.0), 3 * trefoil(40, 1.0)])
+    for at, polygon in zip(
+        curves.at(curves.knots), (trefoil(60, 1.0), 3 * trefoil(40, 1.0)), strict=True
+    ):
         np.testing.assert_allclose(at, polygon, atol=1e-12)
     where = space_evenly(curves.knots, curves.at(curves.knots), curves.periods, 0.2)
     edges = np.linalg.norm(np.diff(curves.at(where)[1], axis=0), axis=1)
@@ -95,7 +93,7 @@ def test_splines_pass_through_their_polygons_and_parameters_even_out() -> None:
 
 
 def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -> None:
-    curves = Curves.through([_trefoil(400)])
+    curves = Curves.through([trefoil(400, 1.0)])
 
     def agrees(count: int) -> bool:
         where = (np.linspace(0, curves.periods[0], count, endpoint=False),)
@@ -109,7 +107,7 @@ def test_a_polygon_and_its_refinement_agree_unless_the_polygon_is_too_coarse() -
 
 def test_a_trefoil_and_its_mirror_do_not_agree() -> None:
     where, periods = (np.arange(90.0),), (90.0,)
-    one, other = [_trefoil(90)], [_trefoil(90, mirror=True)]
+    one, other = [trefoil(90, 1.0)], [mirror(trefoil(90, 1.0))]
     assert certify_same_type(one, where, one, where, periods).reached == 1
     stuck = certify_same_type(one, where, other, where, periods)
     assert 0.4 < stuck.reached < 0.5  # flat half way
@@ -133,7 +131,7 @@ def test_a_sharp_corner_is_rounded_in_several_certified_steps(turn_deg: float) -
 
 
 def test_carrying_proves_a_motion_and_refuses_a_crossing() -> None:
-    knot, rings = _trefoil(120), polylines_of_sizes((120,))
+    knot, rings = trefoil(120, 1.0), polylines_of_sizes((120,))
 
     def turn(points: np.ndarray, share: float) -> np.ndarray:
         c, s = np.cos(3 * share), np.sin(3 * share)

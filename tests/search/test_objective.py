@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 from questions import ask_views
 from shapely import MultiPolygon, Point, box
 
+from knotfab.arrays import Array
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
@@ -22,7 +22,6 @@ from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 from knotfab.search.state import begin
 
-Array = NDArray[np.float64]
 RADIUS, TAU = 4.0, 2.0
 DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # what is added up here has no term
 DISC = MultiPolygon([Point(0, 0).buffer(40.0)])

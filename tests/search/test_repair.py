@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from questions import ask_views
 from shapely import MultiPolygon, Point
 from torch import Tensor
 
+from knotfab.arrays import Array
 from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
 from knotfab.scene.model import ResolvedRegion
@@ -19,8 +19,6 @@ from knotfab.search.phases import plan_of, repair_phase
 from knotfab.search.repair import find_stretches, mend_stretches
 from knotfab.search.search import search
 from knotfab.search.state import SearchState, begin
-
-Array = NDArray[np.float64]
 
 COUNT, RADIUS = 240, 3.0
 EDGE = 2 * np.pi * 30 / COUNT

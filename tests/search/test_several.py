@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import shapely
 import torch
-from numpy.typing import NDArray
 from PIL import Image
 from questions import ask_views, draw_mask, see_from, start_and_search
 from shapely import MultiPolygon, Point, box
 from torch import Tensor
 
 from knotfab.api import assemble_part, design_knots, write_files
+from knotfab.arrays import Array
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
 from knotfab.errors import InputError, SceneError
@@ -44,8 +44,6 @@ from knotfab.target.read import Target, read_targets
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.shadows.view import view_geometry
-
-Array = NDArray[np.float64]
 
 DISC = MultiPolygon([Point(0, 0).buffer(40.0)])
 SQUARE = MultiPolygon([box(-30, -40, 30, 40)])

@@ -3,20 +3,15 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
+from validator_parts import trefoil
 
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.sequence.doubling import double_vertices
 
 
-def _trefoil(n: int) -> np.ndarray:
-    t = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    x, y = np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t)
-    return 20 * np.stack([x, y, -np.sin(3 * t)], axis=1)
-
-
 def test_new_vertices_halve_the_edges_and_corners_are_rounded_off() -> None:
-    points = _trefoil(90)
+    points = trefoil(90, 20.0)
     carried, both = double_vertices(points, polylines_of_sizes((90,)))
     fine = carried.points
     assert carried.reached == 1.0 and carried.least_margin > 0
@@ -26,13 +21,13 @@ def test_new_vertices_halve_the_edges_and_corners_are_rounded_off() -> None:
     # the mask of the uniform cubic B-spline, in full
     np.testing.assert_allclose(fine[::2], 0.75 * points + 0.125 * (ahead + behind), atol=1e-12)
     # the curve stays as near to the true one as the middles of the old edges were
-    curve = cKDTree(_trefoil(90 * 400))
+    curve = cKDTree(trefoil(90 * 400, 20.0))
     middles = 0.5 * (points + ahead)
     assert curve.query(fine)[0].max() < 1.01 * curve.query(middles)[0].max()
 
 
 def test_bends_stay_what_they_are() -> None:
-    points = _trefoil(90)
+    points = trefoil(90, 20.0)
     rings = polylines_of_sizes((90,))
     carried, both = double_vertices(points, rings)
     assert bend_radii(carried.points, both).min() > 0.97 * bend_radii(points, rings).min()

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from questions import ask_views
 from shapely import MultiPolygon, Point, affinity
 
+from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult
@@ -19,7 +19,6 @@ from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.search import finish, follow, is_far
 from knotfab.start.start import make_start
 
-Array = NDArray[np.float64]
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(
     update={

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from validator_parts import Array, circle, tube
 
+from knotfab_validators.arrays import Ints
 from knotfab_validators.check import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -13,10 +13,9 @@ from knotfab_validators.names import MESH
 
 RADIUS, SIDES = 4.0, 48
 CIRCLE = circle(120)
-Faces = NDArray[np.int64]
 
 
-def ring(**changes: Array | Faces) -> Mesh:
+def ring(**changes: Array | Ints) -> Mesh:
     vertices, faces = tube(CIRCLE, RADIUS, SIDES)
     return Mesh(**{"vertices": vertices, "faces": faces, **changes})  # type: ignore[arg-type]
 

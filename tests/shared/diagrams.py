@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from knot_curves import (
-    Array,
-)
+from knot_curves import Array
 
 from knotfab_validators.knots.planar_diagram import PlanarDiagram
 from knotfab_validators.knots.polynomial import Laurent

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
-
-Array = NDArray[np.float64]
 
 
 def curves(*polygons: Array, types: tuple[str, ...] | None = None) -> Curves:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
-
-Array = NDArray[np.float64]
 
 
 def judge_type(*curves: Array, promise: str = "") -> tuple[str, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from knotfab_validators.arrays import Array
+
 Random = np.random.Generator
 Polygons = list[Array]
 

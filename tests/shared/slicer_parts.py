@@ -15,7 +15,6 @@ from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.profile import write_profile
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
-Array = NDArray[np.float64]
 
 # a nozzle whose lines are 0.5 mm wide and layers of 0.25 mm: exact in binary
 EXACT = f"[printer]\nnozzle_mm = {4 / 9!r}\nlayer_height_mm = 0.25\n"

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from examples.corpus.parts import blocks as cells_of
+from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.mesh import Mesh, merge_equal
-
-Array = NDArray[np.float64]
 
 
 def blocks(x: list[float], y: list[float], z: list[float], filled: object) -> Mesh:

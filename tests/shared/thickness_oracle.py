@@ -10,7 +10,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from knotfab_validators.arrays import Array
+
 Long = np.longdouble
 Wide = NDArray[np.longdouble]
 Exact = tuple[Fraction, Fraction, Fraction]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from examples.corpus.curves import circle
+from knotfab.arrays import Array
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.options import BuildOptions
@@ -29,7 +29,6 @@ from knotfab.start.tie import Room, Tied, _poses, _sites, _splice, tie
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
-Array = NDArray[np.float64]
 LIGHT = 400.0
 DISC = MultiPolygon([Point(0, 0).buffer(60, quad_segs=32)])
 TWO = MultiPolygon([Point(0, 0).buffer(50, quad_segs=32), box(70, -30, 90, 30)])

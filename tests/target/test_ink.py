@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
+from knotfab.arrays import Mask
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.masks import drop_specks, holes_of, keep_largest, pieces_of
@@ -22,7 +22,6 @@ from knotfab_validators.files.picture import read_silhouette
 SIDE = 120
 RED, WHITE, BLACK, YELLOW = (214, 30, 40), (255, 255, 255), (0, 0, 0), (255, 214, 0)
 CLEAR = (0, 0, 0, 0)
-Mask = NDArray[np.bool_]
 
 
 def disc(x: float, y: float, radius: float) -> Mask:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 from shapely import Point, Polygon, affinity
 
+from knotfab.arrays import Mask
 from knotfab.target.silhouette import pieces, resample_mask, sample_1024, trace_polygon
-
-Mask = NDArray[np.bool_]
 
 
 def disc(side: int, radius: float, u: float, v: float) -> Mask:

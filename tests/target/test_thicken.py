@@ -6,18 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from knotfab.arrays import Mask
 from knotfab.design.frames import widen_targets
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.target.read import Target
 from knotfab.target.thicken import is_thin, thicken
 from knotfab_validators.files.strokes import widen_strokes
-
-Mask = NDArray[np.bool_]
 
 
 def drawn(*points: tuple[int, int], width: int, body: bool = False) -> Mask:

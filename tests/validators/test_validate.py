@@ -179,13 +179,7 @@ def test_a_check_may_be_left_out_by_name(right: Path) -> None:
 
 
 OF_SHADOWS = [
-    "shadow",
-    "shadow_exact",
-    "outline",
-    "wrong_outline",
-    "recognisable",
-    "intrusion",
-    "tone",
+    *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable", "intrusion", "tone")
 ]
 
 

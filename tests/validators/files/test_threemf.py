@@ -6,7 +6,7 @@ import lib3mf
 import numpy as np
 import pytest
 
-from examples.corpus.cube_files import CORE, MESH, archive, as_3mf, model, seeds
+from examples.corpus.cube_files import CORE, MESH, as_3mf, model
 from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
 
@@ -113,9 +113,3 @@ def test_what_is_not_built_is_not_read_as_part_of_it() -> None:
 def test_document_types_are_refused_before_they_do_anything(line: str) -> None:
     with pytest.raises(BadFile, match="document type"):
         corners_3mf(as_3mf(nest().replace("<model", f"{line}<model", 1)), "a.3mf")
-
-
-def test_an_archive_of_anything_else_is_no_3mf() -> None:
-    for content in (archive({}), archive({"a": b"b"}), seeds()["cube.3mf"][:200]):
-        with pytest.raises(BadFile, match=r"^a\.3mf: "):
-            corners_3mf(content, "a.3mf")

@@ -83,9 +83,7 @@ def test_another_number_of_bodies_than_knots_is_found() -> None:
 
 
 def test_a_body_that_is_no_tube_is_found() -> None:
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    solid = Mesh(vertices, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
-    checks = by_name(check_mesh(solid, genus=[1]))
+    checks = by_name(check_mesh(solid(), genus=[1]))
     assert checks["mesh_genus"].status == "fail" and checks["mesh_genus"].measured == 0
     assert np.abs(np.array(checks["mesh_genus"].at[0])).max() < 1
 
@@ -175,23 +173,21 @@ def test_doubled_faces_and_bodies_are_found_by_where_they_lie() -> None:
 
 
 def test_edges_of_four_faces_are_told_from_open_ones() -> None:
-    corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    back = Mesh(corner * [1, -1, -1], SIDES_OF_IT)  # shares the edge along x
-    checks = by_name(check_mesh(weld(two(Mesh(corner, SIDES_OF_IT), back))))
+    back = Mesh(TETRAHEDRON * [1, -1, -1], SIDES_OF_IT)  # shares the edge along x
+    checks = by_name(check_mesh(weld(two(Mesh(TETRAHEDRON, SIDES_OF_IT), back))))
     assert checks["mesh_closed"].status == checks["mesh_winding"].status == "pass"
     assert checks["mesh_manifold"].measured == 1 and checks["mesh_manifold"].at == ((0.5, 0, 0),)
     assert checks["mesh_bodies"].status == "skipped"
 
 
 def test_a_corner_where_two_bodies_touch_is_found() -> None:
-    corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    back = flip(Mesh(-corner, SIDES_OF_IT))
-    joined = weld(two(Mesh(corner, SIDES_OF_IT), back))
+    corner, back = Mesh(TETRAHEDRON, SIDES_OF_IT), flip(Mesh(-TETRAHEDRON, SIDES_OF_IT))
+    joined = weld(two(corner, back))
     assert len(joined.vertices) == 7
     checks = by_name(check_mesh(joined))
     assert checks["mesh_closed"].status == "pass"
     assert checks["mesh_manifold"].measured == 1 and checks["mesh_manifold"].at == ((0.0, 0, 0),)
-    apart = weld(two(Mesh(corner, SIDES_OF_IT), Mesh(back.vertices - 1e-9, back.faces)))
+    apart = weld(two(corner, Mesh(back.vertices - 1e-9, back.faces)))
     assert failures(apart) == set()
 
 

@@ -6,10 +6,7 @@ from dataclasses import replace
 
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run
-from solids import (
-    blocks,
-    bridge,
-)
+from solids import blocks, bridge
 
 
 @pytest.mark.parametrize("width", [3.0, 60.0])

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from printed_solids import BARE, run
-from solids import (
-    blocks,
-    cone,
-)
+from solids import blocks, cone
 
 
 def test_what_hangs_down_in_mid_air_is_an_island() -> None:

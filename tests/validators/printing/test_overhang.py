@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 from printed_solids import BARE, PRINTER, leaning, run
 from scipy.spatial.transform import Rotation
-from solids import (
-    box,
-    move,
-    table,
-    together,
-)
+from solids import box, move, table, together
 
 from knotfab_validators.printing.overhang import above
 

@@ -4,14 +4,7 @@ from __future__ import annotations
 
 import pytest
 from printed_solids import BARE, PRINTER, run
-from solids import (
-    box,
-    bridge,
-    move,
-    quarter,
-    table,
-    together,
-)
+from solids import box, bridge, move, quarter, table, together
 
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.names import PRINTING

@@ -16,12 +16,7 @@ from knotfab_validators.files.scene import Effects, parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.lamp import RINGS, lamp_points, lamp_size
-from knotfab_validators.shadows.penumbra import (
-    Penumbra,
-    averages_lamp,
-    blur_px,
-    measure_penumbra,
-)
+from knotfab_validators.shadows.penumbra import Penumbra, averages_lamp, blur_px, measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import view_geometry
 

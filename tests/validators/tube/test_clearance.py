@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from validator_parts import circle, hairpin, trefoil, tube
 
+from examples.corpus.curves import torus_knot
+from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.triangles import triangle_triangle
@@ -16,8 +17,6 @@ from knotfab_validators.tube.body_distance import nearest_bodies
 from knotfab_validators.tube.clearance import check_clearance, strand_gap
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import thickness
-
-Array = NDArray[np.float64]
 
 
 def made(*lines: Array, radius: float = 2.0, sides: int = 32) -> tuple[Mesh, Curves]:
@@ -62,12 +61,6 @@ def chord_gap(curves: Curves) -> float:
     return chord.length - 2 * curves.radius_mm
 
 
-def torus(p: int, q: int, n: int = 400) -> Array:
-    s = 2 * np.pi * np.arange(n) / n
-    a = 24 + 9 * np.cos(q * s)
-    return np.column_stack([a * np.cos(p * s), a * np.sin(p * s), 9 * np.sin(q * s)])
-
-
 def wave(seed: int, n: int = 400) -> Array:
     """A random curve of three waves an axis."""
     rng = np.random.default_rng(seed)
@@ -81,8 +74,8 @@ LINKS = {
     "stacked rings": (circle(150, 20.0), circle(150, 20.0) + [0, 0, 4.3]),
     "turned rings": (circle(150, 20.0), circle(90, 30.0)[:, [0, 2, 1]] + [5.0, 0, 0]),
     "trefoil": (trefoil(300, 8.0),),
-    "torus knot 2, 3": (torus(2, 3),),
-    "torus knot 2, 7": (torus(2, 7),),
+    "torus knot 2, 3": (torus_knot(2, 3, 24.0, 9.0, 400),),
+    "torus knot 2, 7": (torus_knot(2, 7, 24.0, 9.0, 400),),
     "waves 15": (wave(15),),
     "waves 17": (wave(17),),
     "waves 23": (wave(23),),

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from polygon_kinds import KINDS, Polygons, place
 from thickness_oracle import enumerate_chords, exact_thickness
 
 from knotfab_validators.tube import critical_chords
 from knotfab_validators.tube.thickness import thickness
 
-Array = NDArray[np.float64]
 EACH = 150
 
 

@@ -8,12 +8,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Mask
 
-__all__ = [
-    "LONGER_SIDE",
-    "WorkingFrame",
-    "padded_mask",
-    "working_frame",
-]
+__all__ = ["LONGER_SIDE", "WorkingFrame", "padded_mask", "working_frame"]
 
 LONGER_SIDE = 1024
 """Pixels on the longer side of the frame at which shadow and picture are compared."""

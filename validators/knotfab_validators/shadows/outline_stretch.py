@@ -9,11 +9,7 @@ import numpy as np
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.shadows.distance import depth_in
 
-__all__ = [
-    "WRONG_PX",
-    "WrongStretch",
-    "find_wrong_stretch",
-]
+__all__ = ["WRONG_PX", "WrongStretch", "find_wrong_stretch"]
 
 
 WRONG_PX = 2.0

@@ -21,11 +21,7 @@ from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
-from knotfab_validators.shadows.misplacement import (
-    measure_misplacement,
-    moves_apart,
-    parting_px,
-)
+from knotfab_validators.shadows.misplacement import measure_misplacement, moves_apart, parting_px
 from knotfab_validators.shadows.penumbra import averages_lamp, measure_penumbra
 from knotfab_validators.shadows.pictures import write_compare, write_shadow
 from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
