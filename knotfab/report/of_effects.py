@@ -97,6 +97,7 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
     """Add to the views what light is where, where the scene calls for it."""
     from knotfab.effects.base import World
     from knotfab.effects.contrast import CONTRAST, contrast_of
+    from knotfab.effects.shadows import Shadows
 
     decision = made.result.effects.get(CONTRAST.name)
     if decision is None or not decision.simulated:
@@ -104,7 +105,8 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
     world = World.of(made.scene)
     for view, record in zip(made.scene.views, views, strict=False):
         with decision.called("report"):
-            found = contrast_of(view, made.knots.points, made.knots.radius_mm, world)
+            seen = Shadows.of(view, made.knots.points)
+            found = contrast_of(seen, made.knots.radius_mm, world)
         if found is not None:
             record["contrast"] = found.to_dict()
 
