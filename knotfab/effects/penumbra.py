@@ -28,7 +28,7 @@ _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at 
 _ABS_BLUR = 4 / (3 * np.pi) / 2
 _MOST = 400  # points whose surroundings are looked at
 _STEP = 1e-6  # of the distance to the lamp, over which slopes are taken
-_WEIGHT = 8.0  # of the brightness error, against legibility
+_WEIGHT = 4.0  # of the brightness error, against legibility
 
 
 def magnitude(context: EffectContext) -> float:
