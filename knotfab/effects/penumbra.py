@@ -20,7 +20,7 @@ from knotfab.scene.model import ResolvedView
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
-_FULL_PX = 32.0  # of blur above the threshold, from which on it is that
+_LOWERED_PX = 32.0  # of blur above the threshold, from which on it is that
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
 _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once
@@ -28,7 +28,8 @@ _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at 
 _ABS_BLUR = 4 / (3 * np.pi) / 2
 _MOST = 400  # points whose surroundings are looked at
 _STEP = 1e-6  # of the distance to the lamp, over which slopes are taken
-_WEIGHT = 4.0  # of the brightness error, against legibility
+_WEIGHT = 4.0  # of the brightness error, against legibility, at most
+_WEIGHT_PX = 16.0  # of blur above the threshold, from which on it is that
 
 
 def magnitude(context: EffectContext) -> float:
@@ -189,13 +190,12 @@ class Sharpening:
     outline: MultiPolygon
     radius: float
 
-    @property
-    def strength(self) -> float:
-        """From 0 at the threshold to 1: how far outline strands are lowered, and what sharpness weighs."""
+    def strength(self, full_px: float) -> float:
+        """From 0 at the threshold to 1, which it is from so many pixels of blur above it on."""
         if not self.decision.simulated:
             return 0.0
         over = self.decision.magnitude - self.decision.threshold
-        return float(np.clip(over / _FULL_PX, 0.0, 1.0))
+        return float(np.clip(over / full_px, 0.0, 1.0))
 
     def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
         """From 0 to 1, how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
@@ -213,7 +213,7 @@ class Sharpening:
     def lower(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
         """Heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
         low = min(float(h.min()) for h in heights)
-        share = _LOWERED * self.strength
+        share = _LOWERED * self.strength(_LOWERED_PX)
         return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
 
     def cost(self, parts: list[Array], drawing: list[Array]) -> float:
@@ -228,4 +228,4 @@ class Sharpening:
             blur = view.light_size_mm * (view.wall_distance_mm + z) / below / view.magnification
             mean = float((weight * blur).sum() / max(weight.sum(), 1e-9))
             error = _ABS_BLUR * mean * float(self.outline.length / self.outline.area)
-            return _WEIGHT * self.strength * error
+            return _WEIGHT * self.strength(_WEIGHT_PX) * error
