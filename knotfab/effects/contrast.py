@@ -165,11 +165,11 @@ def _bounced(seen: Shadows, radius: float, world: World) -> float:
     # first of some pieces, as if none hid another
     some = max(1, len(starts) // _FEET)
     most = _filled(feet, axes, starts[::some], alongs[::some], radius)
-    hidden = [
-        _hidden(feet[n], axes[min(n, len(axes) - 1)], starts, alongs, radius, _CELLS)
-        for n in np.argsort(-most)[:_LOOKED_AT]
-    ]
-    return light * min(_SURE * max(hidden), 1.0)
+    hidden = 0.0
+    for n in np.argsort(-most)[:_LOOKED_AT]:
+        own = axes[min(n, len(axes) - 1)]
+        hidden = _hidden(feet[n], own, starts, alongs, radius, _CELLS, hidden)
+    return light * min(_SURE * hidden, 1.0)
 
 
 def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
@@ -206,9 +206,17 @@ def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: floa
 
 @compiled
 def _hidden(
-    foot: Array, axes: Array, starts: Array, alongs: Array, radius: float, cells: int
+    foot: Array,
+    axes: Array,
+    starts: Array,
+    alongs: Array,
+    radius: float,
+    cells: int,
+    least: float,
 ) -> float:
     """What round strands about pieces (n, 3) hide of a sky that is bright alike, weighed by the cosine.
+
+    `least` where that is no more.
 
     Seen from `foot`, a place of a wall whose right, up and normal are rows of `axes`. What each hides for
     itself is summed, and multiplied by the share that is left of that sum where they hide each other, in
@@ -216,22 +224,30 @@ def _hidden(
     """
     covered = np.zeros((cells, cells), dtype=np.bool_)
     wide, summed, found, every = 2.0 / cells, 0.0, 0, 0
-    s, a = np.empty(3), np.empty(3)
+    at, way, of = np.empty_like(starts), np.empty_like(alongs), np.empty((len(starts), 4))
     for k in range(len(starts)):
         aa = ao = oo = 0.0
         for i in range(3):
-            s[i] = a[i] = 0.0
+            x = y = 0.0
             for j in range(3):
-                s[i] += axes[i, j] * (starts[k, j] - foot[j])
-                a[i] += axes[i, j] * alongs[k, j]
-            aa, ao, oo = aa + a[i] * a[i], ao + a[i] * s[i], oo + s[i] * s[i]
+                x += axes[i, j] * (starts[k, j] - foot[j])
+                y += axes[i, j] * alongs[k, j]
+            aa, ao, oo = aa + y * y, ao + y * x, oo + x * x
+            at[k, i], way[k, i] = x, y
         square = max(oo + ao + 0.25 * aa, radius * radius)  # of the distance of its middle
         far, to = np.sqrt(square), ao + 0.5 * aa
         aside = np.sqrt(max(aa - to * to / square, 0.0))
-        summed += 2 * radius / np.pi * aside * max(s[2] + 0.5 * a[2], 0.0) / (square * far)
+        summed += 2 * radius / np.pi * aside * max(at[k, 2] + 0.5 * way[k, 2], 0.0) / (square * far)
+        of[k, 0], of[k, 1], of[k, 2], of[k, 3] = aa, ao, oo, far
+    if summed <= least:
+        return least
+    for k in range(len(starts)):
+        s, a = at[k], way[k]
+        aa, ao, oo, far = of[k, 0], of[k, 1], of[k, 2], of[k, 3]
         # in which directions it may be: a chord of the unit sphere
         share = (radius + 0.5 * np.sqrt(aa)) / far
         away = np.sqrt(2 - 2 * np.sqrt(1 - share * share)) if share < 1 else 2.0
+        outside = far * far * (1 - share * share)
         u, v = (s[0] + 0.5 * a[0]) / far + 1, (s[1] + 0.5 * a[1]) / far + 1
         left, right = max(0, int((u - away) / wide)), min(cells, int((u + away) / wide) + 1)
         low, top = max(0, int((v - away) / wide)), min(cells, int((v + away) / wide) + 1)
@@ -243,6 +259,8 @@ def _hidden(
                     continue
                 z = np.sqrt(1 - x * x - y * y)
                 wa, wo = x * a[0] + y * a[1] + z * a[2], x * s[0] + y * s[1] + z * s[2]
+                if (wo + 0.5 * wa) ** 2 < outside:
+                    continue  # it passes the ball about the piece
                 # where the piece comes nearest to the ray
                 share = (wa * wo - ao) / max(aa - wa * wa, 1e-12)
                 kept = min(max(share, 0.0), 1.0)
@@ -251,7 +269,7 @@ def _hidden(
                     every += kept == share
                     found += not covered[i, j]
                     covered[i, j] = True
-    return summed * min(found / every, 1.0) if every > 0 else summed
+    return max(summed * min(found / every, 1.0) if every > 0 else summed, least)
 
 
 CONTRAST = Effect(
