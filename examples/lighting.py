@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from examples.parting import directions, random_scene
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, EffectContext, OnWall, World
+from knotfab.effects.base import VERIFIED_PX, EffectContext, World
 from knotfab.effects.contrast import contrast_of
+from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.effects.wall import WALL
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import Material, Room
@@ -28,7 +29,7 @@ def uneven_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     view, points, radius, camera = random_scene(rng)
     shape = ("disc", "ball")[rng.integers(2)]
     view = view.model_copy(update={"light_shape": shape})
-    found = contrast_of(view, points, radius, World())
+    found = contrast_of(Shadows.of(view, points), radius, World())
     assert found is not None
     camera = camera.resized(_GRID, _GRID)
     u, v = np.meshgrid(np.arange(_GRID), np.arange(_GRID))
@@ -51,16 +52,16 @@ def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     room = min(0.3 * view.light_distance_mm, 0.5 * view.wall_distance_mm)
     points *= np.array([60, 60, 0.5 * room]) / np.abs(points).max(axis=0)
     wall = OnWall.of(view)
-    while wall.place(points)[2].min() < 2 * radius:
+    while wall.place(points)[:, 2].min() < 2 * radius:
         points *= 0.9
     world = World(room=Room(reflectance=0.5), material=Material(color="#ffffff"))
-    found = contrast_of(view, points, radius, world)
+    found = contrast_of(Shadows.of(view, points), radius, world)
     assert found is not None
-    places = wall.place(points)
-    start, along = places.T, np.roll(places.T, -1, axis=0) - places.T
+    start = wall.place(points)
+    along = np.roll(start, -1, axis=0) - start
     # all across the shadow of a strand
     behind = start[:: _POINTS // _FEET] + radius * directions(_POINTS)[:: _POINTS // _FEET]
-    feet = np.vstack([wall.cast(behind.T), np.zeros(len(behind))]).T
+    feet = np.column_stack([wall.cast(behind), np.zeros(len(behind))])
     filled = [_filled(foot, _FEW, start, along, radius) for foot in feet]
     worst = feet[np.argsort(filled)[-_WORST:]]
     return found.bounced, 0.5 * max(_filled(foot, _RAYS, start, along, radius) for foot in worst)

@@ -9,6 +9,7 @@ from knotfab.effects.base import VERIFIED_PX, EffectContext, World
 from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import parting_mm
 from knotfab.effects.sag import SAG
+from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Placing, Printer, ResolvedView
 
@@ -50,7 +51,7 @@ def bounds_and_truths(
     about = [way - (way @ normal) * normal for way in all_round]
     turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
     tilt = max(parted(was, _leaning(surface, camera, view, by, turns)) for by in turned)
-    bounds = parting_mm(view, points, radius, World(placing=placing, turns=turns))
+    bounds = parting_mm(Shadows.of(view, points), radius, World(placing=placing, turns=turns))
     return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
 
 

@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 
 from knotfab.effects.penumbra import blurs_mm
+from knotfab.effects.shadows import Shadows
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
 
@@ -130,7 +131,7 @@ class LampCase:
 
     def claimed(self) -> float:
         """The bound that the effect uses, mm."""
-        return float(blurs_mm(self.view, np.array([self.at]), _THIN_MM)[0])
+        return float(blurs_mm(Shadows.of(self.view, np.array([self.at])), _THIN_MM)[0])
 
     def true(self) -> float:
         """The longer axis of the ellipse in which the wall cuts the cone of rays about the ball."""

@@ -6,17 +6,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from knotfab.arrays import Array
-from knotfab.scene.camera import VERIFIED_PX, camera_of
-from knotfab.scene.curved_wall import CurvedWall
+from knotfab.effects.shadows import Shadows
+from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
 
-__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "OnWall", "World", "decide"]
+__all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "World", "decide"]
 
 
 @dataclass(frozen=True)
@@ -46,62 +44,6 @@ class World:
 
 
 @dataclass(frozen=True)
-class OnWall:
-    """A view as its wall sees it: `axes` (3, 3) rows right, up and normal, in which the lamp is at `lamp`.
-
-    Of a wall that is round those of the flat one that touches it. `middle` (3,): of the frame, in the same.
-    """
-
-    axes: Array
-    foot: Array  # of the wall's axes, in the scene
-    lamp: Array
-    middle: Array
-    round: CurvedWall | None
-
-    @staticmethod
-    @lru_cache(maxsize=8)  # of the same views many times
-    def of(view: ResolvedView) -> OnWall:
-        """Where light and wall are."""
-        camera = camera_of(view, 1, 1)
-        axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
-        axes /= np.linalg.norm(axes, axis=1)[:, None]
-        foot = -camera.receiver[3] * camera.receiver[:3]
-        lamp, middle = axes @ (camera.eye - foot), axes @ (camera.corner - foot)
-        return OnWall(axes, foot, lamp, middle, CurvedWall.of(view))
-
-    def place(self, points: Array) -> Array:
-        """(3, n) points (n, 3) of the scene in the wall's axes."""
-        return np.asarray(self.axes @ (points - self.foot).T)
-
-    def cast(self, places: Array, lamp: Array | None = None) -> Array:
-        """(2, n) shadows on the wall of (3, n) in its axes, of its own lamp or one at (3,) in the same."""
-        lamp = self.lamp if lamp is None else lamp
-        slopes = (places[:2] - lamp[:2, None]) / (lamp[2] - places[2])
-        return np.asarray(lamp[:2, None] + lamp[2] * slopes)
-
-    def touching(self, places: Array) -> tuple[Array, Array, Array]:
-        """Where places (3, n) cast their shadows: points (3, n) of the wall, (2, n) of it unrolled.
-
-        Between them its right, up and normal there, (3, 3, n) rows of columns or (3, 3, 1) of a flat wall,
-        all in the wall's axes. What casts none on a column, beside it, is taken to the flat wall.
-        """
-        flat = self.cast(places)
-        points = np.stack([*flat, np.zeros(flat.shape[1])])
-        if self.round is None:
-            return points, np.eye(3)[:, :, None], flat
-        radius, line = self.round.radius, self.middle[:2] - [0.0, self.round.frame_mm[2]]
-        arc, up = self.round.unroll(flat.T - line).T
-        met = np.isfinite(arc)
-        turn = np.where(met, arc / radius, 0.0)
-        bent = [line[0] + radius * np.sin(turn), line[1] + up, self.round.before(turn)]
-        points = np.where(met, bent, points)
-        unrolled = np.where(met, [line[0] + arc, line[1] + up], flat)
-        sine, cosine, none = np.sin(turn), np.cos(turn), np.zeros_like(turn)
-        axes = [[cosine, none, sine], [none, none + 1, none], [-sine, none, cosine]]
-        return points, np.array(axes), unrolled
-
-
-@dataclass(frozen=True)
 class EffectContext:
     """What an effect's magnitude is judged from: the views, and the curves that stand before them.
 
@@ -117,6 +59,11 @@ class EffectContext:
     world: World = field(default_factory=World)
     moves: Array | None = None
     upwards: Array | None = None
+
+    @cached_property
+    def shadows(self) -> tuple[Shadows, ...]:
+        """Of the points, in each view."""
+        return tuple(Shadows.of(view, self.points) for view in self.views)
 
 
 @dataclass(frozen=True)

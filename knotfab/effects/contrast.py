@@ -10,7 +10,8 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.compiled import compiled
-from knotfab.effects.base import Effect, EffectContext, OnWall, World
+from knotfab.effects.base import Effect, EffectContext, World
+from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
@@ -29,7 +30,7 @@ _CHORDS = 200  # across a strand
 
 def magnitude(context: EffectContext) -> float:
     """What is missing of a shadow that is black everywhere on a wall that is lit alike, of 1."""
-    found = [contrast_of(v, context.points, context.radius, context.world) for v in context.views]
+    found = [contrast_of(seen, context.radius, context.world) for seen in context.shadows]
     return max((c.missing for c in found if c is not None), default=0.0)
 
 
@@ -82,8 +83,8 @@ class Contrast:
         }
 
 
-def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) -> Contrast | None:
-    """What light is where in the picture of a view; None of an eye, which needs no lamp.
+def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
+    """What light is where in the picture of a view with strands at places; None of an eye: it needs no lamp.
 
     A bulb of intensity I gives a wall at distance d, whose normal is an angle off, I cos / d²; of a flat lamp
     that is times the cosine of the angle at which it is seen. On a wall that faces it: cos³ and cos⁴.
@@ -97,6 +98,7 @@ def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) 
     to the ray, fills 2 r l sin a h / (pi d³) of what lights it, and all together what is left of the sum
     where they hide each other.
     """
+    view = seen.view
     if view.kind == "eye":
         return None
     room, flat = world.room, view.light_shape != "ball"
@@ -109,7 +111,7 @@ def contrast_of(view: ResolvedView, points: Array, radius: float, world: World) 
         room=spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0,
         second=0.0 if room.second_lamp_mm == "none" else room.second_lamp_share,
         transmitted=_through(transmittance, radius) if transmittance > 0 else 0.0,
-        bounced=_bounced(view, points, radius, world) if room.reflectance > 0 else 0.0,
+        bounced=_bounced(seen, radius, world) if room.reflectance > 0 else 0.0,
         ghost_shift_mm=None
         if isinstance(room.second_lamp_mm, str)
         else _ghost_shift(view, np.array(room.second_lamp_mm)),
@@ -140,7 +142,7 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
     """How far from the shadow of the scene's origin a second lamp throws it, mm."""
     wall = OnWall.of(view)
-    origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[:, 0]
+    origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[0]
     return float(np.linalg.norm(wall.cast(origin, lamp) - wall.cast(origin)))
 
 
@@ -150,38 +152,31 @@ def _through(transmittance: float, radius: float) -> float:
     return float((transmittance ** (2 * radius * np.sqrt(1 - x**2))).mean())
 
 
-def _bounced(view: ResolvedView, points: Array, radius: float, world: World) -> float:
+def _bounced(seen: Shadows, radius: float, world: World) -> float:
     """What strands throw back of the wall's light onto their own shadow, where that is most."""
     own = np.array([int(world.material.color[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(own <= 0.04045, own / 12.92, ((own + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
     light = world.room.reflectance * float(linear @ [0.2126, 0.7152, 0.0722])
-    if light == 0 or len(points) < 2:
+    if light == 0 or len(seen.places) < 2:
         return 0.0
-    wall = OnWall.of(view)
-    places = wall.place(points)
-    starts, alongs = _pieces(places, radius)
-    feet, axes, _ = wall.touching(places[:, :: max(1, len(points) // _FEET)])
-    axes = np.broadcast_to(axes, (3, 3, feet.shape[1]))
+    every = max(1, len(seen.places) // _FEET)
+    starts, alongs = _pieces(seen.places, radius)
+    feet, axes = seen.feet[::every], seen.axes[:: every if len(seen.axes) > 1 else 1]
     # first of some pieces, as if none hid another
-    every = max(1, len(starts) // _FEET)
-    along, middle = alongs[::every], starts[::every] + 0.5 * alongs[::every]
-    square = (middle**2).sum(axis=1) + (feet**2).sum(axis=0)[:, None] - 2 * feet.T @ middle.T
-    square = np.maximum(square, radius**2)
-    to = (middle * along).sum(axis=1) - feet.T @ along.T
-    aside = np.sqrt(np.maximum((along**2).sum(axis=1) - to**2 / square, 0.0))
-    high = axes[2].T @ middle.T - (axes[2] * feet).sum(axis=0)[:, None]
-    most = (high * aside / (square * np.sqrt(square))).sum(axis=1)
-    hidden = [
-        _hidden((starts - feet[:, n]) @ axes[:, :, n].T, alongs @ axes[:, :, n].T, radius, _CELLS)
-        for n in np.argsort(-most)[:_LOOKED_AT]
-    ]
-    return light * min(_SURE * max(hidden), 1.0)
+    some = max(1, len(starts) // _FEET)
+    most = _filled(feet, axes, starts[::some], alongs[::some], radius)
+    hidden = 0.0
+    for n in np.argsort(-most)[:_LOOKED_AT]:
+        own = axes[min(n, len(axes) - 1)]
+        hidden = _hidden(feet[n], own, starts, alongs, radius, _CELLS, hidden)
+    return light * min(_SURE * hidden, 1.0)
 
 
 def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
-    """Starts (n, 3) of pieces of the strands through places (3, N), and what leads to their ends."""
-    step = float(np.median(np.linalg.norm(np.diff(places), axis=0)))
-    some = places[:, :: max(1, int(_PIECE_RADII * radius / max(step, 1e-9)))].T
+    """Starts (n, 3) of pieces of the strands through places (N, 3), and what leads to their ends."""
+    steps = np.diff(places, axis=0)
+    step = float(np.sqrt(np.median(np.einsum("ni,ni->n", steps, steps))))
+    some = places[:: max(1, int(_PIECE_RADII * radius / max(step, 1e-9)))]
     along = np.roll(some, -1, axis=0) - some
     long = np.linalg.norm(along, axis=1)
     kept = long <= 4 * max(np.median(long), radius)  # a knot's last is followed by another's first
@@ -189,30 +184,71 @@ def _pieces(places: Array, radius: float) -> tuple[Array, Array]:
 
 
 @compiled
-def _hidden(starts: Array, alongs: Array, radius: float, cells: int) -> float:
+def _filled(feet: Array, axes: Array, starts: Array, alongs: Array, radius: float) -> Array:
+    """(m,) in proportion to what pieces (n, 3) fill of what lights feet (m, 3), as if none hid another."""
+    found = np.zeros(len(feet))
+    for m in range(len(feet)):
+        normal = axes[min(m, len(axes) - 1), 2]
+        for n in range(len(starts)):
+            square = long = to = high = 0.0
+            for i in range(3):
+                along = alongs[n, i]
+                way = starts[n, i] + 0.5 * along - feet[m, i]
+                square += way * way
+                long += along * along
+                to += way * along
+                high += way * normal[i]
+            square = max(square, radius * radius)
+            aside = max(long - to * to / square, 0.0)
+            found[m] += high * np.sqrt(aside / square) / square
+    return found
+
+
+@compiled
+def _hidden(
+    foot: Array,
+    axes: Array,
+    starts: Array,
+    alongs: Array,
+    radius: float,
+    cells: int,
+    least: float,
+) -> float:
     """What round strands about pieces (n, 3) hide of a sky that is bright alike, weighed by the cosine.
 
-    Seen from the origin of a plane whose normal is z. What each hides for itself is summed, and multiplied
-    by the share that is left of that sum where they hide each other, in places of the disc under the sky
-    (Nusselt's analogue), `cells` across.
+    `least` where that is no more.
+
+    Seen from `foot`, a place of a wall whose right, up and normal are rows of `axes`. What each hides for
+    itself is summed, and multiplied by the share that is left of that sum where they hide each other, in
+    places of the disc under the sky (Nusselt's analogue), `cells` across.
     """
     covered = np.zeros((cells, cells), dtype=np.bool_)
     wide, summed, found, every = 2.0 / cells, 0.0, 0, 0
+    at, way, of = np.empty_like(starts), np.empty_like(alongs), np.empty((len(starts), 4))
     for k in range(len(starts)):
-        sx, sy, sz = starts[k]
-        ax, ay, az = alongs[k]
-        aa, ao, oo = (
-            ax * ax + ay * ay + az * az,
-            ax * sx + ay * sy + az * sz,
-            sx * sx + sy * sy + sz * sz,
-        )
+        aa = ao = oo = 0.0
+        for i in range(3):
+            x = y = 0.0
+            for j in range(3):
+                x += axes[i, j] * (starts[k, j] - foot[j])
+                y += axes[i, j] * alongs[k, j]
+            aa, ao, oo = aa + y * y, ao + y * x, oo + x * x
+            at[k, i], way[k, i] = x, y
         square = max(oo + ao + 0.25 * aa, radius * radius)  # of the distance of its middle
         far, to = np.sqrt(square), ao + 0.5 * aa
         aside = np.sqrt(max(aa - to * to / square, 0.0))
-        summed += 2 * radius / np.pi * aside * max(sz + 0.5 * az, 0.0) / (square * far)
-        ball = radius + 0.5 * np.sqrt(aa)
-        away = 2 * np.sin(0.5 * np.arcsin(ball / far)) if ball < far else 2.0
-        u, v = (sx + 0.5 * ax) / far + 1, (sy + 0.5 * ay) / far + 1
+        summed += 2 * radius / np.pi * aside * max(at[k, 2] + 0.5 * way[k, 2], 0.0) / (square * far)
+        of[k, 0], of[k, 1], of[k, 2], of[k, 3] = aa, ao, oo, far
+    if summed <= least:
+        return least
+    for k in range(len(starts)):
+        s, a = at[k], way[k]
+        aa, ao, oo, far = of[k, 0], of[k, 1], of[k, 2], of[k, 3]
+        # in which directions it may be: a chord of the unit sphere
+        share = (radius + 0.5 * np.sqrt(aa)) / far
+        away = np.sqrt(2 - 2 * np.sqrt(1 - share * share)) if share < 1 else 2.0
+        outside = far * far * (1 - share * share)
+        u, v = (s[0] + 0.5 * a[0]) / far + 1, (s[1] + 0.5 * a[1]) / far + 1
         left, right = max(0, int((u - away) / wide)), min(cells, int((u + away) / wide) + 1)
         low, top = max(0, int((v - away) / wide)), min(cells, int((v + away) / wide) + 1)
         for i in range(left, right):
@@ -222,7 +258,9 @@ def _hidden(starts: Array, alongs: Array, radius: float, cells: int) -> float:
                 if x * x + y * y >= 1:
                     continue
                 z = np.sqrt(1 - x * x - y * y)
-                wa, wo = x * ax + y * ay + z * az, x * sx + y * sy + z * sz
+                wa, wo = x * a[0] + y * a[1] + z * a[2], x * s[0] + y * s[1] + z * s[2]
+                if (wo + 0.5 * wa) ** 2 < outside:
+                    continue  # it passes the ball about the piece
                 # where the piece comes nearest to the ray
                 share = (wa * wo - ao) / max(aa - wa * wa, 1e-12)
                 kept = min(max(share, 0.0), 1.0)
@@ -231,7 +269,7 @@ def _hidden(starts: Array, alongs: Array, radius: float, cells: int) -> float:
                     every += kept == share
                     found += not covered[i, j]
                     covered[i, j] = True
-    return summed * min(found / every, 1.0) if every > 0 else summed
+    return max(summed * min(found / every, 1.0) if every > 0 else summed, least)
 
 
 CONTRAST = Effect(

@@ -6,8 +6,8 @@ import numpy as np
 
 from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
 from knotfab.effects.sag import shifts_mm
+from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedView
 
 __all__ = ["LAYERS"]
 
@@ -21,16 +21,17 @@ def magnitude(context: EffectContext) -> float:
     along the printer's z does, h / 2 M sin of the angle between that and the ray, and M h² / 8r.
     """
     upwards, height = context.upwards, context.world.printer.layer_height_mm
-    points, radius = context.points, context.radius
-    if upwards is None or len(points) == 0:
+    radius = context.radius
+    if upwards is None or len(context.points) == 0:
         return 0.0
 
-    def shift(view: ResolvedView) -> float:
-        moves = np.array([0.5 * height * upwards, height**2 / (8 * radius) * view_axes(view)[1]])
-        each = shifts_mm(view, points, moves[:, None], radius)
-        return float(each.sum(axis=0).max()) / (view.longer_mm / VERIFIED_PX)
+    def shift(seen: Shadows) -> float:
+        across = view_axes(seen.view)[1]
+        moves = np.array([0.5 * height * upwards, height**2 / (8 * radius) * across])
+        each = shifts_mm(seen, moves[:, None], radius)
+        return float(each.sum(axis=0).max()) / (seen.view.longer_mm / VERIFIED_PX)
 
-    return max(shift(view) for view in context.views)
+    return max(shift(seen) for seen in context.shadows)
 
 
 LAYERS = Effect(

@@ -8,24 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
 from knotfab.compiled import compiled
-from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext, OnWall, World
+from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext, World
+from knotfab.effects.shadows import Shadows
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["MISPLACEMENT", "Parting", "Steadying", "parting_mm"]
 
 # points whose surroundings are looked at: of the largest, and how many at most
 _WORST, _MOST = 0.7, 400
-_LAMP, _TURN, _TILT = slice(0, 3), slice(3, 6), slice(6, 8)  # of the moves of a field
+_LAMP, _TURN, _TILT = range(3)  # kinds of moves
 
 
 def magnitude(context: EffectContext) -> float:
     """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
     return max(
-        max(parting_mm(view, context.points, context.radius, context.world))
-        / (view.longer_mm / VERIFIED_PX)
-        for view in context.views
+        max(parting_mm(seen, context.radius, context.world)) / (seen.view.longer_mm / VERIFIED_PX)
+        for seen in context.shadows
     )
 
 
@@ -41,65 +41,116 @@ class _Field:
 
     the point off by u by H / (H - h) (u_t + u_n w): similar triangles; the wall itself, by d where the shadow
     falls, by -d_t - d_n w. With a piece that hangs on it, it leans as the lamp turned the other way.
-    `shadows` (2, n), of the wall unrolled; `moves` (8, 2, n): by 1 mm of the lamp along each axis, 1 radian
-    of the piece about each axis through its middle, and 1 radian of the wall about lines through the frame's.
-    `high`, `below`, `slopes` (n,): H, H - h and the length of w.
+    `moves` (n, 8, 2): by 1 mm of the lamp along each axis, 1 radian of the piece about each axis through its
+    middle, and 1 radian of the wall about lines through the frame's. `high`, `below`, `slopes` (n,): H, H - h
+    and the length of w.
     """
 
-    shadows: Array
+    shadows: Array  # (n, 2), of the wall unrolled
     moves: Array
     high: Array
     below: Array
     slopes: Array
 
     @staticmethod
-    def of(points: Array, wall: OnWall, middle: Array, turns: bool) -> _Field:
-        """Of points (3, n) in the wall's axes, of a piece about `middle` that `turns` or hangs there."""
-        feet, axes, shadows = wall.touching(points)
-        moves, high, below, slopes = _moves(points, feet, axes, wall.lamp, middle, wall.middle)
-        if not turns:
-            away = wall.lamp - wall.middle
-            moves[6] = away[2] * moves[1] - away[1] * moves[2]
-            moves[7] = away[2] * moves[0] - away[0] * moves[2]
-        return _Field(shadows, moves, high, below, slopes)
+    def of(seen: Shadows, middle: Array, turns: bool) -> _Field:
+        """Of shadows of a piece about `middle`, in the wall's axes, that `turns` or hangs there."""
+        wall = seen.wall
+        found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
+        return _Field(seen.unrolled, *found)
 
 
 @compiled
 def _moves(
-    points: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array
+    places: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array, turns: bool
 ) -> tuple[Array, Array, Array, Array]:
-    """What `_Field` has of points (3, n), of a piece that turns about `middle` and a wall about `steady`.
-
-    `feet` (3, n): where their shadows fall, and `axes` (3, 3, n or 1) of the wall there.
-    """
-    count = points.shape[1]
-    moves, slopes = np.empty((8, 2, count)), np.empty(count)
-    high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty((3, 2))
+    """What `_Field` has of (n, 3) places, of a piece that turns about `middle` and a wall about `steady`."""
+    count = len(places)
+    moves, slopes = np.empty((count, 8, 2)), np.empty(count)
+    high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty(3)
     for n in range(count):
-        own = axes[:, :, min(n, axes.shape[2] - 1)]
+        own = axes[min(n, len(axes) - 1)]
         high[n] = 0.0
         for i in range(3):
             ray[i] = 0.0
             for j in range(3):
-                ray[i] += own[i, j] * (points[j, n] - lamp[j])
-            high[n] += own[2, i] * (lamp[i] - feet[i, n])
+                ray[i] += own[i, j] * (places[n, j] - lamp[j])
+            high[n] += own[2, i] * (lamp[i] - feet[n, i])
         below[n] = -ray[2]
-        slopes[n] = np.hypot(ray[0], ray[1]) / below[n]
+        share = high[n] / below[n]
+        slopes[n] = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1]) / below[n]
         for k in range(2):
+            lean = ray[k] / below[n]
             # along the wall, of 1 mm along each axis, seen along the ray
             for j in range(3):
-                by[j, k] = own[k, j] + own[2, j] * ray[k] / below[n]
-                moves[j, k, n] = (1 - high[n] / below[n]) * by[j, k]
-            share = high[n] / below[n]
+                by[j] = own[k, j] + own[2, j] * lean
+                moves[n, j, k] = (1 - share) * by[j]
             # a radian about an axis moves what is off it from the next to the one after
             for j in range(3):
                 one, two = (j + 1) % 3, (j + 2) % 3
-                off, aside = points[one, n] - middle[one], points[two, n] - middle[two]
-                moves[3 + j, k, n] = share * (by[two, k] * off - by[one, k] * aside)
-            x, y, z = feet[0, n] - steady[0], feet[1, n] - steady[1], feet[2, n] - steady[2]
-            moves[6, k, n] = by[1, k] * z - by[2, k] * y
-            moves[7, k, n] = by[0, k] * z - by[2, k] * x
+                off, aside = places[n, one] - middle[one], places[n, two] - middle[two]
+                moves[n, 3 + j, k] = share * (by[two] * off - by[one] * aside)
+            if turns:
+                x, y, z = feet[n, 0] - steady[0], feet[n, 1] - steady[1], feet[n, 2] - steady[2]
+                moves[n, 6, k] = by[1] * z - by[2] * y
+                moves[n, 7, k] = by[0] * z - by[2] * x
+            else:  # the lamp goes round
+                y, z = lamp[1] - steady[1], lamp[2] - steady[2]
+                moves[n, 6, k] = z * moves[n, 1, k] - y * moves[n, 2, k]
+                moves[n, 7, k] = z * moves[n, 0, k] - (lamp[0] - steady[0]) * moves[n, 2, k]
     return moves, high, below, slopes
+
+
+@compiled
+def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
+    """How the best likeness of shadows (n, 2) follows moves (n, 8, 2), by least squares, all together.
+
+    (4, 8): its shift along both axes, its scale and its turn; (4,) by how much each of these counts, in
+    squares: the sum of squares that it takes away is this times its square. And (2,) its middle.
+    """
+    count, found, centre, size = len(moves), np.zeros((4, 8)), np.zeros(2), 0.0
+    for n in range(count):
+        centre += shadows[n] / count
+    for n in range(count):
+        x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
+        size += x * x + y * y
+        for k in range(8):
+            u, v = moves[n, k, 0], moves[n, k, 1]
+            found[0, k] += u
+            found[1, k] += v
+            found[2, k] += u * x + v * y
+            found[3, k] += v * x - u * y
+    weights = np.array([count, count, max(size, 1e-12), max(size, 1e-12)])
+    for i in range(4):
+        found[i] /= weights[i]
+    return found, weights, centre
+
+
+@compiled
+def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array:
+    """(n, 8, 2) what a likeness (4, 8) about `centre` of shadows (n, 2) leaves of moves (n, 8, 2)."""
+    found = np.empty_like(moves)
+    for n in range(len(moves)):
+        x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
+        for k in range(8):
+            scale, turn = likeness[2, k], likeness[3, k]
+            found[n, k, 0] = moves[n, k, 0] - likeness[0, k] - scale * x + turn * y
+            found[n, k, 1] = moves[n, k, 1] - likeness[1, k] - scale * y - turn * x
+    return found
+
+
+@compiled
+def _largest(moves: Array) -> Array:
+    """(3, n) the largest singular value of moves (n, 8, 2) by the lamp, the piece and the wall."""
+    found, ends = np.empty((3, len(moves))), (0, 3, 6, 8)
+    for n in range(len(moves)):
+        for of in range(3):
+            aa = bb = ab = 0.0
+            for k in range(ends[of], ends[of + 1]):
+                a, b = moves[n, k, 0], moves[n, k, 1]
+                aa, bb, ab = aa + a * a, bb + b * b, ab + a * b
+            found[of, n] = np.sqrt(0.5 * (aa + bb + np.sqrt((aa - bb) ** 2 + 4 * ab * ab)))
+    return found
 
 
 class Parting(NamedTuple):
@@ -110,8 +161,8 @@ class Parting(NamedTuple):
     tilt: float  # of the wall
 
 
-def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -> Parting:
-    """How far shadows of what is within `radius` of points (N, 3) part by what is off (`world.placing`).
+def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
+    """How far shadows of what is within `radius` of places part by what is off (`world.placing`).
 
     The lamp (or eye) is off by `lamp_mm` in any direction, the piece turned by `turn_deg` about any axis
     through its middle, the wall tilted by `tilt_deg` about any line on it. What a shift, a scale and a turn
@@ -121,54 +172,40 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     (W + z) / (L - z), and of a turn turn_deg |z| M and a keystone. Within `radius` it grows by at most its
     slope; what finite moves add to the first order is added too.
     """
-    if len(points) == 0:
+    if len(seen.places) == 0:
         return Parting(0.0, 0.0, 0.0)
-    wall, placing = OnWall.of(view), world.placing
-    lamp, local = wall.lamp, wall.place(points)
-    middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
-    field = _Field.of(local, wall, middle, world.turns)
+    wall, placing, places = seen.wall, world.placing, seen.places
+    middle, far = seen.span
+    field, far = _Field.of(seen, middle, world.turns), far + radius
     clear = float(field.below.min() - radius)
-    far = float(np.linalg.norm(local - middle[:, None], axis=0).max()) + radius
     off = placing.lamp_mm
     angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
     lean = float(np.tan(np.radians(placing.tilt_deg)))
-    aside = 0.0 if world.turns else lean * float(np.linalg.norm(lamp - wall.middle))  # the lamp's
+    aside = (
+        0.0 if world.turns else lean * float(np.linalg.norm(wall.lamp - wall.middle))
+    )  # the lamp's
     if clear <= max(off, angle * far, aside):
         return Parting(np.inf, np.inf, np.inf)  # it may be moved into the lamp
-    centre, shift = field.shadows.mean(axis=1), field.moves.mean(axis=2)[:, :, None]
-    spread = field.shadows - centre[:, None]
-    size = max(float((spread**2).sum()), 1e-12)
-    scale = (field.moves.reshape(8, -1) @ spread.ravel()) / size
-    turn = (field.moves.reshape(8, -1) @ _aside(spread).ravel()) / size
-
-    def left(field: _Field) -> Array:
-        """(8, 2, n) what the best likeness does not take away."""
-        s = field.shadows - centre[:, None]
-        likeness = scale[:, None, None] * s + turn[:, None, None] * _aside(s)
-        return np.asarray(field.moves - shift - likeness)
-
-    here, kinds = left(field), (_LAMP, _TURN, _TILT) if lean > 0 else (_LAMP, _TURN)
-    sizes = [_largest(here[of]) for of in kinds]
+    likeness, _, centre = _likeness(field.moves, field.shadows)
+    here = _left(field.moves, field.shadows, likeness, centre)
+    kinds = 3 if lean > 0 else 2
+    sizes = _largest(here)[:kinds]
     some = np.unique(np.concatenate([_worst_of(size) for size in sizes]))
-    near, here = local[:, some], here[:, :, some]
-    slopes = [
-        left(_Field.of(near + step[:, None], wall, middle, world.turns)) - here
-        for step in radius * np.eye(3)
-    ]
+    near, here = places[some], here[some]
+    squares = np.zeros((3, len(some)))
+    for step in radius * np.eye(3):
+        there = _Field.of(seen.of_places(near + step), middle, world.turns)
+        squares += _largest(_left(there.moves, there.shadows, likeness, centre) - here) ** 2
+    by_lamp, by_turn, *by_tilt = (sizes[:, some] + np.sqrt(squares[:kinds])).max(axis=1).tolist()
+    grows = _largest(field.moves) if wall.round is not None else None
 
-    def largest(of: slice, size: Array) -> float:
-        steep = np.sqrt(sum(_largest(d[of]) ** 2 for d in slopes))
-        return float((size[some] + steep).max())
-
-    by_lamp, by_turn, *by_tilt = map(largest, kinds, sizes)
-
-    def bent(of: slice, by: float) -> float:
+    def bent(kind: int, by: float) -> float:
         """What a round wall adds along it, and within `radius`: it leaves the plane that touches it."""
-        if wall.round is None:
+        if grows is None:
             return 0.0
-        way = by * _largest(field.moves[of]) * (1 + field.slopes * radius / clear)
+        way = by * grows[kind] * (1 + field.slopes * radius / clear)
         aside = way + 0.5 * radius * field.high / clear
-        return float((way * aside * field.slopes).max()) / abs(wall.round.radius)
+        return float((way * aside * field.slopes).max()) * wall.bend
 
     grown = float(field.high.max()) / clear
     if wall.round is not None:  # on which light falls aslant
@@ -177,7 +214,7 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     tilted = 0.0
     if lean > 0 and world.turns:
         steepest = float((field.slopes * field.below).max() + radius) / clear
-        reach = float(np.linalg.norm(field.shadows - wall.middle[:2, None], axis=0).max())
+        reach = float(np.linalg.norm(field.shadows - wall.middle[:2], axis=1).max())
         reach += grown * radius * (1 + steepest)
         if lean * steepest >= 1:
             return Parting(np.inf, np.inf, np.inf)  # the wall may be turned into a ray
@@ -194,23 +231,12 @@ def parting_mm(view: ResolvedView, points: Array, radius: float, world: World) -
     )
 
 
-def _worst_of(size: Array) -> Array:
+def _worst_of(size: Array) -> Indices:
     """The largest few of (n,); the slope of others does not make them the worst."""
-    most = min(_MOST, len(size))
-    some = np.argpartition(size, -most)[-most:]
-    return np.asarray(some[size[some] >= _WORST * size.max()])
-
-
-def _aside(vectors: Array) -> Array:
-    """(2, n), turned by a quarter."""
-    return np.stack([-vectors[1], vectors[0]])
-
-
-def _largest(matrices: Array) -> Array:
-    """(n,) the largest singular value of each of (k, 2, n)."""
-    a, b = matrices[:, 0], matrices[:, 1]
-    aa, bb, ab = (a * a).sum(0), (b * b).sum(0), (a * b).sum(0)
-    return np.asarray(np.sqrt(0.5 * (aa + bb + np.hypot(aa - bb, 2 * ab))))
+    some = np.flatnonzero(size >= _WORST * size.max())
+    if len(some) > _MOST:
+        some = some[np.argpartition(size[some], -_MOST)[-_MOST:]]
+    return some
 
 
 MISPLACEMENT = Effect(
@@ -250,18 +276,13 @@ class Steadying:
         (a normal variable's mean size, half of the square), so that the two silhouettes differ by a share
         s = u / sqrt(pi) times the outline's length over the area of either, and 1 - IoU = s / (1 + s / 2).
         """
-        wall, placing = OnWall.of(self.view), self.world.placing
-        local = wall.place(points @ self.axes)
-        middle = 0.5 * (local.min(axis=1) + local.max(axis=1))
-        field = _Field.of(local, wall, middle, self.world.turns)
+        seen, placing = Shadows.of(self.view, points @ self.axes), self.world.placing
+        field = _Field.of(seen, seen.span[0], self.world.turns)
         angle = np.radians(placing.turn_deg) if self.world.turns else 0.0
         sizes = np.array([placing.lamp_mm, angle, np.tan(np.radians(placing.tilt_deg))])
-        moves = np.repeat(sizes, [3, 3, 2])[:, None, None] * field.moves
-        moves = moves - moves.mean(axis=2)[:, :, None]
-        spread = field.shadows - field.shadows.mean(axis=1)[:, None]
-        alike = np.stack([spread.ravel(), _aside(spread).ravel()])
-        seen = moves.reshape(8, -1) @ alike.T
-        left = (moves**2).sum() - (seen**2).sum() / max(float((spread**2).sum()), 1e-12)
+        likeness, weights, _ = _likeness(field.moves, field.shadows)
+        taken = weights @ likeness**2
+        left = float(np.repeat(sizes, [3, 3, 2]) ** 2 @ ((field.moves**2).sum(axis=(0, 2)) - taken))
         parted = float(np.sqrt(max(left, 0.0) / len(points))) / self.view.magnification
         share = parted / np.sqrt(np.pi) * self.outline.length / self.outline.area
         return float(share / (1 + share / 2))

@@ -3,43 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter1d
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
 from knotfab.compiled import compiled
 from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext
-from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.curved_wall import CurvedWall
+from knotfab.effects.shadows import Shadows
+from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 
 _LOWERED = 0.5  # share of the way to the wall that strands of the outline are lowered by, at most
-_FULL_PX = 32.0  # of blur above the threshold, from which on it is that
+_LOWERED_PX = 32.0  # of blur above the threshold, from which on it is that
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
 _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once
 # what a disc's blur b adds along an edge: b times the mean |x| in it
 _ABS_BLUR = 4 / (3 * np.pi) / 2
 _MOST = 400  # points whose surroundings are looked at
-_WEIGHT = 8.0  # of the brightness error, against legibility
+_STEP = 1e-6  # of the distance to the lamp, over which slopes are taken
+_WEIGHT = 4.0  # of the brightness error, against legibility, at most
+_WEIGHT_PX = 16.0  # of blur above the threshold, from which on it is that
 
 
 def magnitude(context: EffectContext) -> float:
     """The widest blur that any strand's surface has on a wall, px; the view counts where it is widest."""
     return max(
-        float(blurs_mm(view, context.points, context.radius).max(initial=0.0))
-        / (view.longer_mm / VERIFIED_PX)
-        for view in context.views
+        float(blurs_mm(seen, context.radius).max(initial=0.0)) / (seen.view.longer_mm / VERIFIED_PX)
+        for seen in context.shadows
     )
 
 
-def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
-    """(N,) an upper bound of the blur, mm, of every edge within `radius` of points (N, 3).
+def blurs_mm(shadows: Shadows, radius: float) -> Array:
+    """(N,) an upper bound of the blur, mm, of every edge within `radius` of (N, 3) places.
 
     An edge at distance D from the middle of a lamp, at height h over the wall's plane where the lamp is at H,
     is blurred over the section of a cone: the rays through it that touch the ball of radius R about
@@ -56,74 +58,113 @@ def blurs_mm(view: ResolvedView, points: Array, radius: float) -> Array:
     leaves out is of second order in radius / (H - h), and added. A round wall is taken for the plane that
     touches it where a point's shadow falls.
     """
-    if view.kind == "eye" or view.light_size_mm == 0 or len(points) == 0:
-        return np.zeros(len(points))
-    camera = camera_of(view, 1, 1)  # where light and wall are: its pixels do not matter
-    wall, (lamps, size) = CurvedWall.of(view), _lamps_of(view, camera.eye)
-    planes = np.tile(camera.receiver, (len(points), 1))
-    if wall is not None:
-        round_ones = wall.touching(points)  # beside a column there is none
-        planes = np.where(np.isfinite(round_ones), round_ones, planes)
-
-    def blur(points: Array, planes: Array) -> Array:
-        return _blurs(points, planes, lamps, size)
-
-    below = ((camera.eye - points) * planes[:, :3]).sum(axis=1)
-    here, step = blur(points, planes), 1e-6 * view.light_distance_mm
-    found, most = here.max(axis=0), min(_MOST, len(points))
+    view, places, feet = shadows.view, shadows.places, shadows.feet
+    if view.kind == "eye" or view.light_size_mm == 0 or len(places) == 0:
+        return np.zeros(len(places))
+    lamps, size = _lamps_of(view)
+    balls, pairs = shadows.wall.place(lamps), np.column_stack(np.tril_indices(len(lamps), -1))
+    if len(lamps) == 1:
+        pairs = np.zeros_like(pairs, shape=(1, 2))  # with itself
+    normals = shadows.axes[:, 2]
+    found = _blurs(places, feet, normals, balls, pairs, size)
+    most = min(_MOST, len(places))
     few = np.argpartition(found, -most)[-most:]
-    near, touched, here = points[few], planes[few], here[:, few]
-    slope = np.stack([blur(near + step * way, touched) - here for way in np.eye(3)], axis=-1)
-    slope /= np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
-    found[few] = np.max(
-        [blur(near + radius * way, touched)[n] for n, way in enumerate(slope)], axis=0
-    )
+    leaning = normals if len(normals) == 1 else normals[few]
+    found[few] = _blurs_about(places[few], feet[few], leaning, balls, pairs, size, radius)
+    below = ((shadows.wall.lamp - places) * normals).sum(axis=1)
     return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
 
 
-def _lamps_of(view: ResolvedView, middle: Array) -> tuple[Array, float]:
+def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
     """Places (n, 3) and diameter of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
+    right, up, back = view_axes(view)
+    middle = view.light_distance_mm * back
     if view.light_shape in ("disc", "ball"):
         return middle[None], view.light_diameter_mm
-    right, up, _ = view_axes(view)
     size = view.light_diameter_mm if view.light_shape == "leds" else 0.0
     wide, high = 0.5 * view.light_width_mm * right, 0.5 * view.light_height_mm * up
     return middle + np.array([x * wide + y * high for x in (-1, 1) for y in (-1, 1)]), size
 
 
 @compiled
-def _blurs(points: Array, planes: Array, lamps: Array, size: float) -> Array:
-    """(pairs of lamps, N) what balls at (n, 3) blur points (N, 3) to, at most, on planes (N, 4).
+def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, spot: Array) -> None:
+    """What a ball throws through a place onto the plane through `foot`, into `spot` (5,).
 
-    Of one ball the ellipse's axis; of a pair the line between both middles, and half of each ellipse.
+    Of that ellipse the place on the ray of the ball's middle, the half of its longer axis, and how far it
+    reaches from there.
     """
-    balls = len(lamps)
-    found = np.empty((max(1, balls * (balls - 1) // 2), len(points)))
-    spots, ends = np.empty((balls, 3)), np.empty(balls)
-    for n in range(len(points)):
-        x, y, z = points[n]
-        a, b, c, d = planes[n]
-        height = max(x * a + y * b + z * c + d, 0.0)
-        for k in range(balls):
-            u, v, w = x - lamps[k, 0], y - lamps[k, 1], z - lamps[k, 2]
-            # the lamp's own ball reaches no strand
-            below = max(-(u * a + v * b + w * c), max(0.5005 * size, 1e-9))
-            far = max(np.sqrt(u * u + v * v + w * w), below)
-            half = 0.5 * size * height * far / (below * below - 0.25 * size * size)
-            if balls == 1:
-                found[0, n] = 2 * half
-                continue
-            on = height / below
-            spots[k, 0], spots[k, 1], spots[k, 2] = x + u * on, y + v * on, z + w * on
-            lean = np.sqrt((far / below) ** 2 - 1) / np.sqrt(far * far - 0.25 * size * size)
-            ends[k] = half * (1 + 0.5 * size * lean)
-        pair = 0
-        for k in range(balls):
-            for m in range(k):
-                u, v = spots[k, 0] - spots[m, 0], spots[k, 1] - spots[m, 1]
-                w = spots[k, 2] - spots[m, 2]
-                found[pair, n] = np.sqrt(u * u + v * v + w * w) + ends[k] + ends[m]
-                pair += 1
+    height = below = square = 0.0
+    for i in range(3):
+        way = place[i] - ball[i]
+        height += normal[i] * (place[i] - foot[i])
+        below -= normal[i] * way
+        square += way * way
+    # the lamp's own ball reaches no strand
+    height, below = max(height, 0.0), max(below, max(0.5005 * size, 1e-9))
+    square, quarter, on = max(square, below * below), 0.25 * size * size, height / below
+    for i in range(3):
+        spot[i] = place[i] + (place[i] - ball[i]) * on
+    spot[3] = 0.5 * size * height * np.sqrt(square) / (below * below - quarter)
+    lean = (square / (below * below) - 1) / (square - quarter)
+    spot[4] = spot[3] * (1 + 0.5 * size * np.sqrt(lean))
+
+
+@compiled
+def _longest(one: Array, other: Array, same: bool) -> Any:
+    """The longest line in the hull of two ellipses; of one its axis."""
+    if same:
+        return 2 * one[3]
+    u, v, w = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return np.sqrt(u * u + v * v + w * w) + one[4] + other[4]
+
+
+@compiled
+def _blurs(
+    places: Array, feet: Array, normals: Array, balls: Array, pairs: Indices, size: float
+) -> Array:
+    """(n,) the widest blur of edges at places (n, 3), on planes through `feet`, by pairs (p, 2) of balls."""
+    spots, found = np.empty((len(balls), 5)), np.zeros(len(places))
+    for n in range(len(places)):
+        normal = normals[min(n, len(normals) - 1)]
+        for k in range(len(balls)):
+            _throw(places[n], feet[n], normal, balls[k], size, spots[k])
+        for p in range(len(pairs)):
+            k, m = pairs[p]
+            found[n] = max(found[n], _longest(spots[k], spots[m], k == m))
+    return found
+
+
+@compiled
+def _blurs_about(
+    places: Array,
+    feet: Array,
+    normals: Array,
+    balls: Array,
+    pairs: Indices,
+    size: float,
+    radius: float,
+) -> Array:
+    """The same of edges within `radius` of places: of each pair that in the direction of its slope."""
+    spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
+    near, slope = np.empty(3), np.empty(3)
+    for n in range(len(places)):
+        foot, normal = feet[n], normals[min(n, len(normals) - 1)]
+        step = _STEP * np.sqrt(((balls[0] - places[n]) ** 2).sum())
+        for way in range(4):  # where it is, and a little along each axis
+            near[:] = places[n]
+            if way > 0:
+                near[way - 1] += step
+            for k in range(len(balls)):
+                _throw(near, foot, normal, balls[k], size, spots[way, k])
+        for p in range(len(pairs)):
+            k, m = pairs[p]
+            here = _longest(spots[0, k], spots[0, m], k == m)
+            for i in range(3):
+                slope[i] = _longest(spots[1 + i, k], spots[1 + i, m], k == m) - here
+            near[:] = places[n] + radius * slope / max(np.sqrt((slope**2).sum()), 1e-300)
+            _throw(near, foot, normal, balls[k], size, ends[0])
+            _throw(near, foot, normal, balls[m], size, ends[1])
+            found[n] = max(found[n], _longest(ends[0], ends[1], k == m))
     return found
 
 
@@ -149,13 +190,12 @@ class Sharpening:
     outline: MultiPolygon
     radius: float
 
-    @property
-    def strength(self) -> float:
-        """From 0 at the threshold to 1: how far outline strands are lowered, and what sharpness weighs."""
+    def strength(self, full_px: float) -> float:
+        """From 0 at the threshold to 1, which it is from so many pixels of blur above it on."""
         if not self.decision.simulated:
             return 0.0
         over = self.decision.magnitude - self.decision.threshold
-        return float(np.clip(over / _FULL_PX, 0.0, 1.0))
+        return float(np.clip(over / full_px, 0.0, 1.0))
 
     def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
         """From 0 to 1, how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
@@ -173,7 +213,7 @@ class Sharpening:
     def lower(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
         """Heights of each curve, mm, those of its outline strands nearer to the lowest of all."""
         low = min(float(h.min()) for h in heights)
-        share = _LOWERED * self.strength
+        share = _LOWERED * self.strength(_LOWERED_PX)
         return [h + share * d * (low - h) for h, d in zip(heights, drawing, strict=True)]
 
     def cost(self, parts: list[Array], drawing: list[Array]) -> float:
@@ -188,4 +228,4 @@ class Sharpening:
             blur = view.light_size_mm * (view.wall_distance_mm + z) / below / view.magnification
             mean = float((weight * blur).sum() / max(weight.sum(), 1e-9))
             error = _ABS_BLUR * mean * float(self.outline.length / self.outline.area)
-            return _WEIGHT * self.strength * error
+            return _WEIGHT * self.strength(_WEIGHT_PX) * error

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.arrays import Array, Mask
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext, OnWall
+from knotfab.compiled import compiled
+from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
+from knotfab.effects.shadows import Shadows
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
@@ -18,16 +20,16 @@ def magnitude(context: EffectContext) -> float:
     if context.moves is None or len(context.moves) == 0:
         return 0.0
     return max(
-        float(shifts_mm(view, context.points, context.moves, context.radius).max())
-        / (view.longer_mm / VERIFIED_PX)
-        for view in context.views
+        float(shifts_mm(seen, context.moves[None], context.radius).max())
+        / (seen.view.longer_mm / VERIFIED_PX)
+        for seen in context.shadows
     )
 
 
-def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) -> Array:
-    """(.., N) bounds of how far shadows of what is within `radius` of points (N, 3) are shifted.
+def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
+    """(m, N) bounds, mm, of how far shadows of what is within `radius` of (N, 3) places are shifted.
 
-    By moves (.., N, 3), or (.., 1, 3) of all points alike.
+    By moves (m, N, 3) in the scene, or (m, 1, 3) of all places alike.
 
     A point at height h under a lamp at height H that moves by u, u_n of it towards the lamp, casts its shadow
 
@@ -37,23 +39,46 @@ def shifts_mm(view: ResolvedView, points: Array, moves: Array, radius: float) ->
     most. A round wall is taken for the plane that touches it where the point's shadow falls; where the
     surface's falls, and is shifted to, that leans by as much as they lie aside over the wall's radius.
     """
-    wall = OnWall.of(view)
-    place, move = wall.place(points), wall.axes @ moves.swapaxes(-1, -2)
-    foot, axes, _ = wall.touching(place)
-    ray, move = (np.einsum("ijn,...jn->...in", axes, v) for v in (place - wall.lamp[:, None], move))
-    along, towards = move[..., :2, :], move[..., 2, :]
-    high = np.einsum("jn,jn->n", axes[2], wall.lamp[:, None] - foot)
-    below = np.maximum(-ray[2], 1e-9)
-    across = ray[:2] / below
-    near = np.maximum(below - radius - np.abs(towards), 1e-9)
-    shift = np.linalg.norm(along + towards[..., None, :] * across, axis=-2)
-    slope = np.linalg.norm(across, axis=0)
-    leaning = np.abs(towards) * radius / near * (1 + slope)
-    found = high / near * (shift + leaning)
-    if wall.round is not None:
-        aside = found + high / near * radius * np.hypot(1, slope)
-        found = found * (1 + slope * aside / abs(wall.round.radius)) ** 2
-    return np.asarray(found)
+    moves = moves @ shadows.wall.axes.T
+    return _shifts(
+        shadows.places,
+        shadows.feet,
+        shadows.axes,
+        shadows.wall.lamp,
+        moves,
+        radius,
+        shadows.wall.bend,
+    )
+
+
+@compiled
+def _shifts(
+    places: Array, feet: Array, axes: Array, lamp: Array, moves: Array, radius: float, bend: float
+) -> Array:
+    """(m, n) what `shifts_mm` says of places (n, 3) moved by (m, n or 1, 3), in the axes of their wall."""
+    found = np.empty((len(moves), len(places)))
+    ray, move = np.empty(3), np.empty(3)
+    for n in range(len(places)):
+        own, high = axes[min(n, len(axes) - 1)], 0.0
+        for i in range(3):
+            ray[i] = 0.0
+            high += own[2, i] * (lamp[i] - feet[n, i])
+            for j in range(3):
+                ray[i] += own[i, j] * (places[n, j] - lamp[j])
+        below = max(-ray[2], 1e-9)
+        x, y = ray[0] / below, ray[1] / below
+        slope = np.sqrt(x * x + y * y)
+        for k in range(len(moves)):
+            by = moves[k, min(n, moves.shape[1] - 1)]
+            for i in range(3):
+                move[i] = own[i, 0] * by[0] + own[i, 1] * by[1] + own[i, 2] * by[2]
+            near = max(below - radius - abs(move[2]), 1e-9)
+            u, v = move[0] + move[2] * x, move[1] + move[2] * y
+            leaning = abs(move[2]) * radius / near * (1 + slope)
+            shift = high / near * (np.sqrt(u * u + v * v) + leaning)
+            aside = shift + high / near * radius * np.sqrt(1 + slope * slope)
+            found[k, n] = shift * (1 + slope * aside * bend) ** 2
+    return found
 
 
 def measure_sag(
@@ -74,7 +99,8 @@ def measure_sag(
     from knotfab.render.picture import image_at, seen_in
 
     image = image_at(view, mask, radius, VERIFIED_PX)
-    widest = float(shifts_mm(view, points, moves, 0.0).max()) / (view.longer_mm / VERIFIED_PX)
+    shift = shifts_mm(Shadows.of(view, points), moves[None], 0.0).max()
+    widest = float(shift) / (view.longer_mm / VERIFIED_PX)
     wanted = np.asarray(image.target) > 0.5
     pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
     areas = np.ones(columns)

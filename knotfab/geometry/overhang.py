@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
+from knotfab.compiled import compiled
 
 __all__ = [
     "EDGES",
@@ -214,35 +215,65 @@ def _columns(
     strands: Strands, flat: Array, along: Array, level: Array, z: Array, wide: Array
 ) -> tuple[Array, Array, Array]:
     """Lower end, height of what lies below, and area, of the strips, strip after strip."""
-    r, n = strands.radius, len(z)
-    across = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(level, 1e-9)[:, None]
-    inner = len(STRIPS)
-    # two more strips at the tube's sides carry nothing, but others may stand on them
-    offsets = [s * wide for s in STRIPS] + [-0.5 * (wide + r), 0.5 * (wide + r)]
-    offset = np.concatenate(offsets)
-    x, y = (
-        np.tile(flat[:, k], inner + 2) + offset * np.tile(across[:, k], inner + 2) for k in (0, 1)
-    )
-    # a vertical line through a leaning tube is inside for longer; a steep one is all there is
-    half = np.sqrt(np.maximum(r**2 - offset**2, 0.0)) / np.tile(np.maximum(level, 0.2), inner + 2)
-    half = np.maximum(half, np.tile(0.6 * strands.length * np.abs(along[:, 2]), inner + 2))
+    some, inner = len(STRIPS) * len(z), len(STRIPS)
+    x, y, half = _strips(flat, along, level, strands.length, wide, strands.radius)
+    cell = max(CELL_RADII * strands.radius, float(strands.length.max()))
+    ix, iy = (((v - v.min()) / cell).astype(np.int64) for v in (x, y))
     middle = np.tile(z, inner + 2)
-    cell = max(CELL_RADII * r, float(strands.length.max()))
-    ix, iy = (np.floor((v - v.min()) / cell).astype(np.int64) for v in (x, y))
-    tall = float(z.max()) + 20 * r
-    shelf = (ix + iy * (int(ix.max()) + 1)) * 2 * tall  # cells one above the other on one axis
-    low, high = shelf + middle - half, shelf + middle + half
-    order = np.argsort(low, kind="stable")
-    top = np.maximum.accumulate(high[order])
-    begins = np.ones(len(order), dtype=np.bool_)
-    begins[1:] = low[order][1:] > top[:-1]
-    first = np.maximum.accumulate(np.where(begins, np.arange(len(order)), 0))
-    below = np.concatenate([[-np.inf], top])[first]
-    floor = np.empty(len(order))
-    floor[order] = np.maximum(below - shelf[order], 0.0)
+    floor = _floors(ix + iy * (int(ix.max()) + 1), middle - half, middle + half)
     weight = np.tile(2 * wide / inner * strands.length * level, inner)
-    some = slice(0, inner * n)
-    return (middle - half)[some], floor[some], weight
+    return (middle - half)[:some], floor[:some], weight
+
+
+@compiled
+def _strips(
+    flat: Array, along: Array, level: Array, length: Array, wide: Array, radius: float
+) -> tuple[Array, Array, Array]:
+    """Where strips of rods are, (strips * n,) twice, and half of how long a vertical line is inside there.
+
+    Two more strips at the tube's sides carry nothing, but others may stand on them.
+    """
+    n, inner = len(flat), len(STRIPS)
+    x, y, half = np.empty((inner + 2) * n), np.empty((inner + 2) * n), np.empty((inner + 2) * n)
+    for k in range(inner + 2):
+        for i in range(n):
+            if k < inner:
+                offset = STRIPS[k] * wide[i]
+            else:
+                offset = 0.5 * (wide[i] + radius) * (-1 if k == inner else 1)
+            aside = offset / max(level[i], 1e-9)
+            at = k * n + i
+            x[at], y[at] = flat[i, 0] - aside * along[i, 1], flat[i, 1] + aside * along[i, 0]
+            # a vertical line through a leaning tube is inside for longer; a steep one is all there is
+            high = np.sqrt(max(radius**2 - offset**2, 0.0)) / max(level[i], 0.2)
+            half[at] = max(high, 0.6 * length[i] * abs(along[i, 2]))
+    return x, y, half
+
+
+@compiled
+def _floors(cells: Indices, low: Array, high: Array) -> Array:
+    """(n,) the top of what stands apart below each span of heights in its cell; 0, the bed, of none."""
+    begins = np.zeros(cells.max() + 2, dtype=np.int64)
+    for n in range(len(cells)):
+        begins[cells[n] + 1] += 1
+    begins = np.cumsum(begins)
+    order, filled = np.empty_like(cells), begins[:-1].copy()
+    for n in range(len(cells)):
+        place = filled[cells[n]]
+        filled[cells[n]] += 1
+        while place > begins[cells[n]] and low[order[place - 1]] > low[n]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = n
+    floor = np.zeros(len(cells))
+    for cell in range(len(begins) - 1):
+        below, top = 0.0, -np.inf
+        for place in range(begins[cell], begins[cell + 1]):
+            n = order[place]
+            if low[n] > top:
+                below = max(top, 0.0)
+            floor[n], top = below, max(top, high[n])
+    return floor
 
 
 def _tip(flat: Array, z: Array, weight: Array, on_bed: NDArray[np.bool_], radius: float) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
 
-__all__ = ["mesh_volume", "sides_for", "sweep"]
+__all__ = ["mesh_volume", "reach_mm", "sides_for", "sweep"]
 
 Faces = NDArray[np.int32]
 
@@ -63,7 +63,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
     arc = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum()
     angle = (np.arange(sides) * step)[None, :] - (untwist * arc)[:, None]
 
-    ring_radius = radius_mm * sqrt(step / sin(step))
+    ring_radius = _ring_radius(radius_mm, sides)
     across, upward = ring_radius * np.cos(angle), ring_radius * np.sin(angle)  # (n, sides)
     # Each corner slides along its segment into the bisecting plane.
     slope = -1.0 / np.einsum("ij,ij->i", along, mitre)
@@ -84,6 +84,21 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
             + slide * along[:, axis, None]
         )
     return rings.reshape(-1, 3), _side_faces(len(p), sides, offset)
+
+
+def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
+    """How far corners of the mesh of `sweep` stand from their vertices at most, mm."""
+    along = np.roll(points, -1, axis=0) - points
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    # half the turn from one edge to the next
+    cosine = 0.5 * np.linalg.norm(along + np.roll(along, 1, axis=0), axis=1)
+    return _ring_radius(radius_mm, sides) / float(cosine.min())
+
+
+def _ring_radius(radius_mm: float, sides: int) -> float:
+    """Of the circle on which a section has its corners."""
+    step = 2 * pi / sides
+    return radius_mm * sqrt(step / sin(step))
 
 
 def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int = 256) -> int:

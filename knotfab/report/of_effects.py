@@ -97,6 +97,7 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
     """Add to the views what light is where, where the scene calls for it."""
     from knotfab.effects.base import World
     from knotfab.effects.contrast import CONTRAST, contrast_of
+    from knotfab.effects.shadows import Shadows
 
     decision = made.result.effects.get(CONTRAST.name)
     if decision is None or not decision.simulated:
@@ -104,7 +105,8 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
     world = World.of(made.scene)
     for view, record in zip(made.scene.views, views, strict=False):
         with decision.called("report"):
-            found = contrast_of(view, made.knots.points, made.knots.radius_mm, world)
+            seen = Shadows.of(view, made.knots.points)
+            found = contrast_of(seen, made.knots.radius_mm, world)
         if found is not None:
             record["contrast"] = found.to_dict()
 
@@ -112,16 +114,20 @@ def add_contrast(views: Sequence[Record], made: Design) -> None:
 def judge_made(made: Design, scene: Scene, moves: Array | None, upwards: Array | None) -> None:
     """Judge the effects anew, by what is known once the piece is mounted and lies on the printer's bed.
 
+    What is judged is the mesh that was written, whose mitres and corners stand out of the round tube.
+
     Args:
         scene: with its mount resolved. moves: (N, 3) how far its mount lets each vertex sag, mm.
         upwards: (3,) the printer's, in the scene; None where it is not printed.
     """
     from knotfab.effects.base import EffectContext, World
     from knotfab.effects.survey import survey
+    from knotfab.geometry.tube import reach_mm
 
-    knots, tolerance, world = made.knots, made.settings.tolerance_px, World.of(scene)
+    knots, settings, world = made.knots, made.settings, World.of(scene)
+    reach = max(reach_mm(k.points, knots.radius_mm, settings.mesh_sides) for k in knots.knots)
     context = EffectContext(
-        made.scene.views, knots.points, knots.radius_mm, tolerance, world, moves, upwards
+        made.scene.views, knots.points, reach, settings.tolerance_px, world, moves, upwards
     )
     for name, fresh in survey(context, {}).items():
         if name in made.result.effects:

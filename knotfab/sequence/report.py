@@ -260,13 +260,15 @@ def _room(check: Record) -> float:
 
 
 def _effects(reports: Sequence[Record]) -> list[Record]:
-    """Each effect at its largest magnitude, the calls and seconds of all frames together."""
+    """Each effect at its largest magnitude; calls, seconds and stages of all frames together."""
     limits = {line["name"] for r in reports for line in r["limits"]}
-    names = [e["name"] for r in reports for e in r["effects"] if e["name"] not in limits]
-    return [
-        _sum_lines(reports, "effects", name, lambda e: (e["simulated"], e["magnitude"]))
-        for name in dict.fromkeys(names)
-    ]
+    every = [e for r in reports for e in r["effects"] if e["name"] not in limits]
+    found = []
+    for name in dict.fromkeys(line["name"] for line in every):
+        line = _sum_lines(reports, "effects", name, lambda e: (e["simulated"], e["magnitude"]))
+        stages = [stage for e in every if e["name"] == name for stage in e["where"]]
+        found.append({**line, "where": list(dict.fromkeys(stages))})
+    return found
 
 
 def _limits(reports: Sequence[Record]) -> list[Record]:

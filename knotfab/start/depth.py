@@ -9,7 +9,7 @@ that draw the outline are lowered towards the wall; where people place carelessl
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import floor
+from math import floor, inf
 
 import numpy as np
 from scipy.special import erf
@@ -20,11 +20,12 @@ from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.problem import DepthChoice
-from knotfab.start.legibility import legibility
+from knotfab.start.legibility import about_middle, legibility_from, turns_aside
 
 __all__ = ["choose_depth", "lift"]
 
 
+_ASIDE = {45.0: 0.75, 30.0: 0.25}  # degrees that a profile is looked at from, and their weights
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
@@ -148,6 +149,7 @@ class _Judge:
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
     turns: Array = field(default_factory=_turns)
+    sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the one first that told last
 
     def __post_init__(self) -> None:
         step = _SAMPLE_RADII * self.radius
@@ -219,16 +221,31 @@ class _Judge:
             return most
         return floor(1e4 * float(extents[best])) / 1e4  # a rebuild from the number is the same
 
-    def legibility(self, parts: list[Array]) -> float:
-        """From 45 and 30 degrees aside, and what strands hide each other."""
+    def legibility(self, parts: list[Array], at_most: float = inf) -> float:
+        """From 45 and 30 degrees aside, and what strands hide each other.
+
+        Of what is more than `at_most` a part that is; of most profiles the first side tells.
+        """
         points = np.concatenate(parts)
-        seen = [
-            share * legibility(points, self.radius, self.light_distance, self.target, angle)
-            for share, angle in ((0.75, 45.0), (0.25, 30.0))
-        ]
         one, other = self.pairs
         close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
-        return sum(seen) + _CONFLICT * float(close.sum()) / max(len(one), 1)
+        hidden = _CONFLICT * float(close.sum()) / max(len(one), 1)
+        centred, worst, found = about_middle(points), dict.fromkeys(_ASIDE, 0.0), hidden
+        for side in tuple(self.sides):
+            for angle in worst:
+                turn = turns_aside(angle)[side]
+                seen = legibility_from(centred, self.radius, self.light_distance, self.target, turn)
+                worst[angle] = max(worst[angle], seen)
+            found = sum(share * worst[angle] for angle, share in _ASIDE.items()) + hidden
+            if found > at_most:
+                self.sides.remove(side)
+                self.sides.insert(0, side)
+                break
+        return found
+
+    def cost(self, parts: list[Array], other: float, at_most: float) -> float:
+        """Legibility and what else there is; of what is more than `at_most` a part that is."""
+        return self.legibility(parts, at_most - other) + other
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -289,24 +306,26 @@ def choose_depth(
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
     drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
-    first = []
+    first: list[tuple[float, _Profile | _Relief, list[Array]]] = []
     for n in range(drawn):
         profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
-        first.append((judge.legibility(parts) + judge.blur(parts), profile, parts))
-    first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
+        most = first[-1][0] if len(first) == 2 * _KEPT else inf
+        first.append((judge.cost(parts, judge.blur(parts), most), profile, parts))
+        first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
-    scored = [(seen + float(judge.supports(parts).min()), p, seen) for seen, p, parts in first]
+    scored = [
+        (seen + float(judge.supports(parts).min()), profile) for seen, profile, parts in first
+    ]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
     begin, end = _CHANGES
     for n in range(drawn, candidates):
         change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
         profile = best[n % len(best)][1].varied(rng, change)
         parts = judge.place(profile)
-        seen = judge.legibility(parts) + judge.blur(parts)
-        if seen < best[-1][0]:  # else no saving of supports could bring it in
-            cost = seen + float(judge.supports(parts).min())
-            best = sorted([*best, (cost, profile, seen)], key=lambda one: one[0])[:_KEPT]
+        other = judge.blur(parts) + float(judge.supports(parts).min())
+        cost = judge.cost(parts, other, best[-1][0])
+        best = sorted([*best, (cost, profile)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:

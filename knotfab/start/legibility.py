@@ -6,13 +6,15 @@ their bounding boxes, largest IoU), on a coarser grid and from the centre line a
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.compiled import compiled
 from knotfab.target.masks import mask_iou
 
-__all__ = ["legibility", "stretch_mask"]
+__all__ = ["about_middle", "legibility", "legibility_from", "stretch_mask", "turns_aside"]
 
 
 _GRID = 128  # cells on a side: with 64 the estimate is off by up to 0.06, with this by 0.02
@@ -54,7 +56,9 @@ def _silhouette(points: Array, radius: float, light_distance: float) -> Mask:
     return _cover(points[:, :2] * scale[:, None], radius, _GRID)
 
 
-def _turns(angle_deg: float) -> list[Array]:
+@lru_cache
+def turns_aside(angle_deg: float) -> list[Array]:
+    """(4) turns (3, 3) of a piece by this angle: to both sides, up and down."""
     a = np.deg2rad(angle_deg)
     c, s = np.cos(a), np.sin(a)
     sideways = [np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]]) for d in (s, -s)]
@@ -73,9 +77,17 @@ def legibility(
         target: the picture's mask from `stretch_mask`.
         angle_deg: the turn.
     """
-    centred = points - 0.5 * (points.min(0) + points.max(0))
-    worst = 0.0
-    for turn in _turns(angle_deg):
-        seen = _silhouette(centred @ turn.T, radius, light_distance)
-        worst = max(worst, mask_iou(seen, target))
-    return worst
+    turns, centred = turns_aside(angle_deg), about_middle(points)
+    return max(legibility_from(centred, radius, light_distance, target, turn) for turn in turns)
+
+
+def about_middle(points: Array) -> Array:
+    """Points (n, 3) about the middle of their box, about which a part is turned."""
+    return np.asarray(points - 0.5 * (points.min(0) + points.max(0)))
+
+
+def legibility_from(
+    centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
+) -> float:
+    """The same of points about their middle, from one side."""
+    return mask_iou(_silhouette(centred @ turn.T, radius, light_distance), target)

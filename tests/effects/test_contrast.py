@@ -12,6 +12,7 @@ from examples.lighting import bounce_and_truth
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
+from knotfab.effects.shadows import Shadows
 from knotfab.errors import InputError
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
@@ -22,7 +23,7 @@ POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))
 
 
 def light(world: World | None = None, **keys: Any) -> Contrast:
-    found = contrast_of(view(**keys), POINTS, 2.0, world or World())
+    found = contrast_of(Shadows.of(view(**keys), POINTS), 2.0, world or World())
     assert found is not None
     return found
 
@@ -80,7 +81,9 @@ def test_a_black_piece_throws_nothing_back() -> None:
 
 def thrown_back(points: np.ndarray, radius: float) -> float:
     """Of white strands, over what the wall throws at them."""
-    found = contrast_of(view(), points, radius, World(room=Room(reflectance=0.5), material=WHITE))
+    found = contrast_of(
+        Shadows.of(view(), points), radius, World(room=Room(reflectance=0.5), material=WHITE)
+    )
     assert found is not None
     return found.bounced / 0.5
 
@@ -116,7 +119,7 @@ def test_what_is_thrown_back_is_bounded() -> None:
 def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:
     found = light()
     assert found.contrast == found.at(found.falloff) == 1.0 and found.ghost_shift_mm is None
-    assert contrast_of(view(kind="eye"), POINTS, 2.0, World()) is None
+    assert contrast_of(Shadows.of(view(kind="eye"), POINTS), 2.0, World()) is None
     context = EffectContext((view(kind="eye"),), POINTS, 2.0, 0.25)
     assert CONTRAST.magnitude(context) == 0.0
 

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lit_designs import design_under
+from lit_designs import view as lit_view
 
 from knotfab.arrays import Array
-from knotfab.effects.base import EffectContext
+from knotfab.effects.base import EffectContext, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
+from knotfab.effects.shadows import Shadows
+from knotfab.geometry.tube import sweep
+from knotfab.report.of_effects import judge_made
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
+from knotfab_validators.shadows.penumbra import blur_px
+from knotfab_validators.shadows.view import view_geometry
 
 
 def view(**keys: float | str) -> ResolvedView:
@@ -59,16 +66,29 @@ def test_it_bounds_the_truth_and_closely() -> None:
         points = rng.uniform(-1, 1, (12, 3)) * [80, 80, depth / 2]
         surface = rng.normal(size=(120, 3))
         surface *= radius / np.linalg.norm(surface, axis=1)[:, None]
-        bounds = blurs_mm(seen, points, radius)
+        bounds = blurs_mm(Shadows.of(seen, points), radius)
         worst = points[bounds.argmax()] + surface
         truth = max(true_blur(seen, edge, 72) for edge in worst)
         ratios.append(float(bounds.max()) / truth)
     assert min(ratios) >= 1.0 and np.median(ratios) <= 1.008
 
 
+@pytest.mark.parametrize("sides", [8, 16])
+def test_it_bounds_what_the_validators_measure_on_the_mesh(sides: int) -> None:
+    """Of bends towards the lamp, whose mitres stand out of the round tube."""
+    t = 2 * np.pi * np.arange(60) / 60
+    points = np.column_stack([50 * np.cos(t), 50 * np.sin(t), 20 * np.sin(8 * t)])
+    made, seen = design_under(World(), points), lit_view(light_diameter_mm=20.0)
+    made.scene.views, made.settings.mesh_sides = (seen,), sides
+    judge_made(made, made.scene, None, None)
+    vertices, _ = sweep(points, 2.0, sides)
+    widest = blur_px(vertices, view_geometry(seen, 1024, 1024), 20.0)
+    assert widest <= made.result.effects["penumbra"].magnitude < 1.02 * widest
+
+
 @pytest.mark.parametrize("keys", [{"light_diameter_mm": 0.0}, {"kind": "eye"}])
 def test_no_lamp_no_blur(keys: dict[str, float | str]) -> None:
-    assert not blurs_mm(view(**keys), np.zeros((3, 3)), 2.0).any()
+    assert not blurs_mm(Shadows.of(view(**keys), np.zeros((3, 3))), 2.0).any()
 
 
 def test_of_several_views_the_one_counts_where_it_is_widest() -> None:

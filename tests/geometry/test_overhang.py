@@ -337,3 +337,18 @@ def test_a_flatter_piece_is_proposed_where_no_pose_keeps_the_limit() -> None:
     assert depth is not None and 0 < depth < 100
     assert least(depth / 100) <= limit
     assert least(min(1.0, depth / 100 + 0.15)) > 0.8 * limit
+
+
+def test_below_a_span_is_the_top_of_what_stands_apart_from_it() -> None:
+    """Of all spans that overlap, one after the other, none is below another."""
+    rng = np.random.default_rng(4)
+    cells, low = rng.integers(0, 6, 60), rng.uniform(0, 10, 60)
+    high = low + rng.uniform(0.1, 1.5, 60)
+    floor = overhang._floors(cells, low, high)
+    for n in range(60):
+        here = np.flatnonzero(cells == cells[n])
+        reached, before = low[n], np.inf
+        while reached < before:  # down to where nothing of what it leans on begins
+            before, touching = reached, (low[here] <= reached) & (high[here] >= reached)
+            reached = min(reached, low[here][touching].min(initial=reached))
+        assert floor[n] == high[here][high[here] < reached].max(initial=0.0)

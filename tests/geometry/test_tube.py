@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.geometry.meshes import as_manifold
-from knotfab.geometry.tube import mesh_volume, sides_for, sweep
+from knotfab.geometry.tube import mesh_volume, reach_mm, sides_for, sweep
 
 
 def wiggle(n: int, seed: int = 0, amplitude: float = 0.3) -> Array:
@@ -85,6 +85,15 @@ def test_corners_lie_on_the_ring_around_both_segments() -> None:
         along /= np.linalg.norm(along, axis=1)[:, None]
         distance = np.linalg.norm(np.cross(rings - p[:, None], along[:, None]), axis=2)
         assert distance == pytest.approx(np.sqrt(step / np.sin(step)), rel=1e-9)
+
+
+@pytest.mark.parametrize(("points", "sides"), [(wiggle(40, 3), 16), (trefoil(60), 9)])
+def test_corners_reach_as_far_as_is_said_and_no_further(points: Array, sides: int) -> None:
+    vertices, _ = sweep(points, 1.0, sides)
+    rings = vertices.reshape(len(points), sides, 3) - points[:, None]
+    reach = reach_mm(points, 1.0, sides)
+    # of the worst mitre only where a corner happens to lie in the plane of the bend
+    assert 0.98 * reach < np.linalg.norm(rings, axis=2).max() <= reach * (1 + 1e-12)
 
 
 def test_knotted_curve_and_many_samples() -> None:

@@ -20,7 +20,7 @@ from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
 from knotfab.sequence.build import _mend, build_sequence
 from knotfab.sequence.motion import Motion
-from knotfab.sequence.report import advise, check_closing, check_motion
+from knotfab.sequence.report import _effects, advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_validators.names import KNOTS, MESH, PRINTING
@@ -296,3 +296,14 @@ def test_each_frame_is_sliced_as_a_piece_of_its_own(outcome: Outcome) -> None:
     assert (check["status"], check["required"]) == ("pass", True)
     assert outcome.report["print"]["time_s"] == table["time_s"] > 0
     assert (outcome.folder / "slicer.ini").is_file()
+
+
+def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
+    """The frame that was searched first chose the depth, and another one has the larger magnitude."""
+    first, second = (
+        {"name": "haze", "simulated": True, "magnitude": m, "where": w, "calls": c, "seconds": 0.5}
+        for m, w, c in ((2.0, ["depth", "verification"], 20), (3.0, ["verification"], 10))
+    )
+    (line,) = _effects([{"limits": [], "effects": [e]} for e in (first, second)])
+    assert (line["magnitude"], line["calls"], line["seconds"]) == (3.0, 30, 1.0)
+    assert line["where"] == ["depth", "verification"]

@@ -30,7 +30,7 @@ def design_under(world: World, points: Array) -> Any:
     effects = survey(EffectContext((view(),), points, 2.0, 0.25, world), {})
     return SimpleNamespace(
         result=SimpleNamespace(effects=effects),
-        settings=SimpleNamespace(tolerance_px=0.25),
+        settings=SimpleNamespace(tolerance_px=0.25, mesh_sides=24),
         scene=scene,
         knots=SimpleNamespace(points=points, radius_mm=2.0, knots=[SimpleNamespace(points=points)]),
     )

@@ -121,7 +121,7 @@ def test_under_a_wide_lamp_what_draws_the_outline_stands_near_the_wall(
 ) -> None:
     seen = _lit_by(problem, 20.0).views[0]
     wide = Sharpening(Decision(PENUMBRA, 1e3, 1.0), seen.view, seen.polygon, 3.0)
-    assert wide.strength == 1.0
+    assert wide.strength(16.0) == 1.0 and wide.strength(2000.0) == pytest.approx(999 / 2000)
     drawing = wide.drawing(template.curves)
     shares = np.concatenate(drawing)
     assert shares.min() < 0.05 and shares.max() > 0.95

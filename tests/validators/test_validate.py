@@ -169,8 +169,22 @@ def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     scene = (folder / "scene.toml").read_text()
     effects = '[effects]\npenumbra = "on"\nmisplacement = "on"\n'
     (folder / "scene.toml").write_text(scene + effects)
-    (view,) = run(folder, skip=["shadow-render"], only="shadows").views
+    verdict = run(folder, skip=["shadow-render"], only="shadows")
+    (view,) = verdict.views
+    assert status(verdict)["half_light"] == "pass"
     assert view["penumbra"]["iou"] > 0.97 and 0.9 < view["misplacement"]["iou"] < 1.0
+
+
+@pytest.mark.parametrize(("diameter", "expected"), [(0.0, None), (60.0, "fail")])
+def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
+    folder: Path, diameter: float, expected: str | None
+) -> None:
+    scene = (folder / "scene.toml").read_text()
+    lamp = f"wall_tilt_deg = 15.0\nlight_diameter_mm = {diameter}"
+    (folder / "scene.toml").write_text(scene.replace("wall_tilt_deg = 15.0", lamp))
+    verdict = run(folder, skip=["shadow-render"], only="shadows")
+    assert status(verdict)["shadow"] == "pass"  # of the lamp's middle
+    assert status(verdict).get("half_light") == expected
 
 
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
@@ -179,7 +193,14 @@ def test_a_check_may_be_left_out_by_name(right: Path) -> None:
 
 
 OF_SHADOWS = [
-    *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable", "intrusion", "tone")
+    "shadow",
+    "shadow_exact",
+    "outline",
+    "wrong_outline",
+    "recognisable",
+    "half_light",
+    "intrusion",
+    "tone",
 ]
 
 

@@ -23,5 +23,5 @@ PRINTING = (
 PLATES = ("plate_mesh", "plates", "plates_volume")
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
-    *("intrusion", "tone"),  # of a mount; of greys
+    *("half_light", "intrusion", "tone"),  # of a lamp that has a size, of a mount, of greys
 )

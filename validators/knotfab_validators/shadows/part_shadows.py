@@ -21,8 +21,12 @@ from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
-from knotfab_validators.shadows.misplacement import measure_misplacement, moves_apart, parting_px
-from knotfab_validators.shadows.penumbra import averages_lamp, measure_penumbra
+from knotfab_validators.shadows.misplacement import (
+    measure_misplacement,
+    moves_apart,
+    parting_px,
+)
+from knotfab_validators.shadows.penumbra import averages_lamp, check_half_light, measure_penumbra
 from knotfab_validators.shadows.pictures import write_compare, write_shadow
 from knotfab_validators.shadows.recognition import check_recognisable, recognise, worst_verdict
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
@@ -74,6 +78,7 @@ def verify_shadows(
     recognised: dict[str, dict[str, Any]] = {}
     drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
     tones: dict[str, Tone] = {}
+    half_lit: dict[str, float] = {}  # likewise, of where half of the lamp is hidden
     try:
         for view in scene.views:
             with time_stage(seconds, f"view {view.name}"):
@@ -174,6 +179,8 @@ def verify_shadows(
                     }
             if soft is not None:
                 views[-1]["penumbra"] = soft.to_dict()
+                beside = found.shadow & ~found.of_tube  # of a stand
+                half_lit[view.name] = overlap(soft.dark & ~beside, found.drawn).iou
             if scene.piece.printed:
                 own = fine.in_part(pose)
                 layer = scene.printer.layer_height_mm * scene.material.shrinks_to
@@ -195,18 +202,21 @@ def verify_shadows(
     finally:
         if renderer is not None:
             renderer.close()
-    floor = scene.accuracy.iou_floor
     in_greys = any(view.tone == "lines" for view in scene.views)  # of which no IoU is asked
+    floor = scene.accuracy.iou_floor if not in_greys else None
+    floor = floor if isinstance(floor, float) else None
     checks = shadow_checks(
         verified,
         mesh.vertices,
-        iou_floor=floor if isinstance(floor, float) and not in_greys else None,
+        iou_floor=floor,
         max_outline_px=scene.accuracy.max_outline_error_px,
         no_rendering=None if renderer is not None else why,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
         widened_mm={v.name: v.thicken_mm for v in scene.views if v.thicken_mm and not in_greys},
     )
+    if half_lit:
+        checks.append(check_half_light(half_lit, floor))
     accepted = "unrecognisable" in scene.accuracy.accept
     known = check_recognisable(worst_verdict(views), accepted=accepted)
     if in_greys:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.check import Check, at_least
 from knotfab_validators.files.scene import Effects
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import WorkingFrame
@@ -16,7 +18,7 @@ from knotfab_validators.shadows.lamp import SceneLamp, lamp_points, lamp_size
 from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Penumbra", "averages_lamp", "blur_px", "measure_penumbra"]
+__all__ = ["Penumbra", "averages_lamp", "blur_px", "check_half_light", "measure_penumbra"]
 
 
 BLUR_TOLERANCES = 4.0  # a lamp that blurs the outline by fewer tolerances is taken as a point
@@ -39,6 +41,11 @@ class Penumbra:
     hard_error: float
     samples: int
     soft: NDArray[np.float32]
+
+    @property
+    def dark(self) -> Mask:
+        """(H, W) where at least half of the lamp is hidden."""
+        return np.asarray(self.soft >= 0.5)
 
     def to_dict(self) -> dict[str, Any]:
         """The report's keys."""
@@ -107,3 +114,15 @@ def measure_penumbra(
     hard = float(np.count_nonzero(sharp != target)) / size
     dark = 2 * hidden >= len(points)
     return Penumbra(widest, overlap(dark, target).iou, error, hard, len(points), soft)
+
+
+def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:
+    """`half_light`: of what a lamp leaves dark as wide as it is the same is asked as of its middle's shadow.
+
+    Args:
+        ious: of the picture with where at least half of the lamp is hidden, by the view's name.
+        iou_floor: the least; None: nothing is asked.
+    """
+    name = min(ious, key=lambda view: ious[view])
+    detail = f"IoU of the picture with where at least half of the lamp is hidden, view {name}"
+    return at_least("half_light", ious[name], iou_floor, "", detail, required=iou_floor is not None)
