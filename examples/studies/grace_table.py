@@ -29,8 +29,8 @@ from knotfab.tradeoff.measure import true_iou
 
 WEIGHTS = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 TURNS_DEG = (0.0, 45.0, 90.0, 180.0)
-TILE_PX = 108
-LABEL_PX = 64
+TILE_PX = 144
+LABEL_PX = 72
 HEADINGS = ("IoU", "least", "curvature x r", "most", "turns", "length / r", "leg45", "leg30", "s")
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from knotfab.arrays import Array, Indices
 from knotfab.wire.arcs import WireSites, round_corners
+from knotfab.wire.likeness import Likeness
 from knotfab.wire.residual import (
     FitLimits,
     Strand,
     compute_residual,
     measure_distances,
     measure_gaps,
+    measure_strays,
 )
 
 __all__ = [
@@ -29,7 +33,6 @@ __all__ = [
 
 
 Fault = tuple[float, float, float]  # see `judge`
-_NEAR_LIMIT = 0.93  # share of the tolerance
 ROUNDING = 0.01  # mm or degrees: what is no fault
 
 
@@ -38,19 +41,21 @@ def adjust(
     light: Array | None,
     limits: FitLimits,
     steps: int,
-    level: bool = False,
+    pictures: Sequence[Likeness] = (),
 ) -> None:
     """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
 
-    `level`: squares are summed as they are, but for those near the tolerance.
+    Towards the curves; with `pictures` to where the wires draw these, within the tolerance of the curves.
     """
     weights = [np.ones(len(s.points)) for s in strands]
     damping = 1e-2
     for number in range(steps):
         corners = [s.corners for s in strands]
-        if number % 3 == 0:
-            _reweight(strands, weights, light, limits, level)
-        residual, jacobian = compute_residual(strands, corners, weights, light, limits, True)
+        if number % 3 == 0 and not pictures:
+            _reweight(strands, weights, light, limits)
+        residual, jacobian = compute_residual(
+            strands, corners, weights, light, limits, True, pictures
+        )
         assert jacobian is not None
         normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
         size, cost = normal.diagonal().mean(), float(residual @ residual)
@@ -61,7 +66,7 @@ def adjust(
                 move = step[begun : begun + 3 * len(strand.corners)].reshape(-1, 3)
                 begun += 3 * len(strand.corners)
                 tried.append(strand.corners + move)
-            after, _ = compute_residual(strands, tried, weights, light, limits, False)
+            after, _ = compute_residual(strands, tried, weights, light, limits, False, pictures)
             if np.isfinite(after).all() and float(after @ after) < cost:
                 for strand, moved in zip(strands, tried, strict=True):
                     strand.corners = moved
@@ -75,15 +80,11 @@ def _reweight(
     weights: list[Array],
     light: Array | None,
     limits: FitLimits,
-    level: bool,
 ) -> None:
     """More weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
     for number, strand in enumerate(strands):
         wire = round_corners(strand.corners, limits.bend_radius_mm)
         _, size = measure_distances(strand, wire, light, limits)
-        if level:
-            weights[number] = weights[number] * np.where(size > _NEAR_LIMIT, 4.0, 1.0)
-            continue
         weight = weights[number] * np.sqrt(0.05 + np.minimum(size, 3.0))
         weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
 
@@ -100,6 +101,8 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
         sites, size = measure_distances(strand, wire, light, limits)
         far = np.full(len(wire.corners), -1.0)
         np.maximum.at(far, sites.piece, size - 1.0)
+        sites, offset, _ = measure_strays(strand, wire, light, limits)
+        np.maximum.at(far, sites.piece, np.linalg.norm(offset, axis=1) - 1.0)
         short = limits.min_straight_mm - wire.straight
         sharp = np.rad2deg(wire.turn) - limits.max_bend_deg
         found.append(np.column_stack([far, short, sharp, limits.wire_diameter_mm - gap]))

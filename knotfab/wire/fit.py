@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst, settle
 from knotfab.wire.arcs import Wire, WireSites, round_corners
+from knotfab.wire.likeness import Likeness
 from knotfab.wire.prune import prune
 from knotfab.wire.residual import FitLimits, Strand, measure_distances
 
@@ -16,6 +19,7 @@ __all__ = ["FitLimits", "fit_wires"]
 
 _STEP_MM = 0.6  # between the points of the curve that are fitted
 _LONGEST = 150  # points that one straight may stand for at first
+_CHORDS = 2.0  # tolerances that a chord may be off at first: corners will be moved outwards
 _ROUNDS = 14
 _PATIENCE = 5  # rounds without a better one
 _PRUNINGS = 12  # rounds at most of taking corners out
@@ -57,7 +61,10 @@ def _first_corners(points: Array, scaled: Array, tolerance: float) -> Indices:
 
 
 def fit_wires(
-    curves: list[Array], light: Array | None, limits: FitLimits, chords: float = 2.0
+    curves: list[Array],
+    light: Array | None,
+    limits: FitLimits,
+    pictures: Sequence[Likeness] = (),
 ) -> list[Wire]:
     """Wires of straights and bends that follow closed curves, with few bends.
 
@@ -70,13 +77,13 @@ def fit_wires(
     Args:
         curves: (n, 3) each, mm. light: (3,) the point light of the one view; None, with several views:
             no direction is special.
-        chords: tolerances that they may be off at first: about two, as corners will be moved outwards.
+        pictures: what the wires are to draw, within the tolerance.
     """
     strands = []
     for curve in curves:
         points = sample_evenly(curve, _STEP_MM, at_most=True)
         scaled = _flatten_depth(points, light, limits.depth_factor)
-        index = _first_corners(points, scaled, chords * limits.tolerance_mm)
+        index = _first_corners(points, scaled, _CHORDS * limits.tolerance_mm)
         if len(index) < 3:
             index = np.arange(3) * (len(points) // 3)
         tolerance = np.full(len(points), limits.tolerance_mm)
@@ -98,10 +105,11 @@ def fit_wires(
         strand.corners, strand.index = corners, index
         settle(strand, limits)
     prune(strands, light, limits, _PRUNINGS)
+    if pictures:
+        prune(strands, light, limits, _PRUNINGS, pictures)
     pruned, worst = [s.corners for s in strands], measure_worst(strands, light, limits)
-    # with the limits met, the mean is worth more to the shadow than the largest distance: go as far
-    # that way as the limits allow
-    adjust(strands, light, limits, 8, level=True)
+    # with the limits met, go towards the picture as far as they allow
+    adjust(strands, light, limits, 20, pictures)
     level = [s.corners for s in strands]
     for share in (1.0, 0.7, 0.4, 0.2, 0.0):
         for strand, corners, aim in zip(strands, pruned, level, strict=True):

@@ -20,18 +20,17 @@ from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.frame import WireFrame, measure_frame
 from knotfab.wire.judge import Judge, ViewShadow, WireKnot, cast_shadows
+from knotfab.wire.likeness import Likeness
 from knotfab.wire.replay import replay
 from knotfab.wire.template_pdf import draw_views, write_templates
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = 1.0
+TOLERANCE_RADII = 1.2
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
-_FIT_SHARES = (0.95, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
-# tolerances that a fit begins with: how many bends it ends with differs by some
-_CHORDS = (2.0, 1.6)
+_FIT_SHARES = (0.97, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
 
 
@@ -105,7 +104,7 @@ def write_bending_plan(
             and its material resolved. pictures: the file that each view's shadow is compared with.
         iou_floor: required of the bent wire's shadow in each view; the scene's, less `IOU_LOSS`, by
             default.
-        tolerance_mm: of the centre line across the light's rays; the wire's radius by default; a fit
+        tolerance_mm: of the centre line across the light's rays; by default `TOLERANCE_RADII`; a fit
             keeps to less where its shadow asks for it.
         depth_factor: how much more is allowed along the rays of a single view.
         suffix: in the names of the files, such as "-01" of a sequence's frame.
@@ -142,6 +141,7 @@ def write_bending_plan(
     )
     types = tuple(k.type for k in knots.knots)
     judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
+    likenesses = [Likeness.of(s.geometry, s.target, s.radius) for s in shadows]
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(
@@ -152,21 +152,19 @@ def write_bending_plan(
             share * tolerance,
             depth_factor,
         )
-        for chords in _CHORDS:
-            wires = fit_wires(curves, light, limits, chords)
-            joints = [_choose_joint(wire, shadows) for wire in wires]
-            rows = [
-                list_bends(wire, cut, material.springback_percent)
-                for wire, (cut, _) in zip(wires, joints, strict=True)
-            ]
-            hidden = [h for _, h in joints]
-            tried = judge.of(rows, names, hidden)
-            failed = sum(c["status"] != "pass" for c in tried.checks)
-            # of plans that pass the one of fewest bends, of others that of the best shadow
-            rank = (failed, -min(tried.ious.values()) if failed else sum(r.count for r in rows))
-            if best is None or rank < best[0]:
-                best = (rank, rows, hidden)
-        if best is not None and best[0][0] == 0:
+        wires = fit_wires(curves, light, limits, likenesses)
+        joints = [_choose_joint(wire, shadows) for wire in wires]
+        rows = [
+            list_bends(wire, cut, material.springback_percent)
+            for wire, (cut, _) in zip(wires, joints, strict=True)
+        ]
+        hidden = [h for _, h in joints]
+        tried = judge.of(rows, names, hidden)
+        failed = sum(c["status"] != "pass" for c in tried.checks)
+        rank = (failed, -min(tried.ious.values()))
+        if best is None or rank < best[0]:
+            best = (rank, rows, hidden)
+        if failed == 0:
             break
     assert best is not None
     tolerances = f"{tolerance:g} mm in any direction"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.wire.adjust import adjust, measure_misses, measure_worst
+from knotfab.wire.likeness import Likeness
 from knotfab.wire.residual import FitLimits, Strand, weigh_depth
 
 __all__ = ["prune"]
@@ -19,12 +22,19 @@ _FARTHEST_OFF = 0.1  # a wire that misses a limit by more is for another fit to 
 _HIGHEST = 8.0  # tolerances that a corner may stand out by
 
 
-def prune(strands: list[Strand], light: Array | None, limits: FitLimits, rounds: int) -> int:
+def prune(
+    strands: list[Strand],
+    light: Array | None,
+    limits: FitLimits,
+    rounds: int,
+    pictures: Sequence[Likeness] = (),
+) -> int:
     """Take out corners as long as the limits are kept as well without them; how many it were.
 
     In each round the flattest that are far enough apart go together, and the others are moved to take
     their place. Where that fails the old corners come back, and those are not asked again. A limit
-    that is missed already, by a little, may go on to be missed by as much, and only that one.
+    that is missed already, by a little, may go on to be missed by as much, and only that one. With
+    `pictures` the others are moved to where the wires draw these.
     """
     barred = [np.zeros(len(s.corners), dtype=bool) for s in strands]
     count = sum(len(s.corners) for s in strands)
@@ -41,7 +51,7 @@ def prune(strands: list[Strand], light: Array | None, limits: FitLimits, rounds:
             strand.corners, strand.index = strand.corners[~g], strand.index[~g]
         for number in range(len(_NEAR) + 1):
             if number < _ADJUSTED:
-                adjust(strands, light, limits, _STEPS)
+                adjust(strands, light, limits, _STEPS, pictures)
             misses = measure_misses(strands, light, limits)
             bad = [np.asarray((m > worst).any(axis=1)) for m in misses]
             if not any(b.any() for b in bad):

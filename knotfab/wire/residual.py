@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from knotfab.wire.arcs import (
     round_corners,
     space_sites,
 )
+from knotfab.wire.likeness import Likeness
 
 __all__ = [
     "FitLimits",
@@ -24,6 +26,7 @@ __all__ = [
     "compute_residual",
     "measure_distances",
     "measure_gaps",
+    "measure_strays",
     "weigh_depth",
 ]
 
@@ -35,6 +38,9 @@ _CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
 SAME_BEND = 0.5 * np.pi + 1.2
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
 _STIFF_CONTACT = 24.0
+_WINDOW = 12  # points of the curve to either side of where a place of the wire is looked for
+_STIFF_DISTANCE = 20.0
+_NEAR_LIMIT = 0.96  # share of the tolerance from which a distance counts beside a picture
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,33 @@ def measure_distances(
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
 
 
+def measure_strays(
+    strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
+) -> tuple[WireSites, Array, Array]:
+    """Places along the wire, their offsets (k, 3) from the curve in tolerances, and the map (k, 3, 3) from a
+    displacement there to that.
+
+    The other way round than `measure_distances`: a wire may reach farther than its curve, as in a turn.
+    """
+    sites, _ = space_sites(wire, _CONTACT_STEP * limits.wire_diameter_mm)
+    n, index = len(strand.points), strand.index
+    span = (np.roll(index, -1) - index) % n
+    share = np.where(sites.bend, 0.0, sites.share)
+    guess = index[sites.piece] + np.rint(share * span[sites.piece]).astype(np.int64)
+    window = (guess[:, None] + np.arange(-_WINDOW, _WINDOW + 1)) % n
+    points = wire.at(sites)
+    gap = points[:, None] - strand.points[window]
+    near = window[np.arange(len(points)), (gap * gap).sum(axis=2).argmin(axis=1)]
+    curve, along = strand.points[near], strand.points[(near + 1) % n] - strand.points[near - 1]
+    gap = points - curve
+    # the nearest place lies up to half a step from the nearest point
+    share = (gap * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-18)
+    gap = gap - np.clip(share, -0.25, 0.25)[:, None] * along
+    metric = _make_metric(curve, np.zeros_like(curve), light, limits.depth_factor)
+    metric = metric / strand.tolerance[near][:, None, None]
+    return sites, np.einsum("kij,kj->ki", metric, gap), metric
+
+
 def compute_residual(
     strands: list[Strand],
     corners: list[Array],
@@ -96,8 +129,13 @@ def compute_residual(
     light: Array | None,
     limits: FitLimits,
     with_jacobian: bool,
+    pictures: Sequence[Likeness] = (),
 ) -> tuple[Array, sparse.csr_matrix | None]:
-    """Weighted distances, straights too short and contacts, and how they follow the corners."""
+    """Weighted distances, straights too short and contacts, and how they follow the corners.
+
+    With pictures it is these that the wire is to draw, and only distances near the tolerance count, as
+    those of the wire from the curve always do.
+    """
     offsets = np.cumsum([0] + [3 * len(c) for c in corners])
     wires = [round_corners(c, limits.bend_radius_mm) for c in corners]
     residuals: list[Array] = []
@@ -111,7 +149,10 @@ def compute_residual(
             _make_metric(strand.points, along, light, limits.depth_factor) * scale[:, None, None]
         )
         gap = wire.at(sites) - strand.points
-        residuals.append(np.einsum("kij,kj->ki", metric, gap).ravel())
+        offset = np.einsum("kij,kj->ki", metric, gap)
+        if pictures:
+            offset, metric = _beyond(offset, metric)
+        residuals.append(offset.ravel())
         short = limits.min_straight_mm + _STRAIGHT_MARGIN_MM - wire.straight
         late = short > 0
         residuals.append(np.where(late, _STIFF_STRAIGHT * short, 0.0))
@@ -120,6 +161,17 @@ def compute_residual(
             rows.append(_put_in_columns(_join_blocks(metric) @ jacobian, offsets, number))
             push = sparse.diags(np.where(late, -_STIFF_STRAIGHT, 0.0)) @ straights
             rows.append(_put_in_columns(push, offsets, number))
+        sites, offset, metric = measure_strays(strand, wire, light, limits)
+        offset, metric = _beyond(offset, metric)
+        residuals.append(offset.ravel())
+        if with_jacobian:
+            block = _join_blocks(metric) @ differentiate_wire(wire, sites)[0]
+            rows.append(_put_in_columns(block, offsets, number))
+    for picture in pictures:
+        unlike, blocks = picture.residual(wires, with_jacobian)
+        residuals.append(unlike)
+        if with_jacobian:
+            rows.append(sparse.hstack(blocks))
     contact, contact_rows = _push_apart(wires, offsets, limits, with_jacobian)
     residuals.append(contact)
     if not with_jacobian:
@@ -127,6 +179,15 @@ def compute_residual(
     if contact_rows is not None:
         rows.append(contact_rows)
     return np.concatenate(residuals), sparse.vstack(rows).tocsr()
+
+
+def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
+    """Stiffly what is left of offsets (k, 3), in tolerances, beyond the limit, and its map."""
+    size = np.linalg.norm(offset, axis=1)
+    along = offset / np.maximum(size, 1e-9)[:, None]
+    held = np.where(size > _NEAR_LIMIT, _STIFF_DISTANCE, 0.0)
+    outward = along[:, :, None] * np.einsum("ki,kij->kj", along, metric)[:, None, :]
+    return (held * (size - _NEAR_LIMIT))[:, None] * along, held[:, None, None] * outward
 
 
 def _make_metric(points: Array, along: Array, light: Array | None, factor: float) -> Array:

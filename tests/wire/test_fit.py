@@ -11,7 +11,7 @@ from knotfab.wire.arcs import round_corners, space_sites
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.prune import prune
 from knotfab.wire.replay import measure_least_distance
-from knotfab.wire.residual import Strand, measure_distances, measure_gaps
+from knotfab.wire.residual import Strand, measure_distances, measure_gaps, measure_strays
 
 
 def wavy(radius: float) -> Array:
@@ -101,3 +101,20 @@ def test_a_limit_that_is_missed_loosens_no_other(
     monkeypatch.setattr("knotfab.wire.prune.adjust", lambda *_: None)
     assert prune(strands, LIGHT, limits, 12) > 120
     assert (measure_worst(strands, LIGHT, limits) <= before).all()
+
+
+def test_a_wire_that_reaches_farther_than_its_curve_misses_the_tolerance() -> None:
+    """A turn drawn out beyond its curve leaves no point of the curve far from the wire."""
+    t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    oval = np.column_stack([30 * np.cos(t), 4 * np.sin(t), 0 * t])
+    limits = FitLimits(1.0, 0.5, 160.0, 2.0, 1.0)
+    strand = make_strand(oval, 10, 1.0)
+    assert (measure_worst([strand], LIGHT, limits)[0]) < 0.2
+    strand.corners[[-2, -1, 0, 1, 2]] += [4.0, 0, 0]
+    wire = round_corners(strand.corners, 1.0)
+    fine = wire.at(space_sites(wire, 0.05)[0])
+    truth = np.linalg.norm(fine[:, None] - oval, axis=-1).min(axis=1).max()
+    _, offset, _ = measure_strays(strand, wire, LIGHT, limits)
+    assert np.linalg.norm(offset, axis=1).max() == pytest.approx(truth, rel=0.03)
+    assert measure_distances(strand, wire, LIGHT, limits)[1].max() < 0.8 * truth
+    assert measure_worst([strand], LIGHT, limits)[0] == pytest.approx(truth - 1.0, rel=0.05)
