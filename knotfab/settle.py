@@ -157,6 +157,7 @@ def _propose_place(request: Request, made: Design) -> Place | None:
         shallower=shallower,
         nearer=nearer,
         most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),
+        foot="dowel" if made.scene.mount.foot == "dowel" else "plate",
     )
 
 

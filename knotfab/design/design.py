@@ -10,6 +10,7 @@ from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, s
 from knotfab.design.fineness import fine_enough
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
+from knotfab.design.knobs import better, start_without_knobs
 from knotfab.design.prices import LimitPrice, price_limits
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
@@ -131,19 +132,35 @@ def design_knots(
     with progress.stage("search"):
         if settings.free_view:
             pose, settings = start_pose(scene, problem, radius, settings, device)
-        result = search(
-            problem,
-            start,
-            radius,
-            settings,
-            pose=pose,
-            pace=pace,
-            device=device,
-            report=progress.update if progress.watched else None,
-            watch=watch,
-        )
+        report = progress.update if progress.watched else None
+
+        def walk(start: Start) -> SearchResult:
+            return search(
+                problem,
+                start,
+                radius,
+                settings,
+                pose=pose,
+                pace=pace,
+                device=device,
+                report=report,
+                watch=watch,
+            )
+
+        result = walk(start)
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
+        else:
+            knots = _knots_asked(question.scene)
+            parted = start_without_knobs(problem, result, radius, settings, knots)
+            if parted is not None:
+                earlier, past, history = result, history, History()
+                result = walk(parted)
+                if better(earlier, result):
+                    result, earlier, history = earlier, result, past
+                else:
+                    start = parted
+                add_work(result, earlier)
         unmet = None if result.feasible else result
         if unmet is not None:
             knots = _knots_asked(question.scene)

@@ -8,6 +8,7 @@ as that is not enough.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -45,6 +46,7 @@ def propose_place(
     shallower: bool,
     nearer: bool,
     most_radius_mm: float,
+    foot: Literal["plate", "dowel"] = "plate",
 ) -> Place | None:
     """The deepest place at which pegs are estimated to hold a piece; if none is, the nearest for its depth.
 
@@ -55,6 +57,7 @@ def propose_place(
         knots: in scene coordinates. view: the one that they draw.
         shallower, nearer: whether depth and wall may be changed.
         most_radius_mm: the thickest tube that may be taken there, for which there is to be room.
+        foot: what pegs stand on; on a plate a knot that others bar from the wall hangs on one of them.
 
     Returns:
         None: nothing may be changed, or it is of no use.
@@ -76,7 +79,7 @@ def propose_place(
         moved, there = _move(knots, view, deep / depth, place)
         camera = camera_of(there, _PX, _PX)
         try:
-            if sag_on_pegs(moved, camera, clearance_mm, firm) <= firm.max_sag_mm:
+            if sag_on_pegs(moved, camera, clearance_mm, firm, foot) <= firm.max_sag_mm:
                 return place
         except ValueError:  # a knot has no peg: strands that are only pressed flat meet
             continue

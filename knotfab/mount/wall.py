@@ -237,14 +237,23 @@ def _with_share(
     )
 
 
-def sag_on_pegs(knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness) -> float:
+def sag_on_pegs(
+    knots: Knots,
+    camera: Camera,
+    clearance_mm: float,
+    stiffness: Stiffness,
+    foot: Literal["plate", "dowel"] = "plate",
+) -> float:
     """How far knots would sag on the thickest pegs alone, mm, by the model that chooses them.
 
+    Of a piece on a plate without the knots that no ray to the wall is free from: those may hang on others.
+
     Raises:
-        ValueError: a knot has no free ray to the wall.
+        ValueError: a knot has no free ray to the wall, and nothing to hang on.
     """
     chosen = _choose(PEG_SHARES[0], knots, camera, clearance_mm, stiffness)[1]
-    _require_rays(chosen)
+    if foot != "plate" or len(chosen.barred) == len(knots.knots):
+        _require_rays(chosen)
     return chosen.sag_mm
 
 

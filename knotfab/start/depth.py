@@ -4,6 +4,7 @@ Moving points along rays leaves the picture of a simple curve simple, so the lif
 unknot by inspection. Of random smooth profiles the best are varied, by descent: those from which the
 picture can least be read elsewhere, and which need little support in print. Where the lamp is wide, strands
 that draw the outline are lowered towards the wall; where people place carelessly, the extent may be less.
+Strands that hide each other and still come too near are parted in the end, along the rays.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.problem import DepthChoice
+from knotfab.start.lanes import part_sides
 from knotfab.start.legibility import about_middle, legibility_from, turns_aside
 
 __all__ = ["choose_depth", "lift"]
@@ -186,6 +188,27 @@ class _Judge:
             heights = [h + b for h, b in zip(heights, self.beside, strict=True)]
         return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
 
+    def part(
+        self, profile: _Profile | _Relief, heights: list[Array], separation: float
+    ) -> tuple[list[Array], list[Array]]:
+        """The curves' heights, and the samples lifted, with strands that hide each other parted."""
+        own = self.heights(profile, self.samples, self.drawing)
+        moves = part_sides(
+            self.samples, np.concatenate(own), self.pairs, separation, self.light_distance
+        )
+        by_curve = np.split(moves, np.cumsum([len(s) for s in self.samples])[:-1])
+        parted = []
+        for curve, height, arc, move in zip(self.curves, heights, self.arcs, by_curve, strict=True):
+            along = arc_lengths(curve)[:-1] / arc_lengths(curve)[-1]
+            parted.append(height + np.interp(along, arc[:-1] / arc[-1], move, period=1.0))
+        parts = [
+            lift(s, h + m, self.light_distance)
+            for s, h, m in zip(self.samples, own, by_curve, strict=True)
+        ]
+        if np.ptp(np.concatenate(parted)) > (1.0 + 1e-9) * self.extent_mm:
+            parted = _fit(parted, self.extent_mm)
+        return parted, parts
+
     def fit(self, heights: list[Array], drawing: list[Array]) -> list[Array]:
         """The heights of all curves, scaled to the extent; what draws the outline nearer to the wall."""
         fitted = _fit(heights, self.extent_mm)
@@ -283,6 +306,7 @@ def choose_depth(
     lanes: tuple[Array, ...] | None = None,
     steadying: Steadying | None = None,
     least_mm: float = 0.0,
+    separation: float | None = None,
 ) -> DepthChoice:
     """The best of `candidates` profiles of the given extent: some random, the others varied from those.
 
@@ -298,6 +322,7 @@ def choose_depth(
             depths that are returned leave them out.
         steadying: what careless placing asks of the extent, likewise; the choice says which would be best.
         least_mm: no less than this.
+        separation: mm by which centre lines that hide each other are to be apart; None: as they are.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
@@ -330,6 +355,9 @@ def choose_depth(
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)
-    seen = judge.legibility(judge.place(profile))
     drawing = [] if sharpening is None else sharpening.drawing(curves)
-    return DepthChoice(tuple(judge.heights(profile, curves, drawing)), seen, best_mm)
+    heights = judge.heights(profile, curves, drawing)
+    if separation is None:
+        return DepthChoice(tuple(heights), judge.legibility(judge.place(profile)), best_mm)
+    heights, parts = judge.part(profile, heights, separation)
+    return DepthChoice(tuple(heights), judge.legibility(parts), best_mm)

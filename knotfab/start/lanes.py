@@ -4,6 +4,10 @@ A curve that runs along strokes there and back lies behind itself. Each of its p
 whole number of half separations, so that passes in one place have lanes that differ by two or more: a
 stretch at a time, each the best (Viterbi 1967) for what all others leave. Then the depths themselves are
 moved until the strands are as far apart as they must be, slopes and all.
+
+Where the two sides of a filled stroke hide each other, their depths have an order already. Were it to
+change on the way, the one would have to step aside past the other, a knob on the outline: the order that
+is the larger along the stretch holds for all of it.
 """
 
 from __future__ import annotations
@@ -12,11 +16,13 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 
-__all__ = ["assign_lanes", "part_passes"]
+__all__ = ["assign_lanes", "part_passes", "part_sides"]
 
 _LANES = 8  # on either side of the middle
 _STEP = 0.5  # separations between samples that have a lane each
@@ -28,6 +34,9 @@ _CHANGE, _ASIDE = 0.15, 0.02  # of a change by one lane; of a sample in the next
 _STRETCHES = (4, 8, 16, 6, 12, 5, 10, 4, 3)
 _ROOM = 1.03  # separations that strands are given
 _ROUNDS = 60  # of moving them apart
+# separations along which a strand is moved with the place that has to: passes lie close all along, sides
+# cross now and then and keep their slopes
+_PASSES, _SIDES = 0.3, 1.0
 
 
 def assign_lanes(curves: tuple[Array, ...], separation: float) -> tuple[Array, ...]:
@@ -148,21 +157,105 @@ def part_passes(
     apart = _ROOM * separation * np.sqrt(turn * (2.0 - turn))
     one, other = pairs[:, 0], pairs[:, 1]
     swap = lane[one] < lane[other]
-    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    above, below = np.where(swap, other, one), np.where(swap, one, other)
+    moved = _move_apart(
+        curves, plane, depth, above, below, apart, light_distance, _PASSES * separation
+    )
+    return tuple(np.split(moved, np.cumsum([len(c) for c in curves])[:-1]))
+
+
+def part_sides(
+    samples: tuple[Array, ...],
+    depths: Array,
+    pairs: tuple[Indices, Indices],
+    separation: float,
+    light_distance: float,
+) -> Array:
+    """(N,) By how much samples move along their rays for those that hide each other to be a separation apart.
+
+    Args:
+        samples: closed planar polylines [(n, 2) mm], evenly sampled, N points in all.
+        depths: (N,) mm towards the light. pairs: samples of two strands that hide each other.
+    """
+    one, other = pairs
+    if not len(one):
+        return np.zeros_like(depths)
+    stretch = _number_stretches(one, other, [len(s) for s in samples])
+    swap = np.bincount(stretch, depths[one] - depths[other])[stretch] < 0
+    above, below = np.where(swap, other, one), np.where(swap, one, other)
+    apart = np.full(len(one), _ROOM * separation)
+    moved = _move_apart(
+        samples,
+        np.concatenate(samples),
+        depths,
+        above,
+        below,
+        apart,
+        light_distance,
+        _SIDES * separation,
+    )
+    return moved - depths
+
+
+def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
+    """(m,) For each pair of samples, the stretch along which the same two strands hide each other."""
+    count = sum(sizes)
+    ends = np.cumsum(sizes)
+    after = np.arange(1, count + 1)
+    after[ends - 1] = ends - sizes
+    before = np.argsort(after)
+
+    def key(a: Indices, b: Indices) -> Indices:
+        return np.asarray(np.minimum(a, b) * count + np.maximum(a, b))
+
+    order = np.argsort(key(one, other))
+    keys = key(one, other)[order]
+    met = []
+    for a, b in (
+        (after[one], other),
+        (one, after[other]),
+        (after[one], after[other]),
+        (after[one], before[other]),
+    ):
+        at = np.minimum(np.searchsorted(keys, key(a, b)), len(keys) - 1)
+        found = np.flatnonzero(keys[at] == key(a, b))
+        met.append(np.stack([found, order[at[found]]]))
+    i, j = np.concatenate(met, axis=1)
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(keys), len(keys)))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _move_apart(
+    curves: tuple[Array, ...],
+    plane: Array,
+    depth: Array,
+    above: Indices,
+    below: Indices,
+    apart: Array,
+    light_distance: float,
+    along_mm: float,
+) -> Array:
+    """(N,) The depths moved until each point of `above` is `apart` over that of `below`, as far as it goes.
+
+    Args:
+        plane: (N, 2) the curves' points in a row, of which `depth` (N,) are the depths.
+        along_mm: of a curve that moves with a point, as a normal distribution's deviation.
+    """
+    depth = depth.copy()
     bounds = np.cumsum([0, *(len(c) for c in curves)])
     steps = [arc_lengths(c)[-1] / len(c) for c in curves]
+    least = 0.01 * apart.max(initial=0.0)
     for _ in range(_ROUNDS):
         near = 1.0 - depth / light_distance
         seen = plane * near[:, None]
-        across = ((seen[one] - seen[other]) ** 2).sum(1)
+        across = ((seen[above] - seen[below]) ** 2).sum(1)
         wanted = np.sqrt(np.maximum(apart**2 - across, 0.0))
-        short = np.maximum(wanted - (depth[one] - depth[other]), 0.0)
-        if short.max(initial=0.0) < 0.01 * separation:
+        short = np.maximum(wanted - (depth[above] - depth[below]), 0.0)
+        if short.max(initial=0.0) < least:
             break
         up, down = np.zeros_like(depth), np.zeros_like(depth)
-        np.maximum.at(up, one, 0.5 * short)
-        np.maximum.at(down, other, 0.5 * short)
+        np.maximum.at(up, above, 0.5 * short)
+        np.maximum.at(down, below, 0.5 * short)
         for a, b, step in zip(bounds[:-1], bounds[1:], steps, strict=True):
-            moved = (up - down)[a:b]
-            depth[a:b] += gaussian_filter1d(moved, 0.3 * separation / step, mode="wrap")
-    return tuple(np.split(depth, bounds[1:-1]))
+            depth[a:b] += gaussian_filter1d((up - down)[a:b], along_mm / step, mode="wrap")
+    return depth

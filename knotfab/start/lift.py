@@ -25,9 +25,16 @@ _FLAT_RADII = 3.0  # depth of a flat piece: strands pass over each other, no mor
 
 
 def lift_template(
-    problem: Problem, template: Template, radius: float, settings: SearchSettings
+    problem: Problem,
+    template: Template,
+    radius: float,
+    settings: SearchSettings,
+    parted: bool = False,
 ) -> Start:
-    """The template's curves at their depths, evenly sampled, in the scene: unknots by inspection."""
+    """The template's curves at their depths, evenly sampled, in the scene: unknots by inspection.
+
+    With `parted` the sides of a stroke that hide each other keep their order in depth all along.
+    """
     problem = replace(problem, world=problem.world.holding(len(template.curves)))
     target = problem.views[0]
     light = target.view.light_distance_mm
@@ -54,13 +61,14 @@ def lift_template(
         None if lanes is None else tuple(0.5 * separation * lane for lane in lanes),
         steadying,
         _FLAT_RADII * radius,
+        separation if parted and lanes is None else None,
     )
     if flat:
         depth = replace(depth, extent_mm=None)
     elif depth.extent_mm is not None and depth.extent_mm < extent:
         # all that is judged by the extent is judged anew
         less = replace(problem, depth_mm=depth.extent_mm, depth_open=False)
-        start = lift_template(less, template, radius, settings)
+        start = lift_template(less, template, radius, settings, parted)
         for decision in (wide, moved):
             start.effects[decision.effect.name].add(decision)
         return start

@@ -29,6 +29,7 @@ def make_start(
     knots: int | None = None,
     spacing: float = 1.0,
     template: Template | None = None,
+    parted: bool = False,
 ) -> Start:
     """The start for a tube of this radius, mm: a filling at its depths, or circles where the settings say so.
 
@@ -37,6 +38,7 @@ def make_start(
             Of several views always one.
         spacing: of the strands, times what fills the picture.
         template: of the one view, where it is known already.
+        parted: as for `lift_template`.
 
     Raises:
         SceneError: no such curve keeps clear of itself, or it has no place for the knot.
@@ -47,7 +49,9 @@ def make_start(
     if settings.network_start == "circle":
         start = start_at_circles(problem, radius, settings, template)
     elif template is not None:
-        start = tie_knot(problem, lift_template(problem, template, radius, settings), radius)
+        start = tie_knot(
+            problem, lift_template(problem, template, radius, settings, parted), radius
+        )
     else:
         tied = bool(parse_knot_name(problem.knot).factors)
         start = start_between_views(problem, spacing * radius, settings, facing_only=tied)

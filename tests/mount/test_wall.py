@@ -10,7 +10,7 @@ from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
-from knotfab.mount.wall import Peg, WallSettings, plan_wall, wall_bodies
+from knotfab.mount.wall import Peg, WallSettings, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.part.clean import clean_body
 
 PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
@@ -144,6 +144,10 @@ def test_a_knot_that_others_bar_from_the_wall_hangs_on_one_of_them() -> None:
     assert mesh_volume(vertices, faces) > 0
     with pytest.raises(SceneError, match="no light ray from knot 1"):
         plan_wall(piece, view, 0.4, PLA, DOWEL)
+    # a place for the piece is estimated by the same rule
+    assert sag_on_pegs(piece, view, 0.4, PLA, "plate") <= PLA.max_sag_mm
+    with pytest.raises(ValueError, match="no light ray from knot 1"):
+        sag_on_pegs(piece, view, 0.4, PLA, "dowel")
 
 
 def test_a_peg_knows_its_length() -> None:

@@ -204,3 +204,38 @@ def test_the_check_rejects_what_nobody_would_know_unless_it_is_accepted() -> Non
     for word in RULES:
         assert check_recognisable({**unknown, "word": word}, accepted=False).status == "pass"
     assert check_recognisable(None, accepted=False).status == "skipped"
+
+
+def draw_star(length: float) -> Mask:
+    """A disc with a thin spike of this length, px."""
+    image = Image.new("1", (SIZE, SIZE))
+    pen = ImageDraw.Draw(image)
+    pen.ellipse((150, 150, 350, 350), fill=1)
+    pen.polygon([(240, 160), (260, 160), (250, 152 - length)], fill=1)
+    return np.asarray(image)
+
+
+def test_a_tip_that_is_cut_short_by_more_than_a_tube_is_good_and_by_less_faithful() -> None:
+    target = draw_star(100)
+    words = {}
+    for radii in (1.0, 3.5):
+        shadow = target.copy()
+        shadow[: 52 + round(radii * RADIUS_PX)] = False
+        found = judge(shadow, target)
+        words[radii] = found.word, found.counts["cut_tips"]
+    assert words == {1.0: ("faithful", 0), 3.5: ("good", 1)}
+    # among many pieces one is not seen
+    many = np.zeros((SIZE, SIZE), dtype=bool)
+    for i in range(12):
+        many[450:490, 20 + 40 * i : 45 + 40 * i] = True
+    assert judge(shadow | many, target | many).word == "faithful"
+
+
+def test_pieces_that_just_touch_are_good_and_not_faithful() -> None:
+    board = np.zeros((SIZE, SIZE), dtype=bool)
+    for i in range(4):
+        for j in range(4):
+            board[100 + 60 * i :, 100 + 60 * j :][:60, :60] = (i + j) % 2 == 0
+    found = judge(board, board)
+    assert found.counts["touching"] > 0 and found.counts["broken_strokes"] == 0
+    assert found.word == "good" and "touch" in found.reasons[0]

@@ -12,6 +12,7 @@ from knotfab_validators.arrays import Mask
 from knotfab_validators.shadows.topology import (
     Change,
     close_slits,
+    count_touching,
     find_changes,
     list_pieces,
     without_lost,
@@ -215,3 +216,32 @@ def test_the_picture_without_what_is_lost() -> None:
 def test_masks_of_two_grids_are_refused() -> None:
     with pytest.raises(ValueError, match="one grid"):
         find_changes(ring(100), ring(120), REACH)
+
+
+def squares(apart: int) -> Mask:
+    """Two squares whose corners are so many px apart along the diagonal; 0: they touch, -3: they overlap."""
+    mask = np.zeros((100, 100), dtype=bool)
+    mask[20:50, 20:50] = True
+    mask[50 + apart : 80 + apart, 50 + apart : 80 + apart] = True
+    return mask
+
+
+@pytest.mark.parametrize("reach", [1.5, 2.0, 3.0])
+def test_corners_that_touch_are_no_stroke_and_are_counted_as_what_no_tube_draws(
+    reach: float,
+) -> None:
+    touching = squares(0)
+    for shadow in (touching, squares(2), squares(-2)):
+        assert not find_changes(shadow, touching, reach)
+    assert count_touching(touching, reach) == 1
+    assert count_touching(squares(12), reach) == count_touching(squares(-12), reach) == 0
+    assert count_touching(np.zeros((50, 50), dtype=bool), reach) == 0
+
+
+def test_a_stroke_that_parts_and_a_gap_that_closes_still_count() -> None:
+    bar = np.zeros((60, 120), dtype=bool)
+    bar[20:40, 10:110] = True
+    cut = bar.copy()
+    cut[:, 55:65] = False
+    assert [c.kind for c in find_changes(cut, bar, 2.0)] == ["stroke"]
+    assert [c.kind for c in find_changes(bar, cut, 2.0)] == ["gap"]

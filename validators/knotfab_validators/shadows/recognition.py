@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from knotfab_validators.arrays import Mask
 from knotfab_validators.check import Check, Status, skip_check
+from knotfab_validators.shadows.distance import depth_in
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
 from knotfab_validators.shadows.shapes import Shape, find_misshapen
@@ -20,7 +22,9 @@ from knotfab_validators.shadows.topology import (
     Change,
     close_slits,
     count_repeated,
+    count_touching,
     find_changes,
+    label_regions,
     list_pieces,
     without_lost,
 )
@@ -43,15 +47,18 @@ class Rule:
     """What a shadow must keep of its picture to deserve a word.
 
     `iou` at least; `outline_radii`, the 95 % quantile of the outline's distance in radii of the tube's
-    shadow, at most; `lost_tubes`, the width of a lost piece or hole in widths of the tube's shadow,
-    less than that (0: none may be lost); `changed`, the changes of topology for each piece and hole of
-    the picture, at most, but for `spared` of them, `together`: all bridges across one hole count as
-    one; `shape`, the likeness of each piece and hole by itself, at least; `text`, whether rows of small
-    pieces may be lost.
+    shadow, at most; `cut`, the tips that are cut off for each piece and hole of the picture, likewise;
+    `touching`, whether pieces of the picture may just touch; `lost_tubes`, the width of a lost piece or hole
+    in widths of the tube's shadow, less than that (0: none may be lost); `changed`, the changes of topology
+    for each piece and hole of the picture, at most, but for `spared` of them, `together`: all bridges across
+    one hole count as one; `shape`, the likeness of each piece and hole by itself, at least; `text`, whether
+    rows of small pieces may be lost.
     """
 
     iou: float
     outline_radii: float
+    cut: float
+    touching: bool
     lost_tubes: float
     changed: float
     spared: int
@@ -62,14 +69,15 @@ class Rule:
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.0, 0.0, 0, False, 0.9, False),
-    "good": Rule(0.85, 1.2, 0.0, 0.1, 2, False, 0.9, False),
-    "coarse": Rule(0.6, 4.0, 0.8, 0.5, 3, True, 0.0, True),
+    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, False),
+    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.9, False),
+    "coarse": Rule(0.6, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
 ENOUGH_PX = 6  # of the tube's radius: the scale at which pieces and holes are counted
 TEXT = 0.1  # changes for each piece of a row of text, above which it is no longer read
+TIP = 2.0  # radii of the tube's shadow: what reaches farther beyond the shadow is a tip that is cut off
 SLIT = 2.0  # reaches: half the width of slits and pinholes that nobody sees
 REACH = 0.25  # of the radius of the tube's shadow: an outline off by less changes no topology
 
@@ -98,7 +106,8 @@ MOST_NAMED = 40  # losses with their places in a report
 class Recognition:
     """A word, the reasons that it is no better one, and what was lost, worst first.
 
-    `counts` has the number of changes by kind; those of text are among them. `lost` are the report's records.
+    `counts` has the number of changes by kind, those of text among them, of places where pieces of the
+    picture just touch, and of tips that are cut off. `lost` are the report's records.
     """
 
     word: str
@@ -151,6 +160,8 @@ def recognise(
     # what is lost is counted already, and slits that nobody sees are no outlines
     there = close_slits(without_lost(wanted, found), SLIT * reach)
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
+    _, tips = label_regions("piece", there & (depth_in(~own) > TIP * radius_px / step), 0.0)
+    touching = count_touching(wanted, reach)
     scale = _Scale(frame, geometry, 2 * radius_px)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
     text = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
@@ -163,6 +174,8 @@ def recognise(
     facts = _Facts(
         iou=iou,
         outline_radii=off_px / radius_px,
+        tips=len(tips),
+        touching=touching,
         lost_tubes=max((c.width_px for c in single if _is_lost(c)), default=0.0) / (2 * radius_px),
         changes=len(torn),
         apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
@@ -180,7 +193,8 @@ def recognise(
             *_count_reasons(text, single),
             *(facts.against(better) if word != WORDS[0] else ()),
         ),
-        counts={key: counts[kind] for kind, key in _COUNTS.items()},
+        counts={key: counts[kind] for kind, key in _COUNTS.items()}
+        | {"touching": touching, "cut_tips": len(tips)},
         outline_p95_mm=off_px * scale.mm,
         outline_p95_radii=off_px / radius_px,
         lost=tuple(lost[:MOST_NAMED]),
@@ -223,6 +237,8 @@ def check_recognisable(verdict: dict[str, Any] | None, *, accepted: bool) -> Che
 class _Facts:
     iou: float
     outline_radii: float
+    tips: int
+    touching: int
     lost_tubes: float
     changes: int
     apart: int  # of these, all bridges across one hole as one
@@ -239,6 +255,12 @@ class _Facts:
             f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
             f"outline off by {self.outline_radii:.1f} tube radii, above {rule.outline_radii:g}": (
                 self.outline_radii > rule.outline_radii
+            ),
+            f"{self.tips} tips of {self.features} pieces and holes cut off": (
+                self.tips > rule.cut * self.features
+            ),
+            f"pieces just touch at {self.touching} places, which no tube draws": (
+                self.touching > 0 and not rule.touching
             ),
             f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
             f"{changes} changes to {self.features} pieces and holes": changes > most,

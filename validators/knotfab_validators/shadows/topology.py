@@ -17,6 +17,7 @@ __all__ = [
     "Kind",
     "close_slits",
     "count_repeated",
+    "count_touching",
     "crop_to_ink",
     "find_changes",
     "find_widest",
@@ -33,6 +34,7 @@ Box = tuple[int, int, int, int]
 COVERED = 1 / 3  # of a piece or a hole, below which it is lost
 MOST_STRAY = 4.0  # reaches: the width of what only the shadow has and nobody sees
 SLACK_PX = 2.0  # by which a place is as narrow as the narrowest
+SHORT = 6.0  # reaches: a longer place where two pieces all but touch is a slit
 SHARED = 1 / 4  # of the smaller of two regions, below which they merely touch
 
 _EIGHT = np.ones((3, 3), dtype=bool)  # pieces hold together at corners, so holes and gaps do not
@@ -69,7 +71,8 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
     grown large. Two pieces are bridged where they are apart in the picture closed by `reach_px`, and one in
     the shadow opened by it: by the duality of a planar set and its complement, a bay closed off is the
     same with background for pieces. Strokes are broken where picture opened and shadow closed say so.
-    Opening and closing are those by a disc (Serra 1982).
+    Opening and closing are those by a disc (Serra 1982). What is one before and after is so across pixels'
+    sides, and what was apart is so at their corners too: two squares that touch at a corner are neither.
 
     Args:
         shadow, target: (H, W), on one grid.
@@ -143,6 +146,32 @@ def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
     found = [labels[round(c.where[1]) + 1, round(c.where[0]) + 1] for c in gaps]
     holes = [number for number in found if number not in (0, labels[0, 0])]
     return len(holes) - len(set(holes))
+
+
+def count_touching(target: Mask, reach_px: float) -> int:
+    """At how many places pieces of a picture just touch, or are just apart, as squares at their corners are.
+
+    No tube draws such a place: it runs through or leaves it open. Pieces are those of the picture opened by
+    `reach_px`; a place is where two are within as much of what parts them, and short: a slit is none.
+    """
+    from scipy.ndimage import distance_transform_edt, find_objects
+
+    cropped = crop_to_ink(target, target, 2 * reach_px)
+    if cropped is None:
+        return 0
+    _, wanted, _ = cropped
+    parts, count = _label(~_shrink(_grow(~wanted, reach_px), reach_px) & wanted, _FOUR)
+    large = [n for n, _ in _regions(parts, count, reach_px)]
+    if len(large) < 2:
+        return 0
+    away, (i, j) = distance_transform_edt(~np.isin(parts, large), return_indices=True)
+    nearest = parts[i, j]
+    meets = np.zeros_like(wanted)
+    meets[:, 1:] |= nearest[:, 1:] != nearest[:, :-1]
+    meets[1:] |= nearest[1:] != nearest[:-1]
+    places, _ = _label(meets & (away <= reach_px), _EIGHT)
+    sizes = [max(r.stop - r.start, c.stop - c.start) for r, c in find_objects(places)]
+    return sum(size <= SHORT * reach_px for size in sizes)
 
 
 def list_pieces(mask: Mask, reach_px: float) -> list[Box]:
@@ -239,9 +268,8 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
 
     # the first pair of a gap and of a stroke are pieces, the second their complements
     pieces = not bool(parts[0, 0])
-    within = _EIGHT if pieces else _FOUR
-    part, count = _label(parts, within)
-    whole, count_whole = _label(wholes, within)
+    part, count = _label(parts, _EIGHT)
+    whole, count_whole = _label(wholes, _FOUR)
     large = np.zeros(count + 1, dtype=bool)
     large[[n for n, _ in _regions(part, count, reach)]] = True
     large[0] = False
@@ -260,9 +288,9 @@ def _joined(kind: Kind, parts: Mask, wholes: Mask, matter: Mask, reach: float) -
     several = {b: inside for b, inside in members.items() if len(inside) > 1}
     if not several:
         return
-    across = depth_in(matter)
+    depth = depth_in(matter)
     for number, inside in several.items():
-        yield from _narrowest(kind, part, inside, whole == number, across, pieces)
+        yield from _narrowest(kind, part, inside, whole == number, depth, pieces)
 
 
 def _narrowest(
