@@ -27,7 +27,7 @@ from knotfab.wire.template_pdf import draw_views, write_templates
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = 1.2
+TOLERANCE_RADII = 1.1
 DEPTH_FACTOR = 2.0
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
 _FIT_SHARES = (0.97, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
