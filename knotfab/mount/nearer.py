@@ -21,7 +21,7 @@ from knotfab.scene.model import LIGHT_SHARE, ResolvedView
 
 __all__ = ["Place", "propose_place"]
 
-SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the depth
+SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # of the depth
 LEAST_PEG_MM = 10.0  # room for fingers and a brush between the wall and what is nearest to it
 AIM = 0.9  # of the limit: the search that follows lays the strands anew
 _PX = 64  # of a camera of which only eye and wall are asked
