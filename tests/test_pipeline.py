@@ -371,7 +371,10 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     assert rejected["part.stl"] == before["part.stl"]
     report = json.loads(rejected["report.json"])
     assert report["status"] == "fail"
-    assert [c["name"] for c in report["checks"] if c["status"] == "fail"] == ["shadow"]
+    assert [c["name"] for c in report["checks"] if c["status"] == "fail"] == [
+        "shadow",
+        "half_light",
+    ]
 
 
 def test_without_rendering_the_build_says_so_and_may_go_on(
@@ -540,7 +543,7 @@ def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) ->
     assert "below 60.000 mm at (" in limits["detail"]
     # what is written is the best that keeps the limit; it is no heart, and the report says why
     assert {c["name"] for c in report["checks"] if c["status"] == "fail"} == {
-        *("limits", "shadow", "recognisable")
+        *("limits", "shadow", "half_light", "recognisable")
     }
     [binding] = report["binding"]
     assert binding["limits"] == ["bend"] and binding["iou_without"] > 0.9 > binding["iou"]

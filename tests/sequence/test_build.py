@@ -164,7 +164,7 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     done = knotfab(*call, "--scene", stricter, "--out", out)
     stricter.unlink()
     assert (done.code, done.out) == (1, "")
-    assert "shadow failed" in done.err
+    assert "shadow, half_light failed" in done.err
     rejected = out / "rejected"
     assert {p.name: p.read_bytes() for p in out.iterdir() if p != rejected} == before
     marked = {"failures-01.png", "failures-02.png"}  # the parts, with the places that fail
