@@ -154,6 +154,7 @@ def design_knots(
             knots = _knots_asked(question.scene)
             parted = start_without_knobs(problem, result, radius, settings, knots)
             if parted is not None:
+                progress.say("a strand stands out of the picture: searched again from parted sides")
                 earlier, past, history = result, history, History()
                 result = walk(parted)
                 if better(earlier, result):

@@ -127,7 +127,8 @@ def _mend(
 ) -> tuple[Frame, WrittenPiece]:
     """A frame that fails, from another start where that is better; none helps against limits or a floor."""
     failed, made = _fails(frame, piece), frame.made
-    best = failed == ["shadow"] and made.result.iou_estimate >= made.opening_iou - POOR
+    shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
+    best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
     if not failed or best or made.unmet or made.binding:
         return frame, piece
     again = chain.retry(frame.number)

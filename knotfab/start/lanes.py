@@ -180,8 +180,10 @@ def part_sides(
     one, other = pairs
     if not len(one):
         return np.zeros_like(depths)
-    stretch = _number_stretches(one, other, [len(s) for s in samples])
-    swap = np.bincount(stretch, depths[one] - depths[other])[stretch] < 0
+    # each pair both ways about: which of two samples comes first changes where a curve begins
+    a, b = np.concatenate([one, other]), np.concatenate([other, one])
+    stretch = _number_stretches(a, b, [len(s) for s in samples])
+    swap = np.bincount(stretch, depths[a] - depths[b])[stretch[: len(one)]] < 0
     above, below = np.where(swap, other, one), np.where(swap, one, other)
     apart = np.full(len(one), _ROOM * separation)
     moved = _move_apart(
@@ -198,7 +200,7 @@ def part_sides(
 
 
 def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices:
-    """(m,) For each pair of samples, the stretch along which the same two strands hide each other."""
+    """(m,) For each ordered pair of samples, the stretch along which two strands hide each other."""
     count = sum(sizes)
     ends = np.cumsum(sizes)
     after = np.arange(1, count + 1)
@@ -206,7 +208,7 @@ def _number_stretches(one: Indices, other: Indices, sizes: list[int]) -> Indices
     before = np.argsort(after)
 
     def key(a: Indices, b: Indices) -> Indices:
-        return np.asarray(np.minimum(a, b) * count + np.maximum(a, b))
+        return np.asarray(a * count + b)
 
     order = np.argsort(key(one, other))
     keys = key(one, other)[order]

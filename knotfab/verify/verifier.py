@@ -118,8 +118,10 @@ def _crashed(crash: Crash) -> MachineError:
 
 
 def explain_unreadable(sentence: str) -> InputError:
-    """The error of the validators' `NAME: reason` about a file that they cannot read."""
+    """The error of the validators' `NAME: reason` about a file that they cannot read, or write."""
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence
-    return InputError(name, reason.rstrip("."), "Correct that file, or name another.")
+    written = reason.startswith("cannot be written")
+    remedy = "Choose another place for it." if written else "Correct that file, or name another."
+    return InputError(name, reason.rstrip("."), remedy)

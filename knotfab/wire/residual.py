@@ -38,7 +38,9 @@ _CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
 SAME_BEND = 0.5 * np.pi + 1.2
 _STIFF_STRAIGHT = 30.0  # weight of a missing mm of straight
 _STIFF_CONTACT = 24.0
-_WINDOW = 12  # points of the curve to either side of where a place of the wire is looked for
+# points of the curve to either side of where a place of the wire is looked for, at least; the half of a
+# bend of 160 degrees, in radii of it
+_WINDOW, _HALF_BEND = 12, 1.4
 _STIFF_DISTANCE = 20.0
 _NEAR_LIMIT = 0.96  # share of the tolerance from which a distance counts beside a picture
 
@@ -108,7 +110,9 @@ def measure_strays(
     span = (np.roll(index, -1) - index) % n
     share = np.where(sites.bend, 0.0, sites.share)
     guess = index[sites.piece] + np.rint(share * span[sites.piece]).astype(np.int64)
-    window = (guess[:, None] + np.arange(-_WINDOW, _WINDOW + 1)) % n
+    step = float(np.linalg.norm(np.diff(strand.points, axis=0), axis=1).mean())
+    reach = min(max(_WINDOW, round(_HALF_BEND * limits.bend_radius_mm / step)), n // 2)
+    window = (guess[:, None] + np.arange(-reach, reach + 1)) % n
     points = wire.at(sites)
     gap = points[:, None] - strand.points[window]
     near = window[np.arange(len(points)), (gap * gap).sum(axis=2).argmin(axis=1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.start.lanes import part_sides
@@ -10,13 +11,15 @@ from knotfab.start.lanes import part_sides
 SEPARATION, LIGHT = 4.0, 500.0
 
 
-def test_sides_that_change_places_are_parted_in_the_order_that_is_the_larger() -> None:
+@pytest.mark.parametrize("begin", [0.0, 0.1, 0.25, 0.4])
+def test_sides_that_change_places_are_parted_in_the_order_that_is_the_larger(begin: float) -> None:
     # a stroke there and back, its sides a millimetre apart, whose depths cross near one end
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     curve = sample_evenly(np.column_stack([60 * np.cos(turn), 0.5 * np.sin(turn)]), 1.5)
+    curve = np.roll(curve, -round(begin * len(curve)), axis=0)  # wherever the curve begins
     # and one that lies by itself
     other = curve + np.array([0.0, 100.0])
-    share = arc_lengths(curve)[:-1] / arc_lengths(curve)[-1]
+    share = (arc_lengths(curve)[:-1] / arc_lengths(curve)[-1] + begin) % 1.0
     depth = 10 * np.sin(4 * np.pi * share) + 3 * np.sin(2 * np.pi * share)
     depths = np.concatenate([depth, np.zeros(len(other))])
     pairs, along = pair_nearby((curve, other), 3.5)

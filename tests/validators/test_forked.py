@@ -12,9 +12,10 @@ import time
 import numpy as np
 import pytest
 
-from knotfab_validators.forked import CAN_FORK, Forked
+from knotfab_validators.forked import Forked, may_fork
+from knotfab_validators.validate import _measure_apart
 
-pytestmark = pytest.mark.skipif(not CAN_FORK, reason="this system makes no copies of a process")
+pytestmark = pytest.mark.skipif(not may_fork(), reason="this system makes no copies of a process")
 
 
 def _refuse() -> None:
@@ -41,6 +42,26 @@ def test_one_that_nobody_waits_for_is_ended() -> None:
     assert time.monotonic() - began < 30
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def test_without_room_for_a_copy_nothing_is_left_open_and_one_process_measures_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse() -> int:
+        raise BlockingIOError("no room for another process")
+
+    monkeypatch.setattr(os, "fork", refuse)
+    before = os.listdir("/proc/self/fd")
+    with pytest.raises(OSError, match="no room"):
+        Forked(lambda: 1)
+    assert len(os.listdir("/proc/self/fd")) == len(before)
+    with _measure_apart(lambda: 1) as copy:
+        assert copy is None
+
+
+def test_a_machine_may_forbid_copies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KNOTFAB_NO_FORK", "1")
+    assert not may_fork()
 
 
 @pytest.mark.parametrize(

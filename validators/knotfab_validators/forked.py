@@ -13,12 +13,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
-__all__ = ["CAN_FORK", "Forked"]
+__all__ = ["Forked", "may_fork"]
 
 T = TypeVar("T")
 
-# a copy of a process that has graphics may not run on macOS; Windows makes none
-CAN_FORK = sys.platform == "linux"
 _ENDS_WITH_PARENT = 1  # Linux, prctl: the signal that is sent when the parent ends
 
 
@@ -31,16 +29,23 @@ class Forked(Generic[T]):
 
     Leaving it early ends the copy. Of the copy's libraries none may have started threads that it needs.
 
-    Raises (from `result`):
-        Exception: what `call` raised. Where the copy dies of a signal, so does this process: whoever
-            asked it is told the truth.
+    Raises:
+        OSError: the system has no room for a copy.
+        ValueError: from `result`, what `call` raised. Where it raised anything else, or the copy dies of
+            a signal, so does this process: whoever asked it is told the truth.
     """
 
     def __init__(self, call: Callable[[], T]) -> None:
         out, into = os.pipe()
-        self._pid = os.fork()
+        parent = os.getpid()
+        try:
+            self._pid = os.fork()
+        except OSError:
+            os.close(out)
+            os.close(into)
+            raise
         if self._pid == 0:
-            _answer(call, into)
+            _answer(call, into, parent)
         os.close(into)
         self._out = os.fdopen(out, "rb")
         self._ended = False
@@ -75,12 +80,20 @@ class Forked(Generic[T]):
         return found
 
 
-def _answer(call: Callable[[], Any], into: int) -> None:
+def may_fork() -> bool:
+    """Whether this process may be copied; `KNOTFAB_NO_FORK` in the environment says no."""
+    # a copy of a process that has graphics may not run on macOS; Windows makes none
+    return sys.platform == "linux" and "KNOTFAB_NO_FORK" not in os.environ
+
+
+def _answer(call: Callable[[], Any], into: int, parent: int) -> None:
     """Write what the call gives, and end."""
     code = 1
     try:
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_ENDS_WITH_PARENT, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before
+            os._exit(code)
         try:
             found = call()
         except ValueError as error:

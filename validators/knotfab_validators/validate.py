@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from contextlib import nullcontext
+from collections.abc import Callable, Collection
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from knotfab_validators.check import Check, rescale
 from knotfab_validators.clock import time_stage
@@ -18,7 +18,7 @@ from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.plates import read_plates
 from knotfab_validators.files.scene import Scene, read_scene
-from knotfab_validators.forked import CAN_FORK, Forked
+from knotfab_validators.forked import Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.names import PLATES, PRINTING, SHADOWS
@@ -29,6 +29,7 @@ from knotfab_validators.verdict import Verdict, verdict_of
 
 __all__ = ["Half", "Verdict", "validate"]
 
+T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
@@ -83,11 +84,11 @@ def validate(
 
     here: set[Group] = set() if only == "shadows" else {"surface", "strands"}
     there: set[Group] = set()
-    if processes > 1 and CAN_FORK and only is None and mesh is not None and setting is not None:
+    if processes > 1 and may_fork() and only is None and mesh is not None and setting is not None:
         there = set(here) if set(PRINTING) <= set(skip) else {"surface"}
     views: list[dict[str, Any]] = []
-    with Forked(partial(measure, there, {})) if there else nullcontext() as copy:
-        checks, _ = measure(here - there, seconds)
+    with _measure_apart(partial(measure, there, {}) if there else None) as copy:
+        checks, _ = measure(here if copy is None else here - there, seconds)
         if only != "geometry":
             found, views = _check_shadows(mesh, curves, setting, scene, skip, pictures_dir, seconds)
             checks += found
@@ -103,6 +104,14 @@ def validate(
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
     return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
+
+
+def _measure_apart(call: Callable[[], T] | None) -> Forked[T] | nullcontext[None]:
+    """A copy of this process that makes a call; nothing where there is none, or no room for a copy."""
+    with suppress(OSError):
+        if call is not None:
+            return Forked(call)
+    return nullcontext()
 
 
 def _check_shadows(
