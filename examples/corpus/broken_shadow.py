@@ -16,6 +16,8 @@ from .parts import Body, ball, join, tube
 
 RADIUS, SIDES = 3.0, 24
 WIDTH_MM = 120.0  # of the frame
+# strands of 6 mm, 60 mm before the wall, leave no place half dark
+WIDE = {"light_diameter_mm": 250.0}
 PIXEL_MM = WIDTH_MM / 1024 * 500 / 560  # a pixel of the compared shadow, at the middle of the part
 
 
@@ -104,6 +106,7 @@ def _of_scene() -> Iterator[Broken]:
     }
     for name, view in views.items():
         yield Broken(name, partial(_view_otherwise, view), "shadow")
+    yield Broken("a lamp wider than it hides", partial(_view_otherwise, WIDE), "half_light")
     yield Broken("a part mirrored", _mirror, "shadow")
     yield Broken("a pose turned by 10 degrees", lambda: _turn_pose(10.0), "shadow")
     yield Broken("a pose upside down", lambda: _turn_pose(180.0), "shadow")

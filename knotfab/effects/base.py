@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from knotfab.arrays import Array
-from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
+
+if TYPE_CHECKING:
+    from knotfab.effects.shadows import Shadows
 
 __all__ = ["VERIFIED_PX", "Decision", "Effect", "EffectContext", "World", "decide"]
 
@@ -63,6 +65,8 @@ class EffectContext:
     @cached_property
     def shadows(self) -> tuple[Shadows, ...]:
         """Of the points, in each view."""
+        from knotfab.effects.shadows import Shadows  # compiled: not for who only names effects
+
         return tuple(Shadows.of(view, self.points) for view in self.views)
 
 
