@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import resource
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from knotfab.scene.model import Scene
 
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
-_POLL_S = 0.1
+_POLL_S = 0.2  # of the memory, whose count takes milliseconds itself
 
 
 class Stopwatch:
@@ -140,7 +141,8 @@ def build_apart(
                 _stop(child)
                 said = f"still at work after {limit_s:.0f} s"
                 return Built(STOPPED, watch.wall_s, watch.children_s, peak, None, said)
-            time.sleep(_POLL_S)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(_POLL_S)
         wall_s = watch.wall_s
         errors.seek(0)
         told.seek(0)
