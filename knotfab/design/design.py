@@ -133,6 +133,7 @@ def design_knots(
         if settings.free_view:
             pose, settings = start_pose(scene, problem, radius, settings, device)
         report = progress.update if progress.watched else None
+        knots = _knots_asked(question.scene)
 
         def walk(start: Start) -> SearchResult:
             return search(
@@ -151,7 +152,6 @@ def design_knots(
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         else:
-            knots = _knots_asked(question.scene)
             parted = start_without_knobs(problem, result, radius, settings, knots)
             if parted is not None:
                 progress.say("a strand stands out of the picture: searched again from parted sides")
@@ -164,7 +164,6 @@ def design_knots(
                 add_work(result, earlier)
         unmet = None if result.feasible else result
         if unmet is not None:
-            knots = _knots_asked(question.scene)
             result = search_sparser(problem, radius, knots, settings, device) or unmet
             if result is not unmet:
                 add_work(result, unmet)

@@ -13,6 +13,7 @@ import shapely
 from knotfab.errors import SceneError
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.scene.settings import SearchSettings
+from knotfab.start.depth import lower
 from knotfab.start.start import make_start
 
 __all__ = ["better", "start_without_knobs"]
@@ -55,6 +56,6 @@ def better(one: SearchResult, other: SearchResult) -> bool:
 def _farthest_outside(result: SearchResult, target: TargetView) -> float:
     """How far centre lines stand outside the picture, mm in the plane of the scene's middle."""
     points = np.concatenate([knot.points for knot in result.knots.knots]) @ target.axes.T
-    seen = points[:, :2] / (1.0 - points[:, 2:] / target.view.light_distance_mm)
+    seen = lower(points, target.view.light_distance_mm)
     shapely.prepare(target.polygon)
     return float(shapely.distance(target.polygon, shapely.points(seen)).max())

@@ -22,6 +22,7 @@ from knotfab.search.search import search
 from knotfab.sequence.doubling import double_vertices
 from knotfab.sequence.motion import Anchor, Tautness, outline_motion
 from knotfab.sequence.transport import transport
+from knotfab.start.depth import lower
 
 __all__ = ["FrameResult", "finish", "follow", "is_far"]
 
@@ -130,7 +131,7 @@ def follow(
 
 def is_far(points: Array, polygon: MultiPolygon, light_mm: float, radius: float) -> bool:
     """Whether strands stand clear of the silhouette, or parts of it of any strand: no image pulls them."""
-    seen = points[:, :2] / (1.0 - points[:, 2] / light_mm)[:, None]
+    seen = lower(points, light_mm)
     outside = shapely.distance(polygon, shapely.points(seen))
     covered = shapely.LinearRing(seen).buffer(_FAR * radius)
     return bool(outside.max() > _FAR * radius) or not polygon.difference(covered).is_empty

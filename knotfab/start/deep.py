@@ -19,6 +19,7 @@ from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
+from knotfab.start.depth import lower
 from knotfab.start.filling import fill, simple_curves, smooth_closed
 
 __all__ = ["deep_curves"]
@@ -182,5 +183,5 @@ def deep_curves(
         solid = sample_evenly(solid, step)
         curves.append(solid)
         along = solid @ np.stack([right, up, towards]).T
-        flats.append(along[:, :2] / (1.0 - along[:, 2:] / light))
+        flats.append(lower(along, light))
     return curves if curves and simple_curves(flats) else None

@@ -24,7 +24,7 @@ from knotfab.problem import DepthChoice
 from knotfab.start.lanes import part_sides
 from knotfab.start.legibility import about_middle, legibility_from, turns_aside
 
-__all__ = ["choose_depth", "lift"]
+__all__ = ["choose_depth", "lift", "lower"]
 
 
 _ASIDE = {45.0: 0.75, 30.0: 0.25}  # degrees that a profile is looked at from, and their weights
@@ -47,6 +47,11 @@ _TURNS = 3  # to the bed, that supports are weighed in: the best of the first pr
 def lift(curve: Array, depth: Array, light_distance: float) -> Array:
     """(n, 2) points of the plane z = 0 moved along their rays to height `depth`: (n, 3)."""
     return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
+
+
+def lower(points: Array, light_distance: float) -> Array:
+    """(..., 2) where rays from the light through (..., 3) points meet the plane z = 0: `lift` undone."""
+    return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))
 
 
 @dataclass(frozen=True)

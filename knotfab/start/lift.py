@@ -13,7 +13,7 @@ from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
-from knotfab.start.depth import choose_depth, lift
+from knotfab.start.depth import choose_depth, lift, lower
 from knotfab.start.filling import Template, simple_curves
 from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.legibility import stretch_mask
@@ -81,7 +81,7 @@ def lift_template(
         sample_evenly(lift(c, d, light), step)
         for c, d in zip(template.curves, depth.depths, strict=True)
     ]
-    shadows = [p[:, :2] / (1.0 - p[:, 2:] / light) for p in parts]
+    shadows = [lower(p, light) for p in parts]
     if not simple_curves(shadows):
         # even samples cut corners; the template's own vertices are simple as they stand
         parts = [lift(c, d, light) for c, d in zip(template.curves, depth.depths, strict=True)]

@@ -22,6 +22,7 @@ from shapely import MultiPoint, MultiPolygon
 from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
 from knotfab.scene.knot_names import Factor, load_knot
+from knotfab.start.depth import lower
 
 __all__ = ["Room", "Tied", "tie"]
 
@@ -133,11 +134,6 @@ def _tie_one(tied: Tied, plain: Mask, poses: _Poses, name: str, room: Room) -> t
     )
 
 
-def _shadow(points: Array, light: float) -> Array:
-    """(..., 2) where rays from the light through `points` meet the plane z = 0."""
-    return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light))
-
-
 def _poses(knot: Array, unit: float) -> _Poses:
     """The knot turned many ways, each time opened at what is then its lowest point."""
     n = len(knot)
@@ -176,7 +172,7 @@ def _sites(
     cut = max(2, round(_CUT * unit / step))
     inside = _Inside(room.polygon, _GRID * room.radius)
     elsewhere = [(_Inside(p, _GRID * room.radius), a, d) for p, a, d in room.others]
-    shadows = [_shadow(c, light) for c in (curve, *rest)]
+    shadows = [lower(c, light) for c in (curve, *rest)]
     every = np.concatenate(shadows)
     heights = np.concatenate([curve, *rest])[:, 2]
     low, high = float(heights.min()), float(heights.max())
@@ -201,11 +197,11 @@ def _sites(
             points, z, base = points[near], z[near], base[near]
             deeper = np.maximum(np.maximum(z.max(axis=1) - high, low - z.min(axis=1)), 0.0)
             # the tube's shadow is as much wider as it is nearer to the light
-            out = room.radius / (1.0 - z / light) - inside(_shadow(points, light))
+            out = room.radius / (1.0 - z / light) - inside(lower(points, light))
             for within, axes, distance in elsewhere:
                 seen = points @ axes.T
                 grown_radius = room.radius / (1.0 - seen[..., 2] / distance)
-                out = np.maximum(out, grown_radius - within(_shadow(seen, distance)))
+                out = np.maximum(out, grown_radius - within(lower(seen, distance)))
             over = np.maximum(out, 0.0) / room.radius
             cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
             cost += 0.01 * np.abs(base - at[2]) / unit
@@ -286,11 +282,11 @@ def _splice(
     )
     # the rays from the feet reach up past all strands below, to the knot's own level
     level = float((side * np.concatenate([knot, corners])[:, 2]).min())
-    hull = MultiPoint(_shadow(np.concatenate([knot, corners, feet]), light)).convex_hull
+    hull = MultiPoint(lower(np.concatenate([knot, corners, feet]), light)).convex_hull
     shapely.prepare(hull)
     below = -np.inf
     for other in (turned, *rest):
-        meets = shapely.intersects(hull, _edges(_shadow(other, light)))
+        meets = shapely.intersects(hull, _edges(lower(other, light)))
         height = np.maximum(side * other[:, 2], side * _next(other)[:, 2])
         below = max(below, float(np.where(meets, height, -np.inf).max()))
     if not below < level:
