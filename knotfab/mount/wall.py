@@ -148,6 +148,8 @@ def plan_wall(
     """
     best: WallMount | None = None
     remedy = "Use --mount none, a thinner tube, or fewer knots"
+    if settings.foot != "plate":
+        remedy += ', or a plate (mount.foot = "plate"), on which knots may hang from each other'
     for share in PEG_SHARES if thoroughly else PEG_SHARES[:1]:
         try:
             found = _with_share(

@@ -136,6 +136,27 @@ def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
     assert any("alike, below" in reason for reason in found.reasons)
 
 
+def test_one_of_many_pieces_a_little_out_of_shape_is_good_several_or_a_worse_one_coarse() -> None:
+    places = [(390 + 70 * (k % 2), 60 + 65 * (k // 2)) for k in range(14)]
+
+    def dots(*changed: tuple[int, int]) -> Mask:
+        image = Image.fromarray(draw())
+        pen = ImageDraw.Draw(image)
+        for (x, y), (a, b) in zip(places, [*changed, *[(18, 18)] * 14], strict=False):
+            pen.ellipse((x - a, y - b, x + a, y + b), fill=1)
+        return np.asarray(image)
+
+    target, dented, thin = dots(), (14, 18), (10, 18)
+    for shadow, word, misshapen in (
+        (dots(), "faithful", 0),
+        (dots(dented), "good", 1),
+        (dots(dented, dented), "coarse", 2),
+        (dots(thin), "coarse", 1),
+    ):
+        found = judge(shadow, target)
+        assert (found.word, found.counts["misshapen"]) == (word, misshapen)
+
+
 @pytest.mark.slow
 def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
     target = draw(LARGE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
@@ -58,13 +60,36 @@ def test_a_feature_drawn_within_a_reach_is_not_named(hole: bool) -> None:
 def test_what_no_tube_draws_and_what_is_lost_are_counted_elsewhere(hole: bool) -> None:
     slit = draw((19, 3), hole)
     assert not find_misshapen(draw((19, 9), hole), slit, REACH, LEAST)
-    narrow = draw((19, 4), hole)  # as wide as the tube's radius, to a pixel
-    assert not find_misshapen(draw((9, 4), hole), narrow, 2.25, LEAST)
+    if hole:  # as wide as the tube's radius, to a pixel
+        assert not find_misshapen(draw((9, 4), hole), draw((19, 4), hole), 2.25, LEAST)
     target = draw((19, 11), hole)
     (gone,) = find_misshapen(draw(None, hole), target, REACH, LEAST)
     assert gone.likeness == 0.0
     lost = Change(gone.of, gone.where, gone.width_px, gone.box)
     assert not find_misshapen(draw(None, hole), target, REACH, LEAST, [lost])
+
+
+def draw_stroke(points: Sequence[Size], width: int) -> Mask:
+    """A stroke through `points` with round ends."""
+    image = Image.new("1", (300, 300))
+    pen = ImageDraw.Draw(image)
+    pen.line(points, fill=1, width=width)
+    for u, v in points:
+        pen.ellipse((u - width / 2, v - width / 2, u + width / 2, v + width / 2), fill=1)
+    return np.asarray(image)
+
+
+def test_a_stroke_finer_than_the_tube_is_held_to_the_tube_along_it() -> None:
+    nose = (150, 80), (130, 140), (152, 150)
+    wanted, radius = draw_stroke(nose, 7), int(4 * REACH)
+    assert not find_misshapen(draw_stroke(nose, 2 * radius), wanted, REACH, LEAST)
+    assert not find_misshapen(wanted, wanted, REACH, LEAST)
+    turned = draw_stroke([(300 - u, v) for u, v in nose], 2 * radius)
+    short = draw_stroke([(137, 119), *nose[1:]], 2 * radius)
+    blob = draw_stroke(nose[1:], 4 * radius)
+    for badly in (turned, short, blob):
+        (shape,) = find_misshapen(badly, wanted, REACH, LEAST)
+        assert (shape.kind, shape.of) == ("shape", "piece")
 
 
 def test_two_blank_masks_have_nothing_to_compare() -> None:

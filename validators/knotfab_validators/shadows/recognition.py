@@ -51,8 +51,9 @@ class Rule:
     `touching`, whether pieces of the picture may just touch; `lost_tubes`, the width of a lost piece or hole
     in widths of the tube's shadow, less than that (0: none may be lost); `changed`, the changes of topology
     for each piece and hole of the picture, at most, but for `spared` of them, `together`: all bridges across
-    one hole count as one; `shape`, the likeness of each piece and hole by itself, at least; `text`, whether
-    rows of small pieces may be lost.
+    one hole count as one; `shape`, the likeness of each piece and hole by itself, at least; `misshapen`,
+    those less alike than `SHAPE`, for each piece and hole of the picture, at most; `text`, whether rows of
+    small pieces may be lost.
     """
 
     iou: float
@@ -64,20 +65,22 @@ class Rule:
     spared: int
     together: bool
     shape: float
+    misshapen: float
     text: bool
 
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, False),
-    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.9, False),
-    "coarse": Rule(0.6, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, True),
+    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False),
+    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.75, 0.1, False),
+    "coarse": Rule(0.6, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
 ENOUGH_PX = 6  # of the tube's radius: the scale at which pieces and holes are counted
 TEXT = 0.1  # changes for each piece of a row of text, above which it is no longer read
 TIP = 2.0  # radii of the tube's shadow: what reaches farther beyond the shadow is a tip that is cut off
+SHAPE = 0.9  # of a piece or hole by itself: the likeness below which it is out of shape
 SLIT = 2.0  # reaches: half the width of slits and pinholes that nobody sees
 REACH = 0.25  # of the radius of the tube's shadow: an outline off by less changes no topology
 
@@ -153,7 +156,7 @@ def recognise(
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
     own = seen if outlined is None else outlined[::step, ::step]
     found = find_changes(seen, wanted, reach)
-    misshapen = find_misshapen(own, wanted, reach, RULES["good"].shape, found)
+    misshapen = find_misshapen(own, wanted, reach, SHAPE, found)
     changes = [_enlarged(change, step) for change in (*found, *misshapen)]
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
     rows = find_rows(features, max(frame.width, frame.height))
@@ -171,6 +174,7 @@ def recognise(
     drawn = sum(not any(_inside(box, row.box) for row in rows) for box in features)
     # where there is nothing but text, the text is the drawing
     torn = [c for c in (single if drawn else changes) if not isinstance(c, Shape)]
+    shapes = [c.likeness for c in single if isinstance(c, Shape)]
     facts = _Facts(
         iou=iou,
         outline_radii=off_px / radius_px,
@@ -180,7 +184,8 @@ def recognise(
         changes=len(torn),
         apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
         features=max(drawn or len(features), 1),
-        shape=min((c.likeness for c in single if isinstance(c, Shape)), default=1.0),
+        shape=min(shapes, default=1.0),
+        misshapen=len(shapes),
         text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
     )
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
@@ -244,6 +249,7 @@ class _Facts:
     apart: int  # of these, all bridges across one hole as one
     features: int
     shape: float
+    misshapen: int
     text: int
 
     def against(self, rule: Rule) -> list[str]:
@@ -266,6 +272,9 @@ class _Facts:
             f"{changes} changes to {self.features} pieces and holes": changes > most,
             f"a piece or hole {self.shape:.2f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
+            f"{self.misshapen} of {self.features} pieces and holes drawn out of shape": (
+                self.misshapen > rule.misshapen * self.features
+            ),
             "lost text": bool(self.text) and not rule.text,
         }
         return [sentence for sentence, holds in said.items() if holds]

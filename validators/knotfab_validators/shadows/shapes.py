@@ -22,6 +22,7 @@ __all__ = ["Shape", "find_misshapen"]
 
 Feature = Literal["piece", "hole"]
 AROUND = 8.0  # reaches: how far from a piece the shadow is still its own
+RADIUS = 4.0  # reaches
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,13 @@ def find_misshapen(
     """The pieces and holes that are less alike in picture and shadow than `least`, the worst first.
 
     The likeness is the IoU of a piece with what the shadow has nearest to it, no farther than `AROUND`
-    reaches, where an outline that is off by no more than a reach is right. Those no wider than 4 reaches,
-    half a tube, are not looked at: nobody sees slits and pinholes of that width, and no tube can draw them.
+    reaches, where an outline that is off by no more than a reach is right. A piece no wider than the tube's
+    radius is a stroke, which the tube covers: its outline may be off by as much more as the tube stands out
+    to either side. Holes no wider than that are not looked at: nobody sees such slits and pinholes.
 
     Args:
         shadow, target: (H, W), on one grid.
-        reach_px: how far an outline may be off without saying anything.
+        reach_px: how far an outline may be off without saying anything, a quarter of the tube's radius.
         least: from 0 to 1.
         lost: what is counted as lost already.
     """
@@ -65,7 +67,7 @@ def find_misshapen(
 
 
 def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shape]:
-    """The likeness of every region of `wants` that is wide enough."""
+    """The likeness of every piece of `wants`, or of every hole that is wide enough."""
     from scipy.ndimage import distance_transform_edt
 
     labels, found = label_regions(of, wants, reach)
@@ -80,11 +82,14 @@ def _compare(of: Feature, has: Mask, wants: Mask, reach: float) -> Iterator[Shap
         window = rows, slice(max(left - margin, 0), right + margin)
         own = labels[window] == number
         (u, v), width = find_widest(own)
-        if width <= 4 * reach:
-            continue
+        slack = reach
+        if width <= RADIUS * reach:
+            if of == "hole":
+                continue
+            slack += RADIUS * reach - width / 2
         around = (nearest[window] == number) & (away[window] <= AROUND * reach)
         drawn = has[window] & around
-        off = (drawn & (away[window] > reach)) | (own & (missing[window] > reach))
+        off = (drawn & (away[window] > slack)) | (own & (missing[window] > slack))
         where = u + window[1].start, v + window[0].start
         likeness = 1 - float(off.sum()) / float((drawn | own).sum())
         yield Shape("shape", where, width, box, of, likeness)
