@@ -95,6 +95,7 @@ class Mounted:
             "pegs": len(self.wall.pegs),
             "struts": len(self.wall.struts),
             "pegs_of_knots": pegs,
+            "knots_joined": sorted({(a, b) for a, b in self.wall.strut_knots.tolist() if a != b}),
             "peg_length_mm": [min(lengths), max(lengths)],
             "peg_diameter_mm": 2 * max(thick),
             "thinnest_peg_mm": 2 * min(thick),
@@ -210,7 +211,7 @@ def mount_piece(
         thoroughly=thoroughly,
     )
     count = [
-        sum(peg.knot == k for peg in mount.pegs) + int((mount.struts_of == k).sum())
+        sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
         for k in range(len(tubes))
     ]
     resolved = asked.model_copy(update={"foot": foot, "pegs": tuple(count)})

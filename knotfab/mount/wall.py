@@ -16,7 +16,7 @@ from knotfab.mount.choose import Pegs, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import frame_along, strut_solid
-from knotfab.mount.struts import GROUND, Candidates, join, nothing
+from knotfab.mount.struts import GROUND, Candidates, Sites, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
 
@@ -109,7 +109,7 @@ class WallMount:
 
     `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
     solved anew; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots moves.
-    `struts_of` (n,) is the knot each strut begins at.
+    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same.
     """
 
     pegs: tuple[Peg, ...]
@@ -118,7 +118,7 @@ class WallMount:
     sag_again_mm: float
     settings: WallSettings
     struts: Candidates = field(default_factory=nothing)
-    struts_of: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
@@ -207,8 +207,8 @@ def _with_share(
         feet, roots = (np.concatenate([r, ties.radius]) for r in (feet, roots))
     moves = sag_moves(knots, sites, bare, stiffness, feet)
     again, at = worst_of(moves, knots.points)
-    held = sites.knot[ties.first]
-    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, held, moves)
+    joined = _joined_knots(sites, ties)
+    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, joined, moves)
     hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
     if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
@@ -234,9 +234,14 @@ def _with_share(
         sag_at=at,
         sag_again_mm=again,
         struts=struts,
-        struts_of=sites.knot[struts.first],
+        strut_knots=_joined_knots(sites, struts),
         moves=moves,
     )
+
+
+def _joined_knots(sites: Sites, struts: Candidates) -> NDArray[np.int64]:
+    """(n, 2) the knots of the strands that each strut runs from and to."""
+    return np.stack([sites.knot[struts.first], sites.knot[struts.second]], axis=1)
 
 
 def sag_on_pegs(
@@ -310,7 +315,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     for peg in mount.pegs:
         groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
     members = mount.struts
-    for i, knot in enumerate(mount.struts_of):
+    for i, (knot, _) in enumerate(mount.strut_knots):
         bar = strut_solid(members.start[i], members.end[i], float(members.radius[i]))
         groups[int(knot)].append(bar)
     if mount.settings.foot == "plate":

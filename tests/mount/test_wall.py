@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rings import RADIUS, camera, knots, ring
+from setups import setup
 
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knots
+from knotfab.mount.mount import Mounted
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import Peg, WallSettings, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.part.clean import clean_body
@@ -90,7 +92,7 @@ def test_where_rays_are_barred_struts_hold_the_piece() -> None:
     # the model that chose the pegs knows no struts
     assert mount.sag_mm > firm.max_sag_mm >= mount.sag_again_mm
     members = mount.struts
-    assert len(members) >= 1 and len(mount.struts_of) == len(members)
+    assert len(members) >= 1 and len(mount.strut_knots) == len(members)
     tubes = [sweep(k.points, RADIUS, 24) for k in piece.knots]
     ((vertices, faces),) = wall_bodies(tubes, mount, view)
     assert mesh_volume(vertices, faces) > 0
@@ -137,11 +139,14 @@ def test_a_knot_that_others_bar_from_the_wall_hangs_on_one_of_them() -> None:
     piece = knots(shaded, small)
     mount = plan_wall(piece, view, 0.4, PLA, PLATE)
     assert {peg.knot for peg in mount.pegs} == {0}
-    assert mount.struts_of[0] == 1 and mount.sag_again_mm <= PLA.max_sag_mm
+    assert mount.strut_knots[0].tolist() == [1, 0] and mount.sag_again_mm <= PLA.max_sag_mm
     tubes = [sweep(k.points, RADIUS, 24) for k in piece.knots]
     # one body, of as many handles as predicted
     ((vertices, faces),) = wall_bodies(tubes, mount, view)
     assert mesh_volume(vertices, faces) > 0
+    scene = setup("plate")[1]
+    told = Mounted(tubes, ["piece with wall plate"], scene, None, mount).report()
+    assert told["knots_joined"] == [(1, 0)]
     with pytest.raises(SceneError, match=r'no light ray from knot 1.*mount\.foot = "plate"'):
         plan_wall(piece, view, 0.4, PLA, DOWEL)
     # a place for the piece is estimated by the same rule
