@@ -50,7 +50,7 @@ def describe(found: dict[str, Worst], ever: dict[str, float], minutes: float, se
     ]
     lines += [
         "",
-        "`examples/hard_cases/worst.json` keeps the worst case of each, and a test checks it against its bound.",
+        "`examples/hard_cases/worst.json` keeps the worst of each, and a test checks it against its bound.",
     ]
     return "\n".join(lines) + "\n"
 
