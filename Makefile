@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer pictures clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -305,9 +305,9 @@ Result = tuple[bool, str, str]  # whether a cell is as it should be, what it cam
 
 _PAGE = """# What works with what
 
-Made by `make feature-table`, which builds every cell: pictures of 160 px, draft accuracy, few iterations.
-Built {days}. "Exit 1" where the feature does what it should and the build still fails a check: so
-few iterations do not suffice, or the row's limit leaves no room for the picture, and the build says so.
+`make feature-table` builds every cell for this page: pictures of 160 px, draft accuracy, few iterations.
+Built {days}. "Exit 1" means that the feature does what it should, but the build fails a check and says
+so: the few iterations do not suffice, or the row's limit leaves no room for the picture.
 
 {table}
 """

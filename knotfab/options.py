@@ -42,13 +42,13 @@ BUILD_EXAMPLES = """Examples:
 
 ```
 knotfab build cat.png --print              checked against the printer
-knotfab build cat.png --size 240 --watch   larger; a page shows how it comes about
+knotfab build cat.png --size 240 --watch   larger; a page shows how it grows
 knotfab build cat.png --mount wall         ready to hang
 knotfab build cat.png --time-budget 1.5min
 knotfab build logo.svg --depth flat --tube-radius 2
 knotfab build text:Hello --font "DejaVu Serif" --knots 1
 knotfab build heart.png teapot.png         one part, two pictures
-knotfab build --sequence walk/ --print     a part a frame
+knotfab build --sequence walk/ --print     one part for each frame
 knotfab build --scene out/scene.toml       the same part again
 ```
 """
@@ -75,7 +75,7 @@ knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,14
 VALIDATE_EXAMPLES = """Examples:
 
 ```
-knotfab validate knotfab-out               all that a build wrote
+knotfab validate knotfab-out               everything that a build wrote
 knotfab validate tube.obj                  any tube, in mm
 knotfab validate part.stl --knots knots.json --scene scene.toml --json
 ```
@@ -101,7 +101,7 @@ TRADEOFF_EXAMPLES = """Examples:
 ```
 knotfab tradeoff cat.png
 knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
-knotfab tradeoff logos/*.png --time-limit 1h         the same call again goes on from there
+knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
 ```
 """
 
@@ -120,47 +120,48 @@ class PictureOptions:
     """What decides how a picture is read, and what a tube can make of it; None leaves it to the scene."""
 
     invert: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """Draw all but what was found."""
+    """Draw everything except what was found."""
     ink: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light, alpha,
     flood (what the border's colours do not reach, for photographs), or a colour such as red or "#d02010"."""
     threshold: Annotated[float | None, Parameter(group=_PICTURE)] = None
-    """Share of the largest difference, or of full opacity, where ink begins; 0.5 by default."""
+    """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """auto (to the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px of the picture."""
+    """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
     keep_largest: Annotated[int | None, Parameter(group=_PICTURE)] = None
-    """Draw so many of its pieces."""
+    """Draw only so many pieces of the picture, the largest."""
     specks: Annotated[int | None, Parameter(group=_PICTURE)] = None
-    """Leave out pieces, and fill holes, of fewer pixels."""
+    """Leave out pieces, and fill holes, of fewer pixels than this."""
     smooth: Annotated[float | None, Parameter(group=_PICTURE)] = None
-    """Draw it blurred by so many px and cut at half; its shadow is compared with the picture itself."""
+    """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with the
+    picture itself."""
     thicken: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Widen thinner strokes to so many mm on the wall, or auto: to what can be printed."""
+    """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
     lines: Annotated[Literal["auto", "on", "off"] | None, Parameter(group=_PICTURE)] = None
-    """One tube along the middle of each stroke, as wide as the tube: on, off, or auto (where most strokes
-    are thinner than the tube)."""
+    """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are thinner
+    than the tube)."""
     tone: Annotated[Literal["lines", "off"] | None, Parameter(group=_PICTURE)] = None
-    """lines: draw the picture's greys, by strands that lie closer together where it is darker; off (default):
+    """lines: draw the picture's greys, with strands closer together where it is darker; off (default): draw
     its silhouette."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Of text:…, a family's name, such as "DejaVu Serif", or a font file."""
+    """The font of text:…: a family's name, such as "DejaVu Serif", or a font file."""
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
-    """A scene.toml; the other options are shorthands for its keys and win over it."""
+    """A scene.toml. Other options set keys of the scene, and win over the file."""
     size: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm of the picture's longer side on the wall; 180 by default."""
+    """The picture's longer side on the wall, in mm; 180 by default."""
     width: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm of the picture on the wall; its height follows."""
+    """The picture's width on the wall, in mm; its height follows."""
     height: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm of the picture on the wall; its width follows."""
+    """The picture's height on the wall, in mm; its width follows."""
     lamp_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm from the lamp to the middle of the piece; 500 by default."""
+    """From the lamp to the middle of the piece, in mm; 500 by default."""
     wall_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm from the middle of the piece to the wall; 100 by default."""
+    """From the middle of the piece to the wall, in mm; 100 by default."""
     lamp_diameter: Annotated[float | None, Parameter(group=_PIECE)] = None
-    """mm; a wide lamp blurs the shadow. 5 by default."""
+    """In mm; 5 by default. A wide lamp blurs the shadow."""
     tube_radius: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """mm, or auto (default): the thickest tube that draws the picture well."""
+    """In mm, or auto (default): the thickest tube that draws the picture well."""
 
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
@@ -180,54 +181,54 @@ class BuildOptions(PictureOptions):
     """With --sequence: the last frame need not lead back to the first."""
 
     depth: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """Extent along the view in mm, auto (default: unreadable from elsewhere), or flat."""
+    """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     knots: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """auto (default: one a piece of the picture) or 1: all bridged into one."""
+    """auto (default): one knot for each piece of the picture; or 1: all pieces bridged into one knot."""
     knot: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """The knot to be tied into it: unknot (default), trefoil, "left trefoil", figure-eight, any of the
-    table up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
+    """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table up to
+    8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
     free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
-    """view: pose, light and wall distance and the tube's radius are found with the knots, and written
-    to scene.toml."""
+    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots, and
+    write them to scene.toml."""
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
-    """Check it against the printer too, and pose it for printing."""
+    """Make it for printing: pose the part for that, and check it against the printer too."""
     mount: Annotated[Literal["auto", "wall", "stand", "none"] | None, Parameter(group=_PRINT)] = (
         None
     )
-    """What holds the piece: wall (pegs along light rays, in the tube's own shadow, on a plate whose face
-    is the wall, or in drilled holes), stand (a base below all pictures), none, or auto (default: wall for
-    several loose pieces that are printed, else none). Wall and stand imply --print."""
+    """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or in
+    drilled holes), stand (a base below all pictures), none, or auto (default: wall for several loose
+    pieces that are printed, else none). Wall and stand imply --print."""
 
     accuracy: Annotated[
         Literal["sketch", "draft", "standard", "fine"] | None, Parameter(group=_SEARCH)
     ] = None
-    """sketch, draft, standard (default) or fine."""
+    """sketch, draft, standard (default) or fine: from the fastest to the most accurate."""
     time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
-    """Time for the whole build, such as 30, 90s, 1.5min or 1m30s; sets the iterations."""
+    """Time for the whole build, such as 30 (seconds), 90s, 1.5min or 1m30s; sets the iterations."""
     search: Annotated[Literal["flow", "inn", "inn+flow"] | None, Parameter(group=_SEARCH)] = None
-    """flow (default: the certified flow), inn (the paper's invertible network), or inn+flow, the
-    one after the other."""
+    """flow (default: the certified flow), inn (an invertible network), or inn+flow, one after the other."""
     effect: Annotated[Names, Parameter(group=_SEARCH)] = ()
-    """NAME=on, off or auto (default: on where the scene calls for it), such as penumbra=off; may be
-    repeated."""
+    """Simulate an effect of light or world: NAME=on, off or auto (default: on where the scene calls for it),
+    such as penumbra=off; may be repeated."""
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
-    """Go on from the knots in this file, start.json of a build that went on from one, or of the studio."""
+    """Go on from the knots in this file: the start.json of a build of the studio, or of one with --start."""
     seed: Annotated[int | None, Parameter(group=_SEARCH)] = None
-    """Of the random depth profiles."""
+    """Seed of the random depth profiles: another one gives another piece."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""
 
     out: Annotated[Path, Parameter(group=OUTPUT)] = Path("knotfab-out")
     """The folder to write."""
     force: Annotated[Flag, Parameter(group=OUTPUT)] = False
-    """Replace what another picture was built to, in the default folder; a named one is replaced anyway."""
+    """Replace the result of another picture in the default folder; in a folder named by --out a build always
+    replaces it."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
-    """Write part-colours.3mf as well: the bodies by name, each in a colour, for several filaments."""
+    """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
     """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
-    """Checks to go on without, such as shadow-render."""
+    """Leave out these checks, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Say nothing but errors."""
     verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False

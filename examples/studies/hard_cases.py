@@ -117,46 +117,50 @@ HEADS = (
 
 OPENING = """# Hard cases
 
-Made by `python -m examples.studies.hard_cases --write docs`. Each case goes through the product's renderer
-(dense, tiled in torch, and compiled) and the paper's two, in single and double precision, with anomaly
-detection on.
+Made by `python -m examples.studies.hard_cases --write docs`. Each case goes through knotfab's renderer
+(dense, tiled in torch, and compiled) and the paper's two, in single and double precision, with torch's
+anomaly detection on.
 
 - **condition**: the sum over all inputs of |ds/dx| |x|, where s is the signed distance of a pixel to
-  the silhouette, in pixels. It is that of the pixel with the worst share.
+  the silhouette, in pixels; at the pixel with the worst share.
 - **single**: the largest error of single precision, in pixels, against double precision.
 - **share**: the largest error over 16 machine epsilons times the pixel's condition number; at most 1.
-  The condition counts what is rounded: points, what they are less the eye, and edges between them.
-- **compiled**: the same of the compiled renderer's image, which adds 4 machine epsilons for the sigmoid.
-- **double, share**: the same of double precision against 50 digits (mpmath).
+  The condition number counts what is rounded: points, points minus the eye, and the edges between them.
+- **compiled**: the share of the compiled renderer's image, which adds 4 machine epsilons for the sigmoid.
+- **double, share**: the share of double precision against 50 digits (mpmath).
 - **gradient**: relative error of the double precision gradient against central differences, and of the
   single precision one against it, along smooth motions of the points; the worse of torch's and the
-  compiled one. Where the image has a kink, whether the gradient is a subgradient. "finite" where a
-  rounding already changes it.
-- **ellipse**, **capsule**: the largest error of the paper's renderers as they are built here.
-- **as printed**: whether the paper's closed forms, as printed, give the corners of the
-  quadrilateral: finite, and within 1e-3 px of the true outline. In double precision.
+  compiled one. "subgradient" where the image has a kink and the gradient is one of its subgradients;
+  "finite" where a rounding already changes the gradient, so that it must only be finite.
+- **ellipse**, **capsule**: the largest error of the paper's two renderers as they are built here.
+- **as printed**: whether the closed forms printed in the paper give the corners of the quadrilateral in
+  double precision: finite, and within 1e-3 px of the true outline ("serves").
 """
 
 
 GROUPS_OPENING = """
 ## The other groups
 
-Large images: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half of
-them on edges. Losses and network: the relative condition number sum |df/dx| |x| over |f|, the relative
-error of single precision (absolute where f is 0), its share of 16 machine epsilons times that, and the
-gradient as above; "finite" where the value itself jumps, so that there are no slopes to hold a gradient
-against. The search's own terms (grace, bend, clearance, length term) are worked out in double precision
-alone, and held against their definitions in a longer one. A loss is drawn with the way it pulls its points,
-the network with a disc before and after. Flow: adversarial steps, those that the certificate let pass,
-those found to carry a strand through another, and those of them that it let pass. Geometry: the swept
-volume against the exact one, or what an outline gave, drawn with the curves that fill it. Light: where rays
-meet a round wall, to and fro, against 50 digits, and its share of 16 machine epsilons times the condition
-number; a lamp's blur, and its share of what the effect claims. Strokes: the lines found in a drawing, how
-far they leave its ink, in half widths of a stroke, and the ink that none of them runs along. Scenes that
-cannot be met: whether the piece keeps every limit, its IoU, the limit that binds, and the IoU that a short
-search reaches without it; drawn as the target with the piece's shadow over it.
+- **Large images**: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half
+  of them on edges.
+- **Losses and network**: the relative condition number sum |df/dx| |x| over |f|, the relative error of single
+  precision (absolute where f is 0), its share of 16 machine epsilons times that number, and the gradient as
+  above; "finite" where the value itself jumps, so that there are no slopes to compare a gradient with. The
+  search's own terms (grace, bend, clearance, length term) run in double precision only, and are compared
+  with their definitions in a longer one. A loss is drawn with the way it pulls its points, the network with
+  a disc before and after.
+- **Flow**: adversarial steps, those that the certificate let pass, those found to carry a strand through
+  another, and those of the latter that it let pass.
+- **Geometry**: the swept volume against the exact one, or what an outline gave, drawn with the curves that
+  fill it.
+- **Light**: where rays meet a round wall, there and back, against 50 digits, and its share of 16 machine
+  epsilons times the condition number; a lamp's blur, and its share of what the effect claims.
+- **Strokes**: the lines found in a drawing, how far they leave its ink, in half widths of a stroke, and the
+  ink that none of them runs along.
+- **Scenes that cannot be met**: whether the piece keeps every limit, its IoU, the limit that binds, and the
+  IoU that a short search reaches without it; drawn as the target with the piece's shadow over it.
 
-[The worst that could be found](worst-cases.md) tells how near to its bound an optimiser brings each.
+[The worst cases found](worst-cases.md) tell how near to its bound an optimiser brings each.
 """
 
 Group = tuple[str, Sequence[str], list[Line]]

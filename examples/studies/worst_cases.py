@@ -26,12 +26,13 @@ from knotfab.files.whole import write_whole
 _OPENING = """# The worst that could be found
 
 Made by `python -m examples.studies.worst_cases --minutes {minutes:g} --seed {seed} --write docs` on {date}.
-CMA-ES turns all numbers of a case (points, radius, depth, sharpness; a polygon's corners; a step; a wall; a
-lamp) to make the share of its bound that its error comes to as large as it can. Bounds are those of
-[hard-cases.md](hard-cases.md): 16 machine epsilons times the condition number for values; for a certificate
-how far along a step it lets strands go, over how far it is until edges meet; for a lamp its true blur over
-the claimed one. A share above 1, or what is not finite, is a fault. What is looked at is what a scene can ask
-for: strands before the light, walls as wide as light reaches them.
+An optimiser (CMA-ES) varies all numbers of a case (points, radius, depth, sharpness; a polygon's corners; a
+step; a wall; a lamp) to make its error as large a share of its bound as it can. The bounds are those of
+[hard-cases.md](hard-cases.md). For values the bound is 16 machine epsilons times the condition number. For a
+certificate the share is how far along a step it lets strands go, over how far it is until edges meet; for a
+lamp, its true blur over the claimed one. A share above 1, or a number that is not finite, is a fault. The
+optimiser only visits what a scene can ask for: strands in front of the light, walls as wide as light
+reaches.
 """
 
 
@@ -49,7 +50,7 @@ def describe(found: dict[str, Worst], ever: dict[str, float], minutes: float, se
     ]
     lines += [
         "",
-        "The worst of each is kept in `examples/hard_cases/worst.json`, and a test holds it to its bound.",
+        "`examples/hard_cases/worst.json` keeps the worst of each, and a test checks it against its bound.",
     ]
     return "\n".join(lines) + "\n"
 

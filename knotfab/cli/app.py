@@ -40,7 +40,7 @@ __all__ = ["app", "main"]
 app = App(
     name="knotfab",
     version=__version__,
-    help="A picture becomes a knotted tube whose shadow is that picture, proved before it is printed.\n\n"
+    help="Turns a picture into a knotted tube whose shadow is that picture, proved before you print.\n\n"
     "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
     "2 wrong input; 3 this machine lacks something; 130 interrupted.",
     suppress_keyboard_interrupt=False,  # main says what became of the work
@@ -72,13 +72,13 @@ def build(
     Parameters
     ----------
     pictures
-        An image file, an SVG, or text:… (a glyph or a word); may be left out where the scene names it.
-        Several are several views of one part, spread about the vertical axis: two at right angles,
-        three at 60°.
+        An image file, an SVG, or text:… (a glyph or a word); not needed where the scene names it. Several
+        pictures are several views of one part, spread about the vertical axis: two at right angles, three
+        at 60°.
     open_
         Open the report in the browser when it is done.
     watch
-        Open a page in the browser that shows knot and shadow as they come about.
+        Open a page in the browser that shows knot and shadow as they grow.
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
@@ -127,14 +127,14 @@ def preview(
     sequence: Flag = False,
     json: Flag = False,
 ) -> int:
-    """Show what a picture will become, in a second: its silhouette, and what tubes lose of it.
+    """Show in a second what a picture will become: its silhouette, and what tubes lose of it.
 
     Parameters
     ----------
     pictures
-        As for build.
+        As for knotfab build.
     out
-        The PNG to write: the silhouette, and for each radius what such a tube loses, in red.
+        The PNG to write: the silhouette and, in red, what a tube of each radius loses.
     sequence
         The pictures are frames of one moving knot.
     json
@@ -160,14 +160,14 @@ def batch(
     jobs: int | None = None,
     cluster: str | None = None,
 ) -> int:
-    """Build many pictures, each into a folder of its name in --out; what is there already stays.
+    """Build many pictures, each into a folder of its own in --out; skip those that are built already.
 
     Parameters
     ----------
     pictures
         Picture files, folders of them, or text:…
     jobs
-        Builds side by side; as many as cores and memory allow by default.
+        How many builds run side by side; by default as many as cores and memory allow.
     cluster
         The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
     """
@@ -184,16 +184,16 @@ def batch(
 
 @app.command(help_epilogue=STUDIO_EXAMPLES)
 def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
-    """Open a local page to drop a picture on, set the scene, and watch the knot come about.
+    """Open a local page: drop a picture on it, set the scene, and watch the knot grow.
 
     Parameters
     ----------
     port
-        Of this machine, which alone can reach it; 0: any that is free.
+        The port, which only this machine can reach; 0: any free one.
     no_open
-        Print the address and open no browser.
+        Print the address, but open no browser.
     out
-        The folder for its pictures and builds.
+        The folder for pictures and builds.
     """
     with needs_extra("knotfab studio", "studio"):
         from knotfab.studio.run import run_studio
@@ -211,22 +211,22 @@ def validate(
     failures: Path | None = None,
     skip: Names = (),
 ) -> int:
-    """Measure written files again, with other code than wrote them.
+    """Measure written files again, with other code than the code that wrote them.
 
     Parameters
     ----------
     part
         A folder that a build wrote, or an STL, 3MF, OBJ or PLY file in mm.
     knots
-        The centre lines, knots.json.
+        The file of the centre lines, knots.json.
     scene
-        The scene, scene.toml.
+        The file of the scene, scene.toml.
     json
         Print {"status", "checks", "views", "picture"} as JSON.
     failures
-        Where to draw the part with the places of what failed; NAME-failures.png beside it by default.
+        The PNG that shows where checks failed; by default NAME-failures.png beside the part.
     skip
-        Checks to go on without, such as shadow-render.
+        Leave out these checks, such as shadow-render.
     """
     from knotfab.cli.options import files_to_validate
     from knotfab.read_options import read_skips
@@ -260,7 +260,7 @@ def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> in
     part
         An STL or 3MF in print coordinates.
     scene
-        scene.toml with its [pose].
+        The scene.toml of the part, with its [pose].
     out
         The PNG to write.
     view
@@ -290,18 +290,18 @@ def compare(
     Parameters
     ----------
     photo
-        A photograph in which the whole frame on the wall is seen, from wherever it was taken.
+        A photograph that shows the whole frame on the wall, taken from anywhere.
     folder
-        What a build wrote.
+        The folder that a build wrote.
     corners
-        The frame in the photograph, x,y px each: top left, top right, bottom right, bottom left. By default
-        it is found by the four marks of setup.pdf, or by the plate of a wall mount.
+        The corners of the frame in the photograph, as x,y in px: top left, top right, bottom right, bottom
+        left. By default the four marks of setup.pdf, or the plate of a wall mount, tell them.
     click
-        Open a page to point at the four corners: it says the command with --corners.
+        Open a page to click the four corners; it then shows the command with --corners.
     view
         Name of the view; the first by default.
     out
-        The PNG of where they differ.
+        The PNG that shows where shadow and picture differ.
     json
         Print the figures as JSON.
     """
@@ -337,29 +337,29 @@ def tradeoff(
     device: Literal["cpu", "cuda"] = "cpu",
     quiet: Flag = False,
 ) -> int:
-    """Measure what accuracy costs in time, for pictures on this machine: knob by knob, then combinations.
+    """Measure what accuracy costs in time on this machine: settings one by one, then combinations.
 
     Parameters
     ----------
     pictures
-        Image files, SVGs, or text:…, each a piece of its own; the figures are means over them.
+        Image files, SVGs, or text:…; each makes a piece of its own, and the figures are means over them.
     out
-        The folder for tradeoff.json, .png and .html, and for the runs that a later call goes on from.
+        The folder for tradeoff.json, .png and .html, and for the runs from which a later call goes on.
     scene
         A scene.toml.
     accuracy
-        The preset around which one knob at a time is turned; standard by default.
+        The preset around which one setting at a time is changed; standard by default.
     tube_radius
-        mm, or auto (default), which each point then finds for itself.
+        In mm, or auto (default): each point finds its own.
     repeats
-        Runs a point; the seconds are medians of them.
+        Runs of each point; its seconds are their median.
     jobs
-        Runs side by side. They slow each other down, all alike: for seconds as a build has them
-        leave it at 1.
+        How many runs go side by side. They slow each other down, all alike: leave it at 1 to measure the
+        seconds that a build takes.
     combinations
-        Tried beyond single knobs; the better half of all goes on to more pictures, and so on.
+        How many combinations to try after single settings; the better half of all goes on to more pictures.
     time_limit
-        As 30, 10m or 1h: it then ends with what it has.
+        End after this time with what is measured: 30 (seconds), 10m or 1h.
     device
         Where the search runs.
     quiet
@@ -413,7 +413,7 @@ def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) ->
     Parameters
     ----------
     compile_
-        Compile the search's loops now, so that the first build need not wait for it, and say no more.
+        Only compile the search's loops, so that the first build need not wait for that.
     """
     from knotfab.cli.summary import print_findings
     from knotfab.doctor import compile_loops, examine
@@ -425,7 +425,7 @@ def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) ->
 
 @app.command
 def printers() -> int:
-    """List the printers and materials that are known by name, one's own included, with their figures."""
+    """List the printers and materials that knotfab knows by name, yours included, with their figures."""
     from knotfab.cli.summary import print_catalogue
     from knotfab.scene.catalogue import materials
     from knotfab.scene.catalogue import printers as known
@@ -437,7 +437,7 @@ def printers() -> int:
 
 @app.command
 def schema() -> int:
-    """Print the JSON schema of scene.toml, for editors that check it as it is written."""
+    """Print the JSON schema of scene.toml, for editors that check it while you write."""
     from knotfab.scene.json_schema import dump_schema
 
     print(dump_schema(), end="")

@@ -282,7 +282,7 @@ def print_tradeoff(found: Tradeoff) -> None:
         )
     console.print(table)
     if found.steps:
-        console.print("\nWhat the next step of each knob buys and costs:")
+        console.print("\nWhat the next step of each setting buys and costs:")
     for step in found.steps:
         console.print(f"  {escape(str(step))}")
     radii = " to ".join(f"{r:.2f}" for r in sorted({min(found.radii_mm), max(found.radii_mm)}))

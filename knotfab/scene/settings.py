@@ -34,9 +34,8 @@ class SearchSettings(BaseModel):
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
-    tolerance_px: float = Field(
-        0.25, gt=0
-    )  # an effect below this is not simulated (fine_px pixels)
+    # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
+    tolerance_px: float = Field(0.25, gt=0)
     grace: float = Field(
         0.02, ge=0, le=10
     )  # weight of bending and length: how smoothly, and how straight, strands run

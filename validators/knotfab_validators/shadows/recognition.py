@@ -72,7 +72,7 @@ class Rule:
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
     "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False),
-    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.75, 0.1, False),
+    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.75, 0.05, False),
     "coarse": Rule(0.6, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True),
 }
 UNKNOWN = "not recognisable"

@@ -1,0 +1,62 @@
+"""What README, CONTRIBUTING and the pages of docs name is there: files, headings, modules, make targets."""
+
+from __future__ import annotations
+
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+TARGETS = set(re.findall(r"^([a-z][a-z-]*):", MAKEFILE, re.M))
+
+
+def prose_of(page: Path) -> str:
+    """The page without its blocks of code."""
+    return re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+
+
+def links_of(page: Path) -> list[tuple[Path, str]]:
+    """The files of this project that the page links to, each with the heading's anchor, or none."""
+    targets = re.findall(r"\]\(([^)\s]+)\)", prose_of(page))
+    parts = [t.partition("#") for t in targets if "://" not in t]
+    return [((page.parent / file).resolve() if file else page, anchor) for file, _, anchor in parts]
+
+
+def anchors_of(page: Path) -> set[str]:
+    """The anchors that GitHub gives the page's headings."""
+    heads = re.findall(r"^#+ +(.*)$", prose_of(page), re.M)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head).strip().lower() for head in heads]
+    return {re.sub(r"[^\w\- ]", "", head).replace(" ", "-") for head in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_a_page_names_is_there(page: Path) -> None:
+    for file, anchor in links_of(page):
+        assert file.exists(), file
+        assert not anchor or anchor in anchors_of(file), f"{file.name}#{anchor}"
+    text = page.read_text("utf-8")
+    for name in re.findall(r"`((?:docs|examples|knotfab|tests|web)/[\w./-]+)`", text):
+        assert (ROOT / name).exists(), name
+    for module in re.findall(r"python -m ((?:examples|knotfab)[\w.]*)", text):
+        assert find_spec(module), module
+    for target in re.findall(r"`make ([a-z-]+)", text):
+        assert target in TARGETS, target
+
+
+def test_every_page_is_reached_from_readme() -> None:
+    reached, waiting = set(), [PAGES[0]]
+    while waiting:
+        page = waiting.pop()
+        reached.add(page)
+        linked = {file for file, _ in links_of(page) if file.suffix == ".md"}
+        waiting += sorted(linked - reached)
+    assert set(PAGES) <= reached
+
+
+def test_no_target_is_taken_for_a_file() -> None:
+    found = re.search(r"^\.PHONY:(.*)$", MAKEFILE, re.M)
+    assert found and set(found.group(1).split()) == TARGETS
