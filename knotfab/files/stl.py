@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.geometry.meshes import Mesh
 
 __all__ = ["write_stl"]
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 # A header that began with "solid" would be taken for a text STL; a date would spoil repeatability.
 HEADER = b"knotfab binary STL, millimetres"

@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
-from knotfab.geometry.meshes import as_manifold
+from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["Mounted", "mount_piece"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
 from knotfab.mount.solids import frame_along, strut_solid
 from knotfab.mount.stand import StandMount
@@ -19,8 +17,6 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["stand_bodies"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 ROOT_HEIGHT_MM = 3.0
 OVERLAP_MM = 0.5

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
@@ -32,8 +32,6 @@ __all__ = [
     "sag_on_pegs",
     "wall_bodies",
 ]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
 # thin ones pass between more strands

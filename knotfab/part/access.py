@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
 
 __all__ = ["TOOLS_MM", "Access", "measure_access"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 # Diameters of straight round tools: a finger; the jaws of a cutter; the nose of fine pliers; a hook.
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}

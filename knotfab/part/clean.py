@@ -5,17 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["clean_body"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 # Slivers along the seams of a union may turn over when their corners are rounded; edges shorter than
 # these are collapsed, the least that is enough.

@@ -7,20 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.part.cut import CLEARANCE_MM, Cut
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["KERF_MM", "Piece", "cut_body"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 KERF_MM = 0.01  # of matter that is lost at a cut
 DEEPER_MM = 0.3  # than its pin is long a hole is

@@ -8,10 +8,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.part.clean import clean_body
@@ -20,8 +20,6 @@ from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 
 __all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 APART_MM = 5.0  # between pieces on one plate
 

@@ -9,18 +9,16 @@ from math import floor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
 
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 TURN_STEP_DEG = 0.25

@@ -12,16 +12,13 @@ import lib3mf
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import read_back_strict, read_shells, write_3mf, write_coloured_3mf
-from knotfab.geometry.meshes import join_meshes, split_shells
+from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab_validators.files.mesh import read_mesh
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 @pytest.fixture

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.files.threemf import Body, write_3mf
+from knotfab.geometry.meshes import Mesh
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.profile import write_profile
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 # a nozzle whose lines are 0.5 mm wide and layers of 0.25 mm: exact in binary
 EXACT = f"[printer]\nnozzle_mm = {4 / 9!r}\nlayer_height_mm = 0.25\n"
