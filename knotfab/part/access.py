@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
@@ -89,8 +89,7 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
     place, out = middle[chosen], normal[chosen]
     surface = cKDTree(_thin(middle))
-    vertices = np.concatenate([v for v, _ in bodies])
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = box_of(bodies)
     ways = spread_turns(WAYS)[3:, 2]
     best = np.zeros(len(place))  # diameter of the thickest tool that comes in
     # what a thick tool reaches, a thinner one reaches in the same way

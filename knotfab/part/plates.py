@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.part.clean import clean_body
@@ -206,5 +206,4 @@ def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Ar
 
 
 def _size(plate: Plate) -> list[float]:
-    most = np.max([v.max(axis=0) for v, _ in plate.bodies], axis=0)
-    return [round(float(x), 3) for x in most]
+    return [round(float(x), 3) for x in box_of(plate.bodies)[1]]

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
@@ -75,7 +75,7 @@ class PrintPose:
     @property
     def size_mm(self) -> Array:
         """(3,) extents of the surface."""
-        return np.asarray(np.max([v.max(axis=0) for v, _ in self.tubes], axis=0))
+        return box_of(self.tubes)[1]
 
 
 def choose_pose(
@@ -200,7 +200,7 @@ def lay_on_bed(
 ) -> PrintPose:
     """The piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
-    corner = np.min([vertices.min(axis=0) for vertices, _ in turned], axis=0)
+    corner, _ = box_of(turned)
     to_print, to_scene = np.eye(4), np.eye(4)
     to_print[:3, :3], to_print[:3, 3] = turn, -corner
     to_scene[:3, :3], to_scene[:3, 3] = turn.T, turn.T @ corner

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Mask
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, keep_faces
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
@@ -172,8 +172,7 @@ def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]
         off = middles.query(points)[0] > OFF_TUBE * knots.radius_mm
         own = faces[off[faces].any(axis=1)]
         if len(own):
-            used, renumbered = np.unique(own, return_inverse=True)
-            found.append(_fewer((points[used], renumbered.reshape(-1, 3).astype(np.int32))))
+            found.append(_fewer(keep_faces(points, own)))
     return found
 
 
