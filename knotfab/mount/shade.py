@@ -16,6 +16,7 @@ from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import VERIFIED_PX, Camera
+from knotfab.target.masks import sample_mask
 
 __all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
 
@@ -89,10 +90,8 @@ class ViewShadow:
         scale = VERIFIED_PX / max(camera.width, camera.height)
         width, height = (max(1, round(scale * n)) for n in (camera.width, camera.height))
         self.camera = camera.resized(width, height)
-        rows = ((np.arange(height) + 0.5) * target.shape[0] / height).astype(np.int64)
-        columns = ((np.arange(width) + 0.5) * target.shape[1] / width).astype(np.int64)
         self.before = np.zeros((height + 2, width + 2), dtype=bool)
-        self.before[1:-1, 1:-1] = target[np.ix_(rows, columns)]
+        self.before[1:-1, 1:-1] = sample_mask(target, width, height)
         self.before[-1] = True
         self.magnification = self._magnification()
         self.own = np.zeros_like(self.before)
@@ -141,9 +140,8 @@ class ViewShadow:
         steps = np.ceil(np.linalg.norm(b - a, axis=1)).astype(np.int64) + 1
         light = np.zeros(len(some), dtype=bool)
         for some_at_once in np.array_split(np.arange(len(some)), len(some) // AT_ONCE + 1):
-            n = np.repeat(some_at_once, steps[some_at_once])
-            ends = np.cumsum(steps[some_at_once])
-            number = np.arange(len(n)) - np.repeat(ends - steps[some_at_once], steps[some_at_once])
+            run, number = number_runs(steps[some_at_once])
+            n = some_at_once[run]
             t = number / np.maximum(steps[n] - 1, 1)
             there = a[n] + t[:, None] * (b[n] - a[n])
             half = half_a[n] + t * (half_b[n] - half_a[n])
