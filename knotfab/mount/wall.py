@@ -15,7 +15,7 @@ from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
-from knotfab.mount.solids import frame_along, strut_solid
+from knotfab.mount.solids import place_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
@@ -349,8 +349,7 @@ def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]
         root_height_mm=ROOT_HEIGHT_MM,
         sink_mm=peg.root_radius_mm * slant + OVERLAP_MM,
     )
-    turn = frame_along(axis, wall[:, 1])
-    solid = as_manifold(mesh).transform(np.column_stack([turn, peg.foot]))
+    solid = place_along(as_manifold(mesh), axis, peg.foot, wall[:, 1])
     if settings.foot == "plate":
         # what the slant needs must not come out of the plate's back
         inside = float(wall[:, 2] @ peg.foot) - 0.75 * settings.plate_thickness_mm
