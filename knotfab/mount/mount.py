@@ -216,7 +216,7 @@ def mount_piece(
         bodies,
         ["piece with wall plate"] if foot == "plate" else _names(len(bodies)),
         scene.model_copy(update={"mount": resolved}),
-        _off_the_wall(camera),
+        camera.wall_axes,  # the wall on the bed, its front up
         mount,
     )
 
@@ -253,18 +253,9 @@ def _foot(scene: Scene, knots: Knots, camera: Camera) -> Literal["plate", "dowel
     asked = scene.mount
     if asked.foot != "auto":
         return asked.foot
-    across = camera.width * float(np.linalg.norm(camera.du)) + 2 * asked.plate_margin_mm
-    along = camera.height * float(np.linalg.norm(camera.dv)) + 2 * asked.plate_margin_mm
+    across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver
     high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm
     width, depth, height = scene.printer.build_volume_mm
     fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
     return "plate" if fits and high + asked.plate_thickness_mm <= height else "dowel"
-
-
-def _off_the_wall(camera: Camera) -> Array:
-    """The turn that lays the wall on the bed, its front up and the picture's right to the right."""
-    out = camera.receiver[:3]
-    across = camera.du / np.linalg.norm(camera.du)
-    turn: Array = np.stack([across, np.cross(out, across), out])
-    return turn

@@ -299,10 +299,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     from manifold3d import Manifold, OpType
 
     groups: list[list[Manifold]] = [[as_manifold(tube)] for tube in tubes]
-    # across and up the wall, and out of it
-    out = camera.receiver[:3]
-    across = camera.du / np.linalg.norm(camera.du)
-    wall = np.column_stack([across, np.cross(out, across), out])
+    wall = np.column_stack(list(camera.wall_axes))
     for peg in mount.pegs:
         groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
     members = mount.struts
@@ -365,10 +362,7 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
     from knotfab_fixtures.plate import wall_plate
 
     s = mount.settings
-    width = camera.width * float(np.linalg.norm(camera.du))
-    height = camera.height * float(np.linalg.norm(camera.dv))
-    middle = camera.corner + 0.5 * (camera.width - 1) * camera.du
-    middle = middle + 0.5 * (camera.height - 1) * camera.dv
+    width, height = camera.frame_mm
     mesh = wall_plate(
         width + 2 * s.plate_margin_mm,
         height + 2 * s.plate_margin_mm,
@@ -378,5 +372,5 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
         mark_mm=s.mark_mm,
         corner_radius_mm=min(6.0, s.plate_margin_mm),
     )
-    back = middle - s.plate_thickness_mm * wall[:, 2]
+    back = camera.middle - s.plate_thickness_mm * wall[:, 2]
     return as_manifold(mesh).transform(np.column_stack([wall, back]))
