@@ -110,8 +110,8 @@ class Mounted:
             "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
             "base_mm": [width, depth, front],
             "base_back_mm": back,
-            "margin_mm": stand.margin_mm,
-            "tip_deg": stand.tip_deg,
+            "margin_mm": stand.base.margin_mm,
+            "tip_deg": stand.base.tip_deg,
             "predicted_intrusion": float(stand.predicted_intrusion.max()),
             "sag_mm": stand.sag_again_mm,
             "max_sag_mm": self.scene.mount.max_sag_mm,
@@ -195,7 +195,7 @@ def mount_piece(
         knots,
         camera,
         scene.piece.clearance_mm,
-        Stiffness(scene.material.young_modulus_mpa, scene.material.density_g_cm3, asked.max_sag_mm),
+        Stiffness.of(scene),
         WallSettings(
             foot,
             asked.plate_thickness_mm,
@@ -228,13 +228,13 @@ def _on_a_stand(
     cameras: Sequence[Camera],
     targets: Sequence[Mask],
 ) -> Mounted:
-    asked, material = scene.mount, scene.material
+    asked = scene.mount
     stand = plan_stand(
         knots,
         cameras,
         targets,
         scene.piece.clearance_mm,
-        Stiffness(material.young_modulus_mpa, material.density_g_cm3, asked.max_sag_mm),
+        Stiffness.of(scene),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
         [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
     )

@@ -25,6 +25,7 @@ SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
 HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
 LONGEST_RADII = 20.0  # of a hidden strut
+LOOKS = 12  # along a member, for whether it is hidden
 AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
@@ -118,11 +119,11 @@ class ViewShadow:
         more = self._strips(some.start, some.end, some.radius) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 
-    def hidden(self, some: Candidates, samples: int = 12) -> Mask:
+    def hidden(self, some: Candidates) -> Mask:
         """(n,) whether a member's whole shadow lies where picture or knots darken anyway."""
         found = np.ones(len(some), dtype=bool)
         # the middle first: few candidates are left for the rest
-        for t in np.argsort(np.abs(np.linspace(0, 1, samples) - 0.5)) / (samples - 1):
+        for t in np.argsort(np.abs(np.linspace(0, 1, LOOKS) - 0.5)) / (LOOKS - 1):
             left = np.flatnonzero(found)
             start = some.start[left]
             uv, half = self._seen(start + t * (some.end[left] - start), some.radius[left])

@@ -37,7 +37,7 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
     if kind == "stand":
         base = Base(slope_below([camera]), -30.0, 32.0, -20.0, 25.0, -75.0, 9.0, 20.0, 15.0)
         none = np.empty(0, dtype=np.int64)
-        stand = StandMount(nothing(), none, base, 9.0, 15.0, 0.1, np.zeros(3), 0.1, np.zeros(1))
+        stand = StandMount(nothing(), none, base, 0.1, np.zeros(3), 0.1, np.zeros(1))
         return Mounted(bodies, ["piece"], scene, None, None, stand), scene, camera
     normal = camera.receiver[:3]
     pegs = []

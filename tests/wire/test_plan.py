@@ -41,7 +41,7 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
         wall_distance_mm=10.0, picture="p.png",
     )  # fmt: skip
     scene = ResolvedScene.model_construct(
-        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.9)
+        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.62)
     )
     shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
     knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
@@ -55,7 +55,7 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WirePlan]:
     folder = tmp_path_factory.mktemp("wire")
     knots, scene, picture = ring_scene(folder, 2)
-    return folder, write_bending_plan(folder, knots, scene, [picture], iou_floor=0.5)
+    return folder, write_bending_plan(folder, knots, scene, [picture])
 
 
 def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
@@ -77,11 +77,11 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
 
 def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     knots, scene, picture = ring_scene(tmp_path, 1)
-    good = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.6)
+    good = write_bending_plan(tmp_path, knots, scene, [picture])
     assert good.files[0] == "bends.csv" and good.status == "pass" and good.iou > 0.6
     other = tmp_path / "other.png"
     Image.fromarray(np.asarray(Image.open(picture))[:, ::-1][:300]).resize((600, 600)).save(other)
-    bad = write_bending_plan(tmp_path, knots, scene, [other], iou_floor=0.5)
+    bad = write_bending_plan(tmp_path, knots, scene, [other])
     assert bad.iou < 0.5 and bad.status == "fail"
     assert [c["name"] for c in bad.checks if c["status"] == "fail"] == ["wire_shadow"]
 
@@ -127,7 +127,7 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
         swapped[wrong] = tmp_path / "wrong.png"
         Image.open(pictures[wrong]).rotate(90).save(swapped[wrong])
         shadows = cast_shadows(scene, swapped, knots)
-        judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 2.0, 0.78, ("unknot",))
+        judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 0.78, ("unknot",))
         checks = judge.of([rows], ["bends.csv"], [False]).checks
         failed = [c for c in checks if c["status"] == "fail"]
         assert [c["name"] for c in failed] == ["wire_shadow"]
@@ -168,7 +168,7 @@ KNOT = WireKnot("b.csv", 100.0, 9, Deviation(1.0, 0.2, 0.5, (0, 0, 0)), 0.5, 1.9
 
 
 def verdicts(knot: WireKnot, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
-    found = check_wire((knot,), STEEL, 0.5, 2.0, {"near": 0.95, "far": iou}, 0.9, least)
+    found = check_wire((knot,), STEEL, 0.5, {"near": 0.95, "far": iou}, 0.9, least)
     return {c["name"]: c["status"] for c in found}
 
 
