@@ -13,7 +13,16 @@ from knotfab.arrays import Array
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["Mesh", "as_manifold", "as_mesh", "box_of", "join_meshes", "keep_faces", "split_shells"]
+__all__ = [
+    "Mesh",
+    "as_manifold",
+    "as_mesh",
+    "box_of",
+    "face_normals",
+    "join_meshes",
+    "keep_faces",
+    "split_shells",
+]
 
 Mesh = tuple[Array, NDArray[np.int32]]
 """Vertices (n, 3) mm and faces (m, 3)."""
@@ -50,6 +59,11 @@ def box_of(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) of all meshes together, mm."""
     low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
     return low, np.max([vertices.max(axis=0) for vertices, _ in meshes], axis=0)
+
+
+def face_normals(corners: Array) -> Array:
+    """(m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def keep_faces(vertices: Array, faces: NDArray[np.int32]) -> Mesh:

@@ -20,6 +20,7 @@ from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.require import require_mount
+from knotfab_validators.check import at_most
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -136,17 +137,11 @@ class Mounted:
                 f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
                 f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
             )
-        return {
-            "name": "sag",
-            "status": "pass" if sag <= limit else "fail",
-            "required": True,
-            "measured": sag,
-            "limit": limit,
-            "unit": "mm",
-            "detail": f"largest displacement under the piece's own weight on {on}, "
-            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}",
-            "at": [],
-        }
+        detail = (
+            f"largest displacement under the piece's own weight on {on}, "
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}"
+        )
+        return at_most("sag", sag, limit, "mm", detail).to_dict()
 
 
 def mount_piece(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
-from knotfab.geometry.meshes import Mesh, box_of
+from knotfab.geometry.meshes import Mesh, box_of, face_normals
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
@@ -137,7 +137,7 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
     Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
     is sampled along its length alone.
     """
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = face_normals(corners)
     double = np.linalg.norm(across, axis=1)
     corners, across, double = corners[double > 0], across[double > 0], double[double > 0]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh, face_normals
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -47,9 +47,7 @@ def _is_clean(body: Mesh) -> bool:
     vertices, faces = body
     if len(np.unique(vertices, axis=0)) < len(vertices):
         return False  # two corners became one
-    corner = vertices[faces]
-    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    if not area.any(axis=1).all():
+    if not face_normals(vertices[faces]).any(axis=1).all():
         return False
     _, pairs, _ = predicates.find_self_intersections(
         np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64)

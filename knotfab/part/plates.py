@@ -117,12 +117,11 @@ def lay_on_plates(
 
     def pose(name: str, mesh: Mesh, points: Array, radius: float, closed: bool) -> _Posed:
         knots = Knots((Knot(points, closed=closed),), radius)
-        if upright is not None:
-            try:
-                found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
-            except SceneError:
-                found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
-        else:
+        try:
+            found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
+        except SceneError:
+            if upright is None:
+                raise
             found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
         if found.account is not None:
             poses.append({"body": name, **found.account.to_dict()})

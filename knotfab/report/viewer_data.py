@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Mask
-from knotfab.geometry.meshes import Mesh, keep_faces
+from knotfab.geometry.meshes import Mesh, face_normals, keep_faces
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
@@ -81,7 +81,7 @@ def viewer_data(
     data: Record = {
         "unit": "mm",
         "radius": placed.radius_mm,
-        "curves": _pack_curves(placed),
+        "curves": [pack_rows(knot.points) for knot in placed.knots],
         "views": [
             {key: getattr(view, key) for key in VIEW_KEYS} | {"picture": silhouette_uri(mask)}
             for view, mask in zip(scene.views, silhouettes, strict=True)
@@ -122,9 +122,8 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
     """
     at, down = [], []
     for vertices, faces in bodies:
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        at.append((a + b + c) / 3)
+        normal = face_normals(vertices[faces])
+        at.append(vertices[faces].mean(axis=1))
         down.append(-normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-300))
     middle, steep = np.concatenate(at), np.concatenate(down)
     under = (steep > np.sin(np.radians(rules.max_overhang_deg))) & (middle[:, 2] > rules.layer_mm)
@@ -150,10 +149,6 @@ def _thin(points: Array, step_mm: float) -> Array:
 
 def _base64(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
-
-
-def _pack_curves(knots: Knots) -> list[Record]:
-    return [pack_rows(knot.points) for knot in knots.knots]
 
 
 def _pack_mesh(mesh: Mesh) -> Record:
