@@ -185,9 +185,7 @@ def write_bending_plan(
     pages = {}
     for key, paper in PAPERS.items():
         path = folder / f"bending-templates-{key}{suffix}.pdf"
-        pages[path.name] = write_templates(
-            path, paper, drawings, facts, "print at 100 %, not fitted to the page"
-        )
+        pages[path.name] = write_templates(path, paper, drawings, facts)
     length = sum(k.length_mm for k in verdict.knots)
     frames = [measure_frame(s.mask, s.view, material) for s in shadows]
     frame = min(frames, key=lambda f: f.most_iou)

@@ -24,7 +24,7 @@ def test_lengths_read_as_on_a_ruler(value: float, text: str) -> None:
     [(50.0, 1), (100.0, 1), (100.1, 1.5), (200, 2), (201, 2.5), (799, 8), (801, 10), (10_001, 150)],
 )
 def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
-    to = fit_scale((-size / 2, 0.0, size / 2, 10.0), (20.0, 30.0, 120.0, 130.0))
+    to = fit_scale(np.array([[-size / 2, 10.0], [size / 2, 0.0]]), (20.0, 30.0, 120.0, 130.0))
     assert to.ratio == pytest.approx(ratio)
     ends = to(np.array([[-size / 2, 0.0], [size / 2, 10.0]]))
     assert ends.mean(axis=0) == pytest.approx([70.0, 80.0])

@@ -43,7 +43,7 @@ def test_crosses_of_neighbours_are_the_same_places_of_the_drawing() -> None:
     first, second = lay_tiles((0, 0, paper.room[0] + 50, 100), paper)
 
     def crosses(tile: Tile) -> set[tuple[float, float]]:
-        _, axes, shift, _ = draw_tile(paper, tile, 2, "page", "title", "note", "drill")
+        _, axes, shift, _ = draw_tile(paper, tile)
         found = set()
         for line in axes.lines:
             x, y = (np.asarray(v, dtype=float) for v in line.get_data())

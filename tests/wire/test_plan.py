@@ -238,7 +238,7 @@ def drawing(size: float = 60.0) -> WireDrawing:
 @pytest.mark.parametrize(("name", "size"), [("a4", (210, 297)), ("letter", (215.9, 279.4))])
 def test_pages_have_the_papers_size(tmp_path: Path, name: str, size: tuple[float, float]) -> None:
     path = tmp_path / "t.pdf"
-    pages = write_templates(path, PAPERS[name], [drawing()], ["a fact"], "note")
+    pages = write_templates(path, PAPERS[name], [drawing()], ["a fact"])
     boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", path.read_bytes())
     assert len(boxes) == pages == 2
     for box in boxes:
@@ -247,7 +247,7 @@ def test_pages_have_the_papers_size(tmp_path: Path, name: str, size: tuple[float
 
 def test_ruler_and_wire_are_at_full_size(tmp_path: Path) -> None:
     path = tmp_path / "t.pdf"
-    write_templates(path, PAPERS["a4"], [drawing(60.0)], [], "")
+    write_templates(path, PAPERS["a4"], [drawing(60.0)], [])
     pages = streams(path)
     with_ruler = [
         s for s in pages
@@ -263,5 +263,5 @@ def test_ruler_and_wire_are_at_full_size(tmp_path: Path) -> None:
 
 def test_the_same_plan_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        write_templates(tmp_path / name, PAPERS["a4"], [drawing()], ["x"], "n")
+        write_templates(tmp_path / name, PAPERS["a4"], [drawing()], ["x"])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
