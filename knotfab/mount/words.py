@@ -13,7 +13,7 @@ from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
 from knotfab.scene.model import View
 
-__all__ = ["costs_of", "lamp_facts", "steps_of"]
+__all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
 
 LAMP_MM = 10.0  # of misplacement, for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
@@ -24,7 +24,7 @@ LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or f
 TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
 
 
-def opposite(place: Placement) -> str:
+def _opposite(place: Placement) -> str:
     """The point of the wall that is square opposite the lamp, in words."""
     parts = []
     for value, (more, less) in (
@@ -56,7 +56,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             else f"Screw the plate on, the way up that is drawn (screws of at most "
             f"{length(s.hole_diameter_mm)} mm).",
             f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
-            f"{opposite(place)}.",
+            f"{_opposite(place)}.",
         ]
     elif mounted.wall is not None:
         s = mounted.wall.settings
@@ -66,13 +66,13 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             f"{length(s.dowel_depth_mm + 1)} mm deep.",
             "Push the pegs in until they meet the wall. Keep the corners of the frame in pencil "
             "until the lamp stands.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     else:
         steps = [
             "Mark the corners of the frame on the wall.",
             f"Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     distances = [mark.lamp_mm for mark in place.marks]
     if max(distances) - min(distances) < HEAR_MM:

@@ -24,6 +24,8 @@ __all__ = [
     "decode",
     "looks_like_raster",
     "own_box",
+    "shrink",
+    "shrink_factor",
     "silhouette",
 ]
 

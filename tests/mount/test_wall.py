@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rings import RADIUS, camera, knots, ring
+from rings import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring
 
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
@@ -12,11 +12,6 @@ from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import Peg, WallSettings, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.part.clean import clean_body
-
-PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
-DOWEL = WallSettings("dowel", 3.0, 8.0, 4.0, 10.0)
-PLA = Stiffness(2300.0, 1.24, 0.2)
-
 
 ONE = knots(ring(50.0))
 TWO = knots(ring(50.0), ring(25.0, 10.0))
