@@ -36,6 +36,7 @@ from knotfab.mount.strokes import (
     lamp_name,
     note,
 )
+from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, View
@@ -351,7 +352,8 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
         axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
         if place.plate_mm is None:
             note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
-    if place.plate_mm is not None and mounted.wall is not None and mounted.wall.settings.mark_mm:
+    wall = mounted.wall
+    if place.plate_mm is not None and wall is not None and mark_depth_mm(wall.settings):
         x, y = (s / 2 for s in place.plate_mm)
         for at, marker in (((0, y), "v"), ((0, -y), "^"), ((-x, 0), ">"), ((x, 0), "<")):
             axes.plot(*to(np.array(at)), marker, ms=3, color=INK, mew=0)

@@ -15,7 +15,7 @@ from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
-from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
+from knotfab.mount.wall import WallMount, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
@@ -186,18 +186,13 @@ def mount_piece(
         return _on_a_stand(scene, knots, tubes, cameras, targets)
     camera = cameras[0]
     foot = _foot(scene, knots, camera)
+    asked = asked.model_copy(update={"foot": foot})
     mount = plan_wall(
         knots,
         camera,
         scene.piece.clearance_mm,
         Stiffness.of(scene),
-        WallSettings(
-            foot,
-            asked.plate_thickness_mm,
-            asked.plate_margin_mm,
-            asked.hole_diameter_mm,
-            asked.dowel_depth_mm,
-        ),
+        asked,
         targets[0] if targets else None,
         thoroughly=thoroughly,
     )
@@ -205,7 +200,7 @@ def mount_piece(
         sum(peg.knot == k for peg in mount.pegs) + int((mount.struts_of == k).sum())
         for k in range(len(tubes))
     ]
-    resolved = asked.model_copy(update={"foot": foot, "pegs": tuple(count)})
+    resolved = asked.model_copy(update={"pegs": tuple(count)})
     bodies = wall_bodies(tubes, mount, camera)
     return Mounted(
         bodies,

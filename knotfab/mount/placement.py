@@ -9,6 +9,7 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
+from knotfab.mount.wall import hole_inset_mm
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
@@ -90,7 +91,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
         s = mounted.wall.settings
         if s.foot == "plate":
             plate = (width + 2 * s.plate_margin_mm, height + 2 * s.plate_margin_mm)
-            x = plate[0] / 2 - s.hole_inset_mm
+            x = plate[0] / 2 - hole_inset_mm(s)
             holes = np.array([[-x, 0.0], [x, 0.0]])
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T

@@ -19,6 +19,7 @@ from knotfab.mount.solids import place_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
+from knotfab.scene.model import Mount
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -27,7 +28,8 @@ __all__ = [
     "NotHeldError",
     "Peg",
     "WallMount",
-    "WallSettings",
+    "hole_inset_mm",
+    "mark_depth_mm",
     "plan_wall",
     "sag_on_pegs",
     "wall_bodies",
@@ -51,27 +53,16 @@ class NotHeldError(SceneError):
     """No pegs that were tried hold the piece where it is."""
 
 
-@dataclass(frozen=True)
-class WallSettings:
-    """What is asked of a wall mount (mm)."""
+def hole_inset_mm(asked: Mount) -> float:
+    """From a plate's left and right edge to the middle of a screw hole."""
+    return asked.plate_margin_mm / 2 + asked.hole_diameter_mm / 4
 
-    foot: Literal["plate", "dowel"]
-    plate_thickness_mm: float
-    plate_margin_mm: float
-    hole_diameter_mm: float
-    dowel_depth_mm: float
 
-    @property
-    def hole_inset_mm(self) -> float:
-        """From the plate's left and right edge to the middle of a screw hole."""
-        return self.plate_margin_mm / 2 + self.hole_diameter_mm / 4
-
-    @property
-    def mark_mm(self) -> float:
-        """Depth of the notches in the plate's edges, which stay in its margin; 0 where there is no room."""
-        beside = (self.hole_inset_mm - self.hole_diameter_mm / 2) / 2
-        deep = min(MARK_MM, self.plate_margin_mm / 5, beside)
-        return deep if deep >= LEAST_MARK_MM else 0.0
+def mark_depth_mm(asked: Mount) -> float:
+    """Depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
+    beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
+    deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
+    return deep if deep >= LEAST_MARK_MM else 0.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,7 @@ class WallMount:
     sag_mm: float
     sag_at: Array
     sag_again_mm: float
-    settings: WallSettings
+    settings: Mount
     struts: Candidates = field(default_factory=nothing)
     struts_of: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
@@ -125,7 +116,7 @@ def plan_wall(
     camera: Camera,
     clearance_mm: float,
     stiffness: Stiffness,
-    settings: WallSettings,
+    settings: Mount,
     target: Mask | None = None,
     *,
     thoroughly: bool = True,
@@ -136,6 +127,7 @@ def plan_wall(
     so need a plate: on dowels every knot is a body that can be split.
 
     Args:
+        settings: what the scene asks of its mount, with a foot of a kind.
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
         thoroughly: all that may help is tried, and what then sags is returned; otherwise, where the piece
             could be moved instead, what takes long and hardly helps is left out.
@@ -171,7 +163,7 @@ def _with_share(
     camera: Camera,
     clearance_mm: float,
     stiffness: Stiffness,
-    settings: WallSettings,
+    settings: Mount,
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
@@ -330,7 +322,7 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
         )
 
 
-def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]:
+def _peg_solids(peg: Peg, wall: Array, settings: Mount) -> list[Manifold]:
     """A peg from tube to wall, and what holds it there."""
     from knotfab_fixtures.peg import dowel
     from knotfab_fixtures.peg import peg as peg_mesh
@@ -368,8 +360,8 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
         height + 2 * s.plate_margin_mm,
         s.plate_thickness_mm,
         s.hole_diameter_mm,
-        hole_inset_mm=s.hole_inset_mm,
-        mark_mm=s.mark_mm,
+        hole_inset_mm=hole_inset_mm(s),
+        mark_mm=mark_depth_mm(s),
         corner_radius_mm=min(6.0, s.plate_margin_mm),
     )
     back = camera.middle - s.plate_thickness_mm * wall[:, 2]

@@ -11,6 +11,7 @@ import numpy as np
 from knotfab.drawing.dimensions import length
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
+from knotfab.mount.wall import mark_depth_mm
 from knotfab.scene.model import View
 
 __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
@@ -46,7 +47,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
         across = float(place.holes[1, 0] - place.holes[0, 0])
         s = mounted.wall.settings
-        marked = "The notches in its edges mark their middles. " if s.mark_mm else ""
+        marked = "The notches in its edges mark their middles. " if mark_depth_mm(s) else ""
         steps = [
             f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame "
             "is half-way between them.",
