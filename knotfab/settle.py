@@ -146,14 +146,13 @@ def _search(
 
 
 def _propose_place(request: Request, made: Design) -> Place | None:
-    material, limit = made.scene.material, made.scene.mount.max_sag_mm
     shallower, nearer = _open(request)
     view, asked = made.scene.views[0], request.scene.piece.tube_radius_mm
     return propose_place(
         made.knots,
         view,
         made.scene.piece.clearance_mm,
-        Stiffness(material.young_modulus_mpa, material.density_g_cm3, limit),
+        Stiffness.of(made.scene),
         shallower=shallower,
         nearer=nearer,
         most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),

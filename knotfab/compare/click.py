@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import shlex
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from PIL import Image
 from knotfab.compare.compare import read_photo
 from knotfab.files.whole import write_whole
 from knotfab.report.report_html import make_environment
+from knotfab.target.data_uri import image_uri
 
 __all__ = ["write_click_page"]
 
@@ -30,12 +29,10 @@ def write_click_page(photo: Path, command: list[str], out: Path) -> None:
     image = Image.fromarray((255 * read_photo(photo)).round().astype("uint8"))
     width, height = image.size
     image.thumbnail((_LONGER_PX, _LONGER_PX))
-    file = io.BytesIO()
-    image.save(file, "JPEG", quality=85)
     template = make_environment(Path(__file__).parent).get_template("click.html.j2")
     page: str = template.render(
         name=photo.name,
-        uri="data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii"),
+        uri=image_uri(image, "jpeg", quality=85),
         width=width,
         height=height,
         before=shlex.join(command[:4]),

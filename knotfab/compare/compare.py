@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from knotfab.mount.marks import CARD_MM, card_middles
 from knotfab.scene.camera import camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
+from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import mask_iou
 from knotfab.target.raster import decode
 from knotfab.target.read import read_bytes, read_target
@@ -258,6 +258,4 @@ def _draw(wanted: Mask, shadow: Mask) -> bytes:
     sheet[wanted & shadow] = _BOTH
     sheet[wanted & ~shadow] = _MISSING
     sheet[shadow & ~wanted] = _SPILL
-    buffer = io.BytesIO()
-    Image.fromarray(sheet).save(buffer, "PNG")
-    return buffer.getvalue()
+    return encode_image(Image.fromarray(sheet))

@@ -49,9 +49,10 @@ class Scaled:
         return f"1:{self.ratio:g}"
 
 
-def fit_scale(box: Box, zone: Box) -> Scaled:
-    """`box` (mm of the thing) in the middle of `zone` (mm of the page), at the largest usual scale."""
-    size = np.array([box[2] - box[0], box[3] - box[1]])
+def fit_scale(points: Array, zone: Box) -> Scaled:
+    """The largest usual scale at which points (n, 2), mm, fit `zone` (mm of the page): in its middle."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = high - low
     room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
     least = float((size / room).max())
     ratio, power = _STEPS[0], 1.0
@@ -59,7 +60,7 @@ def fit_scale(box: Box, zone: Box) -> Scaled:
         usual = [s * power for s in _STEPS if s * power >= least * (1 - 1e-9)]
         power *= 10.0
         ratio = usual[0] if usual else power
-    middle = np.array([box[0] + box[2], box[1] + box[3]]) / 2
+    middle = (low + high) / 2
     there = np.array([zone[0] + zone[2], zone[1] + zone[3]]) / 2
     x, y = there - middle / ratio
     return Scaled(ratio, (float(x), float(y)))

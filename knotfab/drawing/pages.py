@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from knotfab.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,12 +21,14 @@ __all__ = [
     "PAPERS",
     "RULER_MM",
     "Box",
+    "Drawing",
     "Paper",
     "Tile",
     "draw_facts",
     "draw_foot",
     "draw_ruler",
     "draw_tile",
+    "draw_tiled",
     "lay_tiles",
     "make_page",
     "write_pages",
@@ -34,6 +38,7 @@ Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 OVERLAP_MM = 10.0  # what neighbouring pages share
 RULER_MM = 100.0
+FULL_SIZE = "print at 100 %, not fitted to the page"
 _HEAD_MM = 16.0  # at the foot of each page, for the ruler and the page's name
 
 
@@ -144,13 +149,43 @@ def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before
     return figure
 
 
-def draw_tile(
-    paper: Paper, tile: Tile, count: int, page: str, title: str, note: str, before: str
-) -> tuple[Figure, Axes, tuple[float, float], Rectangle]:
-    """A page for one tile of a drawing: its window, crosses to lay on each other, ruler and foot.
+@dataclass(frozen=True)
+class Drawing:
+    """A drawing at full size that may take several pages: its bounds, mm, and what draws it on one of them.
+
+    `draw` is handed a page's axes, the shift (2,), mm, from the drawing to it, and the window to clip by.
+    """
+
+    title: str
+    box: Box
+    draw: Callable[[Axes, Array, Rectangle], None]
+
+
+def draw_tiled(
+    paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
+) -> Iterator[Figure]:
+    """A page of words, and the pages that cover each drawing; its ruler is measured before one `before`s."""
+    tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
+    total = 1 + sum(len(tiles) for _, tiles in tiled)
+    yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
+    number = 1
+    for drawing, tiles in tiled:
+        for tile in tiles:
+            number += 1
+            where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
+            figure, axes, shift, window = draw_tile(paper, tile)
+            draw_ruler(axes, paper, before)
+            page = f"page {number} of {total}"
+            draw_foot(axes, paper, page, f"{drawing.title}{where}", FULL_SIZE)
+            drawing.draw(axes, shift, window)
+            yield figure
+
+
+def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
+    """A page for one tile of a drawing: its window, and crosses to lay on each other.
 
     Returns:
-        The figure, its axes, the shift (mm) from the drawing to the page, and the window to clip by.
+        The figure, its axes, the shift (2,), mm, from the drawing to the page, and the window to clip by.
     """
     from matplotlib.patches import Rectangle
 
@@ -165,7 +200,4 @@ def draw_tile(
         for y in (y0 + half, y0 + high - half):
             axes.plot([x - 3, x + 3], [y, y], color="black", lw=0.25)
             axes.plot([x, x], [y - 3, y + 3], color="black", lw=0.25)
-    draw_ruler(axes, paper, before)
-    where = f", row {tile.row + 1}, column {tile.column + 1}" if count > 1 else ""
-    draw_foot(axes, paper, page, f"{title}{where}", note)
-    return figure, axes, (x0 - tile.left, y0 - tile.bottom), window
+    return figure, axes, np.array([x0 - tile.left, y0 - tile.bottom]), window

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knotfab.geometry.meshes import Mesh, face_normals
 
 __all__ = ["write_stl"]
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 # A header that began with "solid" would be taken for a text STL; a date would spoil repeatability.
 HEADER = b"knotfab binary STL, millimetres"
@@ -30,7 +29,7 @@ def write_stl(path: Path, bodies: Sequence[Mesh]) -> None:
     triangles = np.concatenate(corners) if corners else np.empty((0, 3, 3))
     if not len(triangles) or not np.isfinite(triangles).all():
         raise ValueError("an STL needs faces with finite corners")
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = face_normals(triangles)
     length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     facets = np.zeros(len(triangles), dtype=FACET)
     facets["normal"] = normal / np.maximum(length, 1e-300)[:, None]

@@ -7,7 +7,6 @@ import locale
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -18,18 +17,9 @@ from numpy.typing import NDArray
 from knotfab import __version__
 from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 
-__all__ = ["Body", "read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
+__all__ = ["read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
 
 DECIMALS = 6  # of a millimetre, written out
-
-
-@dataclass(frozen=True)
-class Body:
-    """A closed surface with a name: vertices (n, 3) mm, faces (m, 3)."""
-
-    name: str
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
 
 
 def write_3mf(path: Path, bodies: Sequence[Mesh], title: str = "knotfab") -> None:
@@ -142,8 +132,8 @@ def read_back_strict(path: Path) -> list[str]:
     return [str(reader.GetWarning(i)) for i in range(reader.GetWarningCount())]
 
 
-def read_shells(path: Path) -> list[Body]:
-    """The closed surfaces of a file that `write_3mf` wrote, in its order: "shell 1", "shell 2", …
+def read_shells(path: Path) -> list[Mesh]:
+    """The closed surfaces of a file that `write_3mf` wrote, in its order.
 
     Transforms are not applied: it writes none but the identity.
 
@@ -165,7 +155,7 @@ def read_shells(path: Path) -> list[Body]:
         raise ValueError(f"{path.name} is not a 3MF file, or is damaged: {error}") from error
     if not shells:
         raise ValueError(f"{path.name} holds no mesh")
-    return [Body(f"shell {number}", *shell) for number, shell in enumerate(shells, start=1)]
+    return shells
 
 
 def _palette(wrapper: Any, model: Any, colors: Sequence[str]) -> dict[str, tuple[int, int]]:

@@ -10,7 +10,7 @@ from knotfab.errors import InputError
 __all__ = ["write_whole"]
 
 
-def write_whole(path: Path, content: bytes, option: str = "--out") -> None:
+def write_whole(path: Path, content: bytes) -> None:
     """Write beside, then move into place: never half a file.
 
     Raises:
@@ -26,5 +26,5 @@ def write_whole(path: Path, content: bytes, option: str = "--out") -> None:
             beside.unlink(missing_ok=True)
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(
-            f"{option} {path}", f"it cannot be written ({reason})", "Choose another place."
+            f"--out {path}", f"it cannot be written ({reason})", "Choose another place."
         ) from error

@@ -8,12 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.arrays import Array
+
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["Mesh", "as_manifold", "as_mesh", "join_meshes", "split_shells"]
+__all__ = [
+    "Mesh",
+    "as_manifold",
+    "as_mesh",
+    "box_of",
+    "face_normals",
+    "join_meshes",
+    "keep_faces",
+    "split_shells",
+]
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
+Mesh = tuple[Array, NDArray[np.int32]]
 """Vertices (n, 3) mm and faces (m, 3)."""
 
 
@@ -44,6 +55,23 @@ def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
+def box_of(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) of all meshes together, mm."""
+    low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
+    return low, np.max([vertices.max(axis=0) for vertices, _ in meshes], axis=0)
+
+
+def face_normals(corners: Array) -> Array:
+    """(m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def keep_faces(vertices: Array, faces: NDArray[np.int32]) -> Mesh:
+    """Some of a mesh's faces (k, 3) with the vertices that they use."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
+
+
 def split_shells(mesh: Mesh) -> list[Mesh]:
     """The connected surfaces of a mesh, in the order of their first faces.
 
@@ -59,9 +87,4 @@ def split_shells(mesh: Mesh) -> list[Mesh]:
     _, label = connected_components(graph, directed=False)
     of_faces = label[faces[:, 0]]
     names, first = np.unique(of_faces, return_index=True)
-    shells = []
-    for name in names[np.argsort(first)]:
-        own = faces[of_faces == name]
-        used, renumbered = np.unique(own, return_inverse=True)
-        shells.append((vertices[used], renumbered.reshape(-1, 3).astype(np.int32)))
-    return shells
+    return [keep_faces(vertices, faces[of_faces == name]) for name in names[np.argsort(first)]]

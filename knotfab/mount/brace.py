@@ -27,6 +27,7 @@ LEAST_GAIN = 0.01  # of the displacement, that a member must take away
 THICKER = 1.15  # times its radius, when a visible member is
 MOST_SHARE = 0.95  # of the tube's radius that a member may have
 SEEN_SHARE = 1e-5  # of the frame: a member that darkens more shows
+MOST = 100  # members that are added
 WANTED = 0.92  # of the limit, so that the second model meets it too
 
 
@@ -49,7 +50,6 @@ def brace(
     given: Candidates,
     stiffness: Stiffness,
     *,
-    most: int = 100,
     settled: bool = False,
 ) -> Braced:
     """Add members, or thicken those that show, until nothing sags more than `max_sag_mm` (gravity: -y).
@@ -81,7 +81,7 @@ def brace(
         sag = float(np.linalg.norm(moved[:, :3], axis=1).max())
         if sag < least:
             least, best = sag, members
-        if sag <= limit or len(members) >= len(given) + most or idle >= IDLE_ROUNDS:
+        if sag <= limit or len(members) >= len(given) + MOST or idle >= IDLE_ROUNDS:
             break
         promise = _promise(frame, sites, candidates, moved) / (1 + cost / dear)
         for n in range(len(seen), len(members)):

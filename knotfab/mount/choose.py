@@ -19,6 +19,7 @@ __all__ = ["Pegs", "choose_pegs"]
 APART_RADII = 4.0  # between the middles of two feet, so that each keeps its fillet
 CANDIDATES = 192  # of one knot: in each stretch of its length the shortest free ray
 TRIED = 32  # of them when a peg is added: those nearest to where it sags most
+MOST = 60  # of one knot
 STUCK = 4  # pegs in a row that hardly help
 # Of the displacements whose sum a further peg is to lower; the largest alone may stay the same
 # wherever one peg is put.
@@ -44,14 +45,12 @@ def choose_pegs(
     top_radius_mm: Array,
     foot_radius_mm: Array,
     stiffness: Stiffness,
-    *,
-    most: int = 60,
 ) -> Pegs:
     """Choose rays for pegs until no point of any knot sags more than `max_sag_mm` (gravity: -y).
 
     Each knot starts with one peg. Then the peg is added that leaves the least sag, and in the end
     those are taken away that the limit does not need. Where no free ray is left, or a knot has
-    `most`, the sag is what it is: the caller compares.
+    `MOST`, the sag is what it is: the caller compares.
 
     Args:
         knots: in scene coordinates, those that `rays` belong to.
@@ -72,7 +71,7 @@ def choose_pegs(
         model = _Model(
             knots, rays, k, apart if len(apart) else own, top_radius_mm, foot_radius_mm, stiffness
         )
-        pegs, sag, place = _of_knot(model, rays, chosen, knots.radius_mm, stiffness, most)
+        pegs, sag, place = _of_knot(model, rays, chosen, knots.radius_mm, stiffness)
         chosen += pegs
         if sag >= worst:
             worst, at = sag, place
@@ -82,13 +81,13 @@ def choose_pegs(
 
 
 def _of_knot(
-    model: _Model, rays: Rays, others: list[int], radius: float, stiffness: Stiffness, most: int
+    model: _Model, rays: Rays, others: list[int], radius: float, stiffness: Stiffness
 ) -> tuple[list[int], float, Array]:
     """Pegs of one knot, its sag and where it is."""
     pegs = [0]  # numbers of the model's candidates; the first always stays
     now = model.sag(pegs)
     history = [now.all_mm]
-    while now.sag_mm > stiffness.max_sag_mm and len(pegs) < most:
+    while now.sag_mm > stiffness.max_sag_mm and len(pegs) < MOST:
         if len(history) > STUCK and now.all_mm > 0.98 * history[-1 - STUCK]:
             break  # no free ray where it would help
         taken = [*others, *(int(model.candidates[p]) for p in pegs)]

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.mount.mount import Mounted
 
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 COUPON = "coupon.3mf"
 # by which the holes are wider than the pin: as many dots as tenths

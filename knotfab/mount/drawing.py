@@ -29,12 +29,14 @@ from knotfab.mount.strokes import (
     LIGHT,
     PIECE,
     WORDS,
+    cross,
     draw_lamp,
     fill,
     hatch,
     lamp_name,
     note,
 )
+from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import ResolvedScene, View
@@ -177,10 +179,9 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     ends = np.concatenate([*piece, frame, wall, lamp[None]])
     base = place.base
     desk = base.bottom if base is not None else None
-    low, high = ends.min(axis=0), ends.max(axis=0)
     zone = (SIDE[0] + 6, SIDE[1] + 20, SIDE[2] - 12, SIDE[3] - 8)
-    to = fit_scale((float(low[0]), float(low[1]), float(high[0]), float(high[1])), zone)
-    bottom = float(to(low)[1])
+    to = fit_scale(ends, zone)
+    bottom = float(to(ends)[:, 1].min())
     for end in frame:
         axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
     axes.plot(*to(np.stack([lamp, seen[:2] @ place.middle])).T, color=FAINT, lw=0.3, ls="-.")
@@ -192,8 +193,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     note(axes, to(lamp) + (0, 3.2), lamp_name(view), size=7, ha="center")
     note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
     middle = to(np.zeros(2))
-    axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
-    axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
+    cross(axes, middle, 2.0, 0.4)
     on_wall, at_lamp = to(seen[:2] @ place.middle), to(lamp)
     for a, b, row, value in (
         (on_wall, middle, 5.0, view.wall_distance_mm),
@@ -269,8 +269,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
         rise = float(place.wall[1] @ place.level[1])
         desk = (place.base.bottom - float(place.level[1] @ place.middle)) / rise
         ends = np.append(ends, [[0.0, desk]], axis=0)
-    low, top = ends.min(axis=0), ends.max(axis=0)
-    to = fit_scale((float(low[0]), float(low[1]), float(top[0]), float(top[1])), FRONT)
+    to = fit_scale(ends, FRONT)
     below = None if desk is None else float(to(np.array([0.0, desk]))[1])
     fill(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
     for size, width in ((place.plate_mm, 0.8), (place.frame_mm, 0.5)):
@@ -289,7 +288,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) 
         note(axes, line[0] + (0, 0.8), "desk", size=6.5)
         corner = to(np.array([0.5 * wide, -0.5 * high]))
         draw_dimension(axes, (corner[0], line[0][1]), corner, (6, 0), length(-high / 2 - desk))
-    _front_dimensions(axes, place, to, float(to(low)[1]))
+    _front_dimensions(axes, place, to, float(to(ends)[:, 1].min()))
     axes.text(
         FRONT[0] - 6, COSTS_Y + 6.0,
         f"Front view, {'square to the wall' if place.round is None else 'the wall unrolled'}, {to.name}. "
@@ -353,7 +352,8 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
         axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
         if place.plate_mm is None:
             note(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
-    if place.plate_mm is not None and mounted.wall is not None and mounted.wall.settings.mark_mm:
+    wall = mounted.wall
+    if place.plate_mm is not None and wall is not None and mark_depth_mm(wall.settings):
         x, y = (s / 2 for s in place.plate_mm)
         for at, marker in (((0, y), "v"), ((0, -y), "^"), ((-x, 0), ">"), ((x, 0), "<")):
             axes.plot(*to(np.array(at)), marker, ms=3, color=INK, mew=0)

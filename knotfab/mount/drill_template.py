@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,12 +14,8 @@ from knotfab.drawing.dimensions import length
 from knotfab.drawing.pages import (
     PAPERS,
     RULER_MM,
-    Box,
-    Paper,
-    Tile,
-    draw_facts,
-    draw_tile,
-    lay_tiles,
+    Drawing,
+    draw_tiled,
     write_pages,
 )
 from knotfab.mount.mount import Mounted
@@ -27,7 +23,8 @@ from knotfab.mount.placement import Placement, placement_of
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Rectangle
 
 __all__ = ["SPARE_DEPTH_MM", "write_drill_template"]
 
@@ -35,7 +32,6 @@ __all__ = ["SPARE_DEPTH_MM", "write_drill_template"]
 SPARE_DEPTH_MM = 1.0  # by which a hole is deeper than its dowel
 LISTED = 40  # holes on the page of words
 _EDGE_MM = 4.0  # around the frame
-_BEFORE = "drill"  # the ruler is measured
 
 
 def write_drill_template(
@@ -61,10 +57,11 @@ def write_drill_template(
     half = np.array(place.frame_mm) / 2 + _EDGE_MM
     reach = np.abs(place.holes).max(axis=0) + across.max()
     x, y = (float(v) for v in np.maximum(half, reach))
+    shown = Drawing("drill template", (-x, -y, x, y), partial(_draw, place, across))
     names = []
     for key, paper in PAPERS.items():
         names.append(f"drill-template{suffix}-{key}.pdf")
-        pages = _pages(place, across, facts, (-x, -y, x, y), paper)
+        pages = draw_tiled(paper, "Drill template, full size", facts, [shown], "drill")
         write_pages(folder / names[-1], "Drill template at full size", pages)
     return names
 
@@ -90,26 +87,10 @@ def _facts(place: Placement, across: Array, deep: float) -> list[str]:
     return lines
 
 
-def _pages(
-    place: Placement, across: Array, facts: list[str], box: Box, paper: Paper
-) -> Iterator[Figure]:
-    tiles = lay_tiles(box, paper)
-    total = 1 + len(tiles)
-    yield draw_facts(paper, "Drill template, full size", facts, f"page 1 of {total}", _BEFORE)
-    for number, tile in enumerate(tiles, start=2):
-        yield _tile(place, across, paper, tile, len(tiles), f"page {number} of {total}")
-
-
-def _tile(
-    place: Placement, across: Array, paper: Paper, tile: Tile, count: int, page: str
-) -> Figure:
+def _draw(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
+    """Frame, holes and arrows on a page, moved by `off` (2,), mm, and clipped to the window."""
     from matplotlib.patches import Circle, Rectangle
 
-    note = "print at 100 %, not fitted to the page"
-    figure, axes, shift, window = draw_tile(
-        paper, tile, count, page, "drill template", note, _BEFORE
-    )
-    off = np.array(shift)
     x, y = place.frame_mm[0] / 2, place.frame_mm[1] / 2
     corner = off - (x, y)
     frame = Rectangle((float(corner[0]), float(corner[1])), 2 * x, 2 * y, fill=False, lw=0.5)
@@ -132,10 +113,8 @@ def _tile(
         drawn += axes.plot(at[0], at[1] + 9.0, "^", ms=6, color="#c00", mew=0)
     for line in drawn:
         line.set_clip_path(window)
-    wide_room, high_room = paper.room
-    low = (paper.margin, window.get_y())
+    right = left + window.get_width()
     for number, (u, v) in enumerate(place.holes + off, start=1):
-        if low[0] <= u <= low[0] + wide_room - 4 and low[1] <= v <= low[1] + high_room - 4:
+        if left <= u <= right - 4 and window.get_y() <= v <= top - 4:
             axes.text(u + across[number - 1] / 2 + 0.4, v + 0.8, str(number), size=7, color="#a00")
     axes.text(left + 16.0, top - 13.0, "up", size=8, color="#c00")
-    return figure

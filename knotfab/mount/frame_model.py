@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices
 
-__all__ = ["Beams", "Frame", "deflection", "frame_of", "round_beams", "stiffness_of"]
+__all__ = ["Beams", "Frame", "frame_of", "round_beams", "stiffness_of"]
 
 
 GRAVITY_M_S2 = 9.81
@@ -101,20 +101,16 @@ def frame_of(
     from scipy.sparse.linalg import splu
 
     n = len(beams.joints)
-    along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)
+    length, axes = _lengths_and_axes(beams)
     if not (length > 0).all():
         raise ValueError("a beam has no length")
-    axes = _axes(along / length[:, None])
-    turn = _turns(axes)
-    stiffness = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
     weight = beams.area * density_g_cm3 * 1e-6 * GRAVITY_M_S2  # N/mm
-    load = _loads(axes, turn, weight, length, down)
+    load = _loads(axes, weight, length, down)
     freedom = (6 * beams.ends[:, :, None] + np.arange(6)).reshape(len(length), 12)
     force = np.zeros(6 * n)
     np.add.at(force, freedom.ravel(), load.ravel())
     rows, columns = np.repeat(freedom, 12, axis=1).ravel(), np.tile(freedom, (1, 12)).ravel()
-    values = stiffness.ravel()
+    values = stiffness_of(beams, young_mpa).ravel()
     for joint, (spring, push) in (springs or {}).items():
         at = 6 * joint + np.arange(6)
         rows, columns = np.append(rows, np.repeat(at, 6)), np.append(columns, np.tile(at, 6))
@@ -133,18 +129,10 @@ def frame_of(
     return Frame(n, loose, force, factor)
 
 
-def deflection(
-    beams: Beams, fixed: Indices, young_mpa: float, density_g_cm3: float, down: Array
-) -> Array:
-    """(n, 3) displacement of the joints, mm, under the beams' own weight (see `frame_of`)."""
-    return frame_of(beams, fixed, young_mpa, density_g_cm3, down).displacements()[:, :3]
-
-
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:
     """(m, 12, 12) the beams' stiffness matrices in common axes: six unknowns of each end."""
-    along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    turn = _turns(_axes(along / length[:, None]))
+    length, axes = _lengths_and_axes(beams)
+    turn = _turns(axes)
     found: Array = np.swapaxes(turn, 1, 2) @ _stiffness(beams, length, young_mpa) @ turn
     return found
 
@@ -157,13 +145,16 @@ def _turns(axes: Array) -> Array:
     return turn
 
 
-def _axes(unit: Array) -> Array:
-    """(m, 3, 3) rows: along each beam, and two across it."""
+def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
+    """(m,) lengths of the beams, mm, and (m, 3, 3) their axes in rows: along each, and two across it."""
+    along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    unit = along / np.maximum(length, 1e-300)[:, None]
     helper = np.zeros_like(unit)
     helper[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
     second = np.cross(unit, helper)
-    second /= np.linalg.norm(second, axis=1)[:, None]
-    return np.stack([unit, second, np.cross(unit, second)], axis=1)
+    second /= np.maximum(np.linalg.norm(second, axis=1), 1e-300)[:, None]
+    return length, np.stack([unit, second, np.cross(unit, second)], axis=1)
 
 
 def _stiffness(beams: Beams, length: Array, young: float) -> Array:
@@ -186,7 +177,7 @@ def _stiffness(beams: Beams, length: Array, young: float) -> Array:
     return k
 
 
-def _loads(axes: Array, turn: Array, weight: Array, length: Array, down: Array) -> Array:
+def _loads(axes: Array, weight: Array, length: Array, down: Array) -> Array:
     """(m, 12) consistent loads of the weight per mm, in common axes."""
     q = axes @ down * weight[:, None]  # (m, 3) along the beams' own axes
     f = np.zeros((len(length), 12))
@@ -196,5 +187,5 @@ def _loads(axes: Array, turn: Array, weight: Array, length: Array, down: Array) 
     f[:, 11] = -f[:, 5]
     f[:, 4] = -q[:, 2] * length**2 / 12
     f[:, 10] = -f[:, 4]
-    loads: Array = np.einsum("mij,mi->mj", turn, f)
+    loads: Array = np.einsum("mij,mi->mj", _turns(axes), f)
     return loads

@@ -8,26 +8,24 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
-from knotfab.geometry.meshes import as_manifold
+from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.knots import Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
-from knotfab.mount.wall import WallMount, WallSettings, plan_wall, wall_bodies
+from knotfab.mount.wall import WallMount, plan_wall, wall_bodies
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.require import require_mount
+from knotfab_validators.check import at_most
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["Mounted", "mount_piece"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 BASE_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # scene to bed
 
@@ -114,8 +112,8 @@ class Mounted:
             "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
             "base_mm": [width, depth, front],
             "base_back_mm": back,
-            "margin_mm": stand.margin_mm,
-            "tip_deg": stand.tip_deg,
+            "margin_mm": stand.base.margin_mm,
+            "tip_deg": stand.base.tip_deg,
             "predicted_intrusion": float(stand.predicted_intrusion.max()),
             "sag_mm": stand.sag_again_mm,
             "max_sag_mm": self.scene.mount.max_sag_mm,
@@ -140,17 +138,11 @@ class Mounted:
                 f", and no free member would help more: use a stiffer material, a thicker tube, {less}, "
                 f"or set mount.max_sag_mm to {np.ceil(100 * sag) / 100:g}"
             )
-        return {
-            "name": "sag",
-            "status": "pass" if sag <= limit else "fail",
-            "required": True,
-            "measured": sag,
-            "limit": limit,
-            "unit": "mm",
-            "detail": f"largest displacement under the piece's own weight on {on}, "
-            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}",
-            "at": [],
-        }
+        detail = (
+            f"largest displacement under the piece's own weight on {on}, "
+            f"at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the scene{remedy}"
+        )
+        return at_most("sag", sag, limit, "mm", detail).to_dict()
 
 
 def mount_piece(
@@ -195,18 +187,13 @@ def mount_piece(
         return _on_a_stand(scene, knots, tubes, cameras, targets)
     camera = cameras[0]
     foot = _foot(scene, knots, camera)
+    asked = asked.model_copy(update={"foot": foot})
     mount = plan_wall(
         knots,
         camera,
         scene.piece.clearance_mm,
-        Stiffness(scene.material.young_modulus_mpa, scene.material.density_g_cm3, asked.max_sag_mm),
-        WallSettings(
-            foot,
-            asked.plate_thickness_mm,
-            asked.plate_margin_mm,
-            asked.hole_diameter_mm,
-            asked.dowel_depth_mm,
-        ),
+        Stiffness.of(scene),
+        asked,
         targets[0] if targets else None,
         thoroughly=thoroughly,
     )
@@ -214,13 +201,13 @@ def mount_piece(
         sum(peg.knot == k for peg in mount.pegs) + int((mount.strut_knots[:, 0] == k).sum())
         for k in range(len(tubes))
     ]
-    resolved = asked.model_copy(update={"foot": foot, "pegs": tuple(count)})
+    resolved = asked.model_copy(update={"pegs": tuple(count)})
     bodies = wall_bodies(tubes, mount, camera)
     return Mounted(
         bodies,
         ["piece with wall plate"] if foot == "plate" else _names(len(bodies)),
         scene.model_copy(update={"mount": resolved}),
-        _off_the_wall(camera),
+        camera.wall_axes,  # the wall on the bed, its front up
         mount,
     )
 
@@ -232,13 +219,13 @@ def _on_a_stand(
     cameras: Sequence[Camera],
     targets: Sequence[Mask],
 ) -> Mounted:
-    asked, material = scene.mount, scene.material
+    asked = scene.mount
     stand = plan_stand(
         knots,
         cameras,
         targets,
         scene.piece.clearance_mm,
-        Stiffness(material.young_modulus_mpa, material.density_g_cm3, asked.max_sag_mm),
+        Stiffness.of(scene),
         StandSettings(asked.base_thickness_mm, asked.min_tip_deg, scene.printer.min_tube_radius_mm),
         [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None],
     )
@@ -257,18 +244,9 @@ def _foot(scene: Scene, knots: Knots, camera: Camera) -> Literal["plate", "dowel
     asked = scene.mount
     if asked.foot != "auto":
         return asked.foot
-    across = camera.width * float(np.linalg.norm(camera.du)) + 2 * asked.plate_margin_mm
-    along = camera.height * float(np.linalg.norm(camera.dv)) + 2 * asked.plate_margin_mm
+    across, along = (side + 2 * asked.plate_margin_mm for side in camera.frame_mm)
     wall = camera.receiver
     high = float((knots.points @ wall[:3]).max() + wall[3]) + knots.radius_mm
     width, depth, height = scene.printer.build_volume_mm
     fits = max(across, along) <= max(width, depth) and min(across, along) <= min(width, depth)
     return "plate" if fits and high + asked.plate_thickness_mm <= height else "dowel"
-
-
-def _off_the_wall(camera: Camera) -> Array:
-    """The turn that lays the wall on the bed, its front up and the picture's right to the right."""
-    out = camera.receiver[:3]
-    across = camera.du / np.linalg.norm(camera.du)
-    turn: Array = np.stack([across, np.cross(out, across), out])
-    return turn

@@ -10,6 +10,7 @@ from knotfab.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, Frame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
+from knotfab.scene.model import Scene
 
 __all__ = [
     "DOWN",
@@ -36,6 +37,12 @@ class Stiffness:
     young_mpa: float
     density_g_cm3: float
     max_sag_mm: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> Stiffness:
+        """Of a scene's material, and of its mount."""
+        material = scene.material
+        return cls(material.young_modulus_mpa, material.density_g_cm3, scene.mount.max_sag_mm)
 
 
 def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from knotfab.arrays import Array
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
+from knotfab.mount.wall import hole_inset_mm
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView
@@ -82,22 +83,15 @@ class Placement:
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
     """The placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""
-    out = camera.receiver[:3]
-    right = camera.du / np.linalg.norm(camera.du)
-    wall = np.stack([right, np.cross(out, right), out])
-    above = np.array([0.0, 1.0, 0.0])
-    level = np.stack([right, above, np.cross(right, above)])
-    middle = camera.corner + 0.5 * (camera.width - 1) * camera.du
-    middle = middle + 0.5 * (camera.height - 1) * camera.dv
-    width = camera.width * float(np.linalg.norm(camera.du))
-    height = camera.height * float(np.linalg.norm(camera.dv))
+    wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
+    width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
     holes = np.empty((0, 2))
     if mounted.wall is not None:
         s = mounted.wall.settings
         if s.foot == "plate":
             plate = (width + 2 * s.plate_margin_mm, height + 2 * s.plate_margin_mm)
-            x = plate[0] / 2 - s.hole_inset_mm
+            x = plate[0] / 2 - hole_inset_mm(s)
             holes = np.array([[-x, 0.0], [x, 0.0]])
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T

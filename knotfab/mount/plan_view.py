@@ -18,6 +18,7 @@ from knotfab.mount.strokes import (
     LIGHT,
     PIECE,
     WORDS,
+    cross,
     draw_lamp,
     fill,
     hatch,
@@ -53,14 +54,11 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
     walls = [_wall(place, above) for place in places]
     lamps = [above[:2] @ place.lamp for place in places]
     every = np.concatenate([*piece, *walls, np.stack(lamps)])
-    low, high = every.min(axis=0), every.max(axis=0)
-    to = fit_scale((float(low[0]), float(low[1]), float(high[0]), float(high[1])), ZONE)
+    to = fit_scale(every, ZONE)
     fill(axes, [to(p) for p in piece], PIECE)
     for place, view, wall, lamp in zip(places, views, walls, lamps, strict=True):
         _view(axes, place, view, wall, lamp, above, to)
-    middle = to(np.zeros(2))
-    axes.plot(*np.stack([middle - (2, 0), middle + (2, 0)]).T, color=INK, lw=0.4)
-    axes.plot(*np.stack([middle - (0, 2), middle + (0, 2)]).T, color=INK, lw=0.4)
+    cross(axes, to(np.zeros(2)), 2.0, 0.4)
     left, top = 14.0, paper.height - 12
     axes.text(left, top, "Setting up", size=15, va="top", gid=WORDS)
     axes.text(

@@ -86,9 +86,7 @@ def slope_below(cameras: Sequence[Camera], rectangle: Rectangle = UNIT) -> Slope
 
 def _slope_of(camera: Camera) -> Slope:
     """The plane through one light and the lower edge of its frame."""
-    right = camera.du / np.linalg.norm(camera.du)
-    up = np.array([0.0, 1.0, 0.0])
-    axes = np.stack([right, up, np.cross(right, up)])
+    axes = camera.level_axes
     edge = axes @ (camera.corner + (camera.height - 0.5) * camera.dv)
     light = axes @ camera.eye
     before = float(light[2] - edge[2])

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
+from knotfab.geometry.sampling import arc_lengths, sample_evenly
 from knotfab.knots import Knots
-from knotfab.mount.struts import beside_on_rings, off_segments, opens_slowly
+from knotfab.mount.struts import beside_on_rings, off_segments, opens_slowly, tangents
 
 __all__ = ["Rays", "free_rays"]
 
@@ -63,28 +64,21 @@ def free_rays(
     knot = np.concatenate([np.full(len(k.points), i) for i, k in enumerate(knots.knots)])
     vertex = np.concatenate([np.arange(len(k.points)) for k in knots.knots])
     top = knots.points
-    tangent = np.concatenate([_tangents(k.points) for k in knots.knots])
+    tangent = np.concatenate([tangents(k.points) for k in knots.knots])
     away = top - light
     height = wall[:3] @ light + wall[3]
     foot = light + away * (height / -(away @ wall[:3]))[:, None]
     unit = away / np.linalg.norm(away, axis=1)[:, None]
     sine = np.linalg.norm(np.cross(unit, tangent), axis=1)
     free = sine >= LEAST_SINE
-    free &= _clear(knots, light, knot, vertex, top, foot, peg_share, clearance_mm)
+    free &= _clear(knots, light, knot, top, foot, peg_share, clearance_mm)
     return Rays(knot, vertex, top, foot, tangent, free, np.full(len(knot), peg_share))
-
-
-def _tangents(points: Array) -> Array:
-    ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    unit: Array = ahead / np.linalg.norm(ahead, axis=1)[:, None]
-    return unit
 
 
 def _clear(
     knots: Knots,
     light: Array,
     knot: Indices,
-    vertex: Indices,
     top: Array,
     foot: Array,
     share: float,
@@ -98,8 +92,7 @@ def _clear(
     from scipy.spatial import cKDTree
 
     samples, owner, arc, perimeter = _samples(knots)
-    start = np.concatenate([[0], np.cumsum([len(k.points) for k in knots.knots])])
-    arc_of_vertex = np.concatenate([_arc(k.points) for k in knots.knots])[start[knot] + vertex]
+    arc_of_vertex = np.concatenate([arc_lengths(k.points)[:-1] for k in knots.knots])
     distance_of = np.linalg.norm(samples - light, axis=1)
     unit = (foot - light) / np.linalg.norm(foot - light, axis=1)[:, None]
     length = np.linalg.norm(foot - top, axis=1)
@@ -134,22 +127,14 @@ def _clear(
     return clear
 
 
-def _arc(points: Array) -> Array:
-    """(n,) arc length at each vertex, from vertex 0."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
 def _samples(knots: Knots) -> tuple[Array, Indices, Array, Array]:
     """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
     points, owner, arcs, lengths = [], [], [], []
     for i, k in enumerate(knots.knots):
-        closed = np.concatenate([k.points, k.points[:1]])
-        arc = _arc(closed)
-        count = max(8, int(np.ceil(arc[-1] / (SAMPLE_RADII * knots.radius_mm))))
-        at = np.arange(count) * arc[-1] / count
-        points.append(np.column_stack([np.interp(at, arc, closed[:, a]) for a in range(3)]))
-        owner.append(np.full(count, i))
-        arcs.append(at)
-        lengths.append(arc[-1])
+        even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
+        whole = arc_lengths(k.points)[-1]
+        points.append(even)
+        owner.append(np.full(len(even), i))
+        arcs.append(np.arange(len(even)) * whole / len(even))
+        lengths.append(whole)
     return np.concatenate(points), np.concatenate(owner), np.concatenate(arcs), np.array(lengths)

@@ -16,6 +16,7 @@ from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.scene.camera import VERIFIED_PX, Camera
+from knotfab.target.masks import sample_mask
 
 __all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
 
@@ -24,6 +25,7 @@ SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
 SLACK_PX = 1.0  # by which a hidden strip must stay inside: half a pixel on each side
 HIDDEN_SHARE = 0.75  # of the tube's radius that a hidden strut has
 LONGEST_RADII = 20.0  # of a hidden strut
+LOOKS = 12  # along a member, for whether it is hidden
 AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
@@ -89,10 +91,8 @@ class ViewShadow:
         scale = VERIFIED_PX / max(camera.width, camera.height)
         width, height = (max(1, round(scale * n)) for n in (camera.width, camera.height))
         self.camera = camera.resized(width, height)
-        rows = ((np.arange(height) + 0.5) * target.shape[0] / height).astype(np.int64)
-        columns = ((np.arange(width) + 0.5) * target.shape[1] / width).astype(np.int64)
         self.before = np.zeros((height + 2, width + 2), dtype=bool)
-        self.before[1:-1, 1:-1] = target[np.ix_(rows, columns)]
+        self.before[1:-1, 1:-1] = sample_mask(target, width, height)
         self.before[-1] = True
         self.magnification = self._magnification()
         self.own = np.zeros_like(self.before)
@@ -119,11 +119,11 @@ class ViewShadow:
         more = self._strips(some.start, some.end, some.radius) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 
-    def hidden(self, some: Candidates, samples: int = 12) -> Mask:
+    def hidden(self, some: Candidates) -> Mask:
         """(n,) whether a member's whole shadow lies where picture or knots darken anyway."""
         found = np.ones(len(some), dtype=bool)
         # the middle first: few candidates are left for the rest
-        for t in np.argsort(np.abs(np.linspace(0, 1, samples) - 0.5)) / (samples - 1):
+        for t in np.argsort(np.abs(np.linspace(0, 1, LOOKS) - 0.5)) / (LOOKS - 1):
             left = np.flatnonzero(found)
             start = some.start[left]
             uv, half = self._seen(start + t * (some.end[left] - start), some.radius[left])
@@ -141,9 +141,8 @@ class ViewShadow:
         steps = np.ceil(np.linalg.norm(b - a, axis=1)).astype(np.int64) + 1
         light = np.zeros(len(some), dtype=bool)
         for some_at_once in np.array_split(np.arange(len(some)), len(some) // AT_ONCE + 1):
-            n = np.repeat(some_at_once, steps[some_at_once])
-            ends = np.cumsum(steps[some_at_once])
-            number = np.arange(len(n)) - np.repeat(ends - steps[some_at_once], steps[some_at_once])
+            run, number = number_runs(steps[some_at_once])
+            n = some_at_once[run]
             t = number / np.maximum(steps[n] - 1, 1)
             there = a[n] + t[:, None] * (b[n] - a[n])
             half = half_a[n] + t * (half_b[n] - half_a[n])

@@ -1,4 +1,4 @@
-"""Round members between two points, as solids ready to be united."""
+"""Round solids moved to where they belong, and members between two points, ready to be united."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from knotfab.geometry.meshes import as_manifold
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["frame_along", "strut_solid"]
+__all__ = ["place_along", "strut_solid"]
 
 
-def frame_along(axis: Array, helper: Array | None = None) -> Array:
-    """(3, 3) a rotation whose third column is the unit vector `axis`.
+def place_along(
+    solid: Manifold, axis: Array, point: Array, helper: Array | None = None
+) -> Manifold:
+    """A solid moved to a point (3,), its z turned to the unit vector `axis`.
 
     Args:
-        helper: (3,) not along the axis; the first column is square to both.
+        helper: (3,) not along the axis; the solid's x comes to lie square to both.
     """
     beside = np.eye(3)[np.abs(axis).argmin()] if helper is None else helper
     across = np.cross(beside, axis)
     across /= np.linalg.norm(across)
-    return np.column_stack([across, np.cross(axis, across), axis])
+    return solid.transform(np.column_stack([across, np.cross(axis, across), axis, point]))
 
 
 def strut_solid(start: Array, end: Array, radius_mm: float) -> Manifold:
@@ -32,6 +34,5 @@ def strut_solid(start: Array, end: Array, radius_mm: float) -> Manifold:
     from knotfab_fixtures.peg import peg
 
     length = float(np.linalg.norm(start - end))
-    turn = frame_along((start - end) / length)
     bar = as_manifold(peg(length, radius_mm, radius_mm))
-    return bar.transform(np.column_stack([turn, end]))
+    return place_along(bar, (start - end) / length, end)

@@ -78,17 +78,14 @@ class StandMount:
     """A stand, in the scene.
 
     `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds` (n,)
-    says which knot each was added for. `margin_mm` is how far inside its foot the centre of mass
-    lies, `tip_deg` how far the part may be tipped; `sag_mm` (at `sag_at`) is by the model that chose
-    the members, `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices. `predicted_intrusion`
-    (views,) is the share of each frame that the stand darkens outside picture and knots.
+    says which knot each was added for. `sag_mm` (at `sag_at`) is by the model that chose the members,
+    `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices. `predicted_intrusion` (views,) is
+    the share of each frame that the stand darkens outside picture and knots.
     """
 
     members: Candidates
     holds: Indices
     base: Base
-    margin_mm: float
-    tip_deg: float
     sag_mm: float
     sag_at: Array
     sag_again_mm: float
@@ -169,8 +166,6 @@ def plan_stand(
         members,
         np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
         base,
-        base.margin_mm,
-        base.tip_deg,
         braced.sag_mm,
         braced.sag_at,
         worst_of(moves, knots.points)[0],

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
-from knotfab.mount.solids import frame_along, strut_solid
+from knotfab.mount.solids import place_along, strut_solid
 from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import GROUND, ROOT_SHARE
 
@@ -19,8 +17,6 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["stand_bodies"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 ROOT_HEIGHT_MM = 3.0
 OVERLAP_MM = 0.5
@@ -73,7 +69,7 @@ def _member_solids(mount: StandMount) -> list[Manifold]:
             root_height_mm=ROOT_HEIGHT_MM,
             sink_mm=sink + OVERLAP_MM,
         )
-        solid = as_manifold(mesh).transform(np.column_stack([frame_along(axis), foot]))
+        solid = place_along(as_manifold(mesh), axis, foot)
         # what the slant needs must not come out of the underside
         found.append(solid.trim_by_plane([0.0, 1.0, 0.0], mount.base.bottom + 1.0))
     return found

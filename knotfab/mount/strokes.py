@@ -20,6 +20,7 @@ __all__ = [
     "LIGHT",
     "PIECE",
     "WORDS",
+    "cross",
     "draw_lamp",
     "fill",
     "hatch",
@@ -45,6 +46,12 @@ def fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None 
             patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
 
 
+def cross(axes: Axes, at: Array, reach: float, width: float) -> None:
+    """Two strokes through a point (2,) of the page, so many mm to each side and so many points wide."""
+    for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
+        axes.plot(*np.stack([at - arm, at + arm]).T, color=INK, lw=width)
+
+
 def draw_lamp(axes: Axes, at: Array, across: float) -> None:
     """A lamp `across` mm of the page wide, with its axes."""
     from matplotlib.patches import Circle
@@ -52,8 +59,7 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
     axes.add_patch(
         Circle((float(at[0]), float(at[1])), max(0.5 * across, 0.5), fc=LIGHT, lw=0.3, ec=INK)
     )
-    axes.plot(*np.stack([at - (2.5, 0), at + (2.5, 0)]).T, color=INK, lw=0.25)
-    axes.plot(*np.stack([at - (0, 2.5), at + (0, 2.5)]).T, color=INK, lw=0.25)
+    cross(axes, at, 2.5, 0.25)
 
 
 def hatch(axes: Axes, wall: Array, to: Scaled) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.geometry.neighbours import segment_distance
-from knotfab.geometry.sampling import number_runs
+from knotfab.geometry.sampling import arc_lengths, number_runs
 from knotfab.knots import Knots
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "opens_slowly",
     "sites_of",
     "struts",
+    "tangents",
 ]
 
 
@@ -64,17 +65,16 @@ def sites_of(
     first = 0
     for k, curve in enumerate(knots.knots):
         p = curve.points
-        steps = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
-        arc, whole = np.concatenate([[0.0], np.cumsum(steps)[:-1]]), float(steps.sum())
+        arc = arc_lengths(p)
+        arc, whole = arc[:-1], float(arc[-1])
         count = max(8, int(whole / (step_radii * knots.radius_mm)))
         at = np.searchsorted(arc, np.arange(count) * whole / count).clip(0, len(p) - 1)
         at = np.union1d(at, np.asarray((also or {}).get(k, ()), dtype=np.int64))
-        ahead = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
         n = len(at)
         knot.append(np.full(n, k))
         vertex.append(at)
         point.append(p[at])
-        tangent.append((ahead / np.linalg.norm(ahead, axis=1)[:, None])[at])
+        tangent.append(tangents(p)[at])
         arcs.append(arc[at])
         following.append(first + (np.arange(n) + 1) % n)
         perimeter.append(whole)
@@ -88,6 +88,12 @@ def sites_of(
         np.array(perimeter),
         np.concatenate(following),
     )
+
+
+def tangents(points: Array) -> Array:
+    """(n, 3) unit directions of a closed polyline at its vertices, by both neighbours."""
+    ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    return np.asarray(ahead / np.linalg.norm(ahead, axis=1)[:, None])
 
 
 @dataclass(frozen=True)
@@ -178,8 +184,7 @@ class Obstacles:
         points, owner, arcs = [], [], []
         for k, curve in enumerate(knots.knots):
             closed = np.concatenate([curve.points, curve.points[:1]])
-            steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-            arc = np.concatenate([[0.0], np.cumsum(steps)])
+            arc = arc_lengths(curve.points)
             at = np.arange(0.0, arc[-1], step)
             points.append(np.column_stack([np.interp(at, arc, closed[:, i]) for i in range(3)]))
             owner.append(np.full(len(at), k))

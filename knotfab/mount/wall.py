@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
-from knotfab.mount.solids import frame_along, strut_solid
+from knotfab.mount.solids import place_along, strut_solid
 from knotfab.mount.struts import GROUND, Candidates, Sites, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
+from knotfab.scene.model import Mount
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -27,13 +28,12 @@ __all__ = [
     "NotHeldError",
     "Peg",
     "WallMount",
-    "WallSettings",
+    "hole_inset_mm",
+    "mark_depth_mm",
     "plan_wall",
     "sag_on_pegs",
     "wall_bodies",
 ]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
 # thin ones pass between more strands
@@ -53,27 +53,16 @@ class NotHeldError(SceneError):
     """No pegs that were tried hold the piece where it is."""
 
 
-@dataclass(frozen=True)
-class WallSettings:
-    """What is asked of a wall mount (mm)."""
+def hole_inset_mm(asked: Mount) -> float:
+    """From a plate's left and right edge to the middle of a screw hole."""
+    return asked.plate_margin_mm / 2 + asked.hole_diameter_mm / 4
 
-    foot: Literal["plate", "dowel"]
-    plate_thickness_mm: float
-    plate_margin_mm: float
-    hole_diameter_mm: float
-    dowel_depth_mm: float
 
-    @property
-    def hole_inset_mm(self) -> float:
-        """From the plate's left and right edge to the middle of a screw hole."""
-        return self.plate_margin_mm / 2 + self.hole_diameter_mm / 4
-
-    @property
-    def mark_mm(self) -> float:
-        """Depth of the notches in the plate's edges, which stay in its margin; 0 where there is no room."""
-        beside = (self.hole_inset_mm - self.hole_diameter_mm / 2) / 2
-        deep = min(MARK_MM, self.plate_margin_mm / 5, beside)
-        return deep if deep >= LEAST_MARK_MM else 0.0
+def mark_depth_mm(asked: Mount) -> float:
+    """Depth of the notches in a plate's edges, which stay in its margin; 0 where there is no room."""
+    beside = (hole_inset_mm(asked) - asked.hole_diameter_mm / 2) / 2
+    deep = min(MARK_MM, asked.plate_margin_mm / 5, beside)
+    return deep if deep >= LEAST_MARK_MM else 0.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +105,7 @@ class WallMount:
     sag_mm: float
     sag_at: Array
     sag_again_mm: float
-    settings: WallSettings
+    settings: Mount
     struts: Candidates = field(default_factory=nothing)
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     moves: Array = field(default_factory=lambda: np.empty((0, 3)))
@@ -127,7 +116,7 @@ def plan_wall(
     camera: Camera,
     clearance_mm: float,
     stiffness: Stiffness,
-    settings: WallSettings,
+    settings: Mount,
     target: Mask | None = None,
     *,
     thoroughly: bool = True,
@@ -138,6 +127,7 @@ def plan_wall(
     so need a plate: on dowels every knot is a body that can be split.
 
     Args:
+        settings: what the scene asks of its mount, with a foot of a kind.
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
         thoroughly: all that may help is tried, and what then sags is returned; otherwise, where the piece
             could be moved instead, what takes long and hardly helps is left out.
@@ -175,7 +165,7 @@ def _with_share(
     camera: Camera,
     clearance_mm: float,
     stiffness: Stiffness,
-    settings: WallSettings,
+    settings: Mount,
     target: Mask | None,
     thoroughly: bool,
 ) -> WallMount:
@@ -308,10 +298,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     from manifold3d import Manifold, OpType
 
     groups: list[list[Manifold]] = [[as_manifold(tube)] for tube in tubes]
-    # across and up the wall, and out of it
-    out = camera.receiver[:3]
-    across = camera.du / np.linalg.norm(camera.du)
-    wall = np.column_stack([across, np.cross(out, across), out])
+    wall = np.column_stack(list(camera.wall_axes))
     for peg in mount.pegs:
         groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
     members = mount.struts
@@ -342,7 +329,7 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
         )
 
 
-def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]:
+def _peg_solids(peg: Peg, wall: Array, settings: Mount) -> list[Manifold]:
     """A peg from tube to wall, and what holds it there."""
     from knotfab_fixtures.peg import dowel
     from knotfab_fixtures.peg import peg as peg_mesh
@@ -358,8 +345,7 @@ def _peg_solids(peg: Peg, wall: Array, settings: WallSettings) -> list[Manifold]
         root_height_mm=ROOT_HEIGHT_MM,
         sink_mm=peg.root_radius_mm * slant + OVERLAP_MM,
     )
-    turn = frame_along(axis, wall[:, 1])
-    solid = as_manifold(mesh).transform(np.column_stack([turn, peg.foot]))
+    solid = place_along(as_manifold(mesh), axis, peg.foot, wall[:, 1])
     if settings.foot == "plate":
         # what the slant needs must not come out of the plate's back
         inside = float(wall[:, 2] @ peg.foot) - 0.75 * settings.plate_thickness_mm
@@ -375,18 +361,15 @@ def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
     from knotfab_fixtures.plate import wall_plate
 
     s = mount.settings
-    width = camera.width * float(np.linalg.norm(camera.du))
-    height = camera.height * float(np.linalg.norm(camera.dv))
-    middle = camera.corner + 0.5 * (camera.width - 1) * camera.du
-    middle = middle + 0.5 * (camera.height - 1) * camera.dv
+    width, height = camera.frame_mm
     mesh = wall_plate(
         width + 2 * s.plate_margin_mm,
         height + 2 * s.plate_margin_mm,
         s.plate_thickness_mm,
         s.hole_diameter_mm,
-        hole_inset_mm=s.hole_inset_mm,
-        mark_mm=s.mark_mm,
+        hole_inset_mm=hole_inset_mm(s),
+        mark_mm=mark_depth_mm(s),
         corner_radius_mm=min(6.0, s.plate_margin_mm),
     )
-    back = middle - s.plate_thickness_mm * wall[:, 2]
+    back = camera.middle - s.plate_thickness_mm * wall[:, 2]
     return as_manifold(mesh).transform(np.column_stack([wall, back]))

@@ -11,9 +11,10 @@ import numpy as np
 from knotfab.drawing.dimensions import length
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
+from knotfab.mount.wall import mark_depth_mm
 from knotfab.scene.model import View
 
-__all__ = ["costs_of", "lamp_facts", "steps_of"]
+__all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
 
 LAMP_MM = 10.0  # of misplacement, for which the loss is told
 HEAR_MM = 0.05  # an offset of less is none
@@ -24,7 +25,7 @@ LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or f
 TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
 
 
-def opposite(place: Placement) -> str:
+def _opposite(place: Placement) -> str:
     """The point of the wall that is square opposite the lamp, in words."""
     parts = []
     for value, (more, less) in (
@@ -46,7 +47,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     elif mounted.wall is not None and mounted.wall.settings.foot == "plate":
         across = float(place.holes[1, 0] - place.holes[0, 0])
         s = mounted.wall.settings
-        marked = "The notches in its edges mark their middles. " if s.mark_mm else ""
+        marked = "The notches in its edges mark their middles. " if mark_depth_mm(s) else ""
         steps = [
             f"Drill two holes {length(across)} mm apart on a level line; the middle of the frame "
             "is half-way between them.",
@@ -56,7 +57,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             else f"Screw the plate on, the way up that is drawn (screws of at most "
             f"{length(s.hole_diameter_mm)} mm).",
             f"Put the middle of the {lamp} {off} the plate's face, square to it, opposite "
-            f"{opposite(place)}.",
+            f"{_opposite(place)}.",
         ]
     elif mounted.wall is not None:
         s = mounted.wall.settings
@@ -66,13 +67,13 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             f"{length(s.dowel_depth_mm + 1)} mm deep.",
             "Push the pegs in until they meet the wall. Keep the corners of the frame in pencil "
             "until the lamp stands.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     else:
         steps = [
             "Mark the corners of the frame on the wall.",
             f"Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
-            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite(place)}.",
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     distances = [mark.lamp_mm for mark in place.marks]
     if max(distances) - min(distances) < HEAR_MM:

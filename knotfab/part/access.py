@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import Mesh, box_of, face_normals
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs
 from knotfab.part.orient import spread_turns
 
 __all__ = ["TOOLS_MM", "Access", "measure_access"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 # Diameters of straight round tools: a finger; the jaws of a cutter; the nose of fine pliers; a hook.
 TOOLS_MM = {"finger": 16.0, "cutter": 8.0, "pliers": 4.0, "hook": 2.0}
@@ -90,8 +89,7 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:
     chosen = np.unique(under[np.searchsorted(area.cumsum(), along * area.sum())])
     place, out = middle[chosen], normal[chosen]
     surface = cKDTree(_thin(middle))
-    vertices = np.concatenate([v for v, _ in bodies])
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = box_of(bodies)
     ways = spread_turns(WAYS)[3:, 2]
     best = np.zeros(len(place))  # diameter of the thickest tool that comes in
     # what a thick tool reaches, a thinner one reaches in the same way
@@ -139,7 +137,7 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
     Rows along each triangle's longest edge, at most `SPACING_MM` apart, as are the points of a row: a sliver
     is sampled along its length alone.
     """
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = face_normals(corners)
     double = np.linalg.norm(across, axis=1)
     corners, across, double = corners[double > 0], across[double > 0], double[double > 0]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)

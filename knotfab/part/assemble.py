@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
 from knotfab.design.design import Design
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
@@ -26,8 +26,6 @@ from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 BESIDE_MM = 5.0  # that a slicer's supports reach out of a piece's outline, at most
 BESIDE_SHARE = 0.05  # of the printer: a small one is used to its edge

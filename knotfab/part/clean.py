@@ -5,17 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh, face_normals
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["clean_body"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 # Slivers along the seams of a union may turn over when their corners are rounded; edges shorter than
 # these are collapsed, the least that is enough.
@@ -51,9 +47,7 @@ def _is_clean(body: Mesh) -> bool:
     vertices, faces = body
     if len(np.unique(vertices, axis=0)) < len(vertices):
         return False  # two corners became one
-    corner = vertices[faces]
-    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    if not area.any(axis=1).all():
+    if not face_normals(vertices[faces]).any(axis=1).all():
         return False
     _, pairs, _ = predicates.find_self_intersections(
         np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64)

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
+from knotfab.mount.solids import place_along
 from knotfab.part.cut import CLEARANCE_MM, Cut
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["KERF_MM", "Piece", "cut_body"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 KERF_MM = 0.01  # of matter that is lost at a cut
 DEEPER_MM = 0.3  # than its pin is long a hole is
@@ -57,10 +55,10 @@ def cut_body(
 
     solid = as_manifold(body)
     slices = [
-        _place(
+        place_along(
             Manifold.cylinder(KERF_MM, radius + 0.45 * gap_mm, -1, SIDES, True),
-            cut.point,
             cut.along,
+            cut.point,
         )
         for cut in cuts
     ]
@@ -80,8 +78,8 @@ def cut_body(
         pinned, holed = (before, after) if cut.side > 0 else (after, before)
         outward = cut.along * cut.side
         pin, hole = _connector(cut, radius)
-        found[pinned] = found[pinned] + _place(pin, cut.point, outward)
-        found[holed] = found[holed] - _place(hole, cut.point, outward)
+        found[pinned] = found[pinned] + place_along(pin, outward, cut.point)
+        found[holed] = found[holed] - place_along(hole, outward, cut.point)
     pieces = []
     for number, (part, cut) in enumerate(zip(found, cuts, strict=True)):
         last = cuts[(number + 1) % len(cuts)].vertex
@@ -132,11 +130,3 @@ def _in_order(
         stretch = (np.searchsorted(starts, nearest, side="right") - 1) % len(cuts)
         order[int(np.bincount(stretch, minlength=len(cuts)).argmax())] = part
     return [order[k] for k in range(len(cuts))] if len(order) == len(cuts) else None
-
-
-def _place(solid: Manifold, point: Array, axis: Array) -> Manifold:
-    """A solid about the z axis, moved to `point` with its z along `axis`."""
-    other = np.eye(3)[int(np.abs(axis).argmin())]
-    x = np.cross(other, axis)
-    x /= np.linalg.norm(x)
-    return solid.transform(np.column_stack([x, np.cross(axis, x), axis, point]))

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import face_normals
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate, strands_along
 from knotfab.knots import Knots
 
@@ -159,10 +160,7 @@ def _hull_faces(points: Array) -> Array:
         hull = ConvexHull(points)
     except QhullError:  # flat: it lies on its own plane, which is a principal one
         return np.empty((0, 3))
-    corner = points[hull.simplices]
-    area = np.linalg.norm(
-        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
-    )
+    area = np.linalg.norm(face_normals(points[hull.simplices]), axis=1)
     largest = np.argsort(-area, kind="stable")[:HULL_FACES]
     return np.asarray(-hull.equations[largest, :3])
 

@@ -8,10 +8,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.part.clean import clean_body
@@ -20,8 +20,6 @@ from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 
 __all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 APART_MM = 5.0  # between pieces on one plate
 
@@ -119,12 +117,11 @@ def lay_on_plates(
 
     def pose(name: str, mesh: Mesh, points: Array, radius: float, closed: bool) -> _Posed:
         knots = Knots((Knot(points, closed=closed),), radius)
-        if upright is not None:
-            try:
-                found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
-            except SceneError:
-                found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
-        else:
+        try:
+            found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
+        except SceneError:
+            if upright is None:
+                raise
             found = choose_pose(knots, [mesh], build_volume_mm, None, None, rules)
         if found.account is not None:
             poses.append({"body": name, **found.account.to_dict()})
@@ -208,5 +205,4 @@ def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Ar
 
 
 def _size(plate: Plate) -> list[float]:
-    most = np.max([v.max(axis=0) for v, _ in plate.bodies], axis=0)
-    return [round(float(x), 3) for x in most]
+    return [round(float(x), 3) for x in box_of(plate.bodies)[1]]

@@ -9,18 +9,16 @@ from math import floor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots
 from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
 
 __all__ = ["PoseAccount", "PrintPose", "choose_pose", "lay_on_bed"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 TURN_STEP_DEG = 0.25
@@ -77,7 +75,7 @@ class PrintPose:
     @property
     def size_mm(self) -> Array:
         """(3,) extents of the surface."""
-        return np.asarray(np.max([v.max(axis=0) for v, _ in self.tubes], axis=0))
+        return box_of(self.tubes)[1]
 
 
 def choose_pose(
@@ -113,7 +111,6 @@ def choose_pose(
     """
     points = _corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
-    tried: list[tuple[Array, Array]] = []  # turns, and the sizes they give
     sides = ORIENTATIONS if upright is None else (upright,)
     if rules is not None and upright is None:
         strands = strands_of(knots)
@@ -122,14 +119,13 @@ def choose_pose(
             order = rank_turns(strands, turns, rules)
             return _weigh(knots, tubes, points, room, order, rules, frame_mm)
         for turn, size in _compact_turns(points, turns):
-            if bool((size <= room + FITS_MM).all()):
+            if _fits(size, room):
                 return lay_on_bed(knots, tubes, turn)
-    for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
-        if bool((size <= room + FITS_MM).all()):
-            return lay_on_bed(knots, tubes, turn)
-        tried.append((turn, size))
+    found, sizes = _find_turn(points, room, sides)
+    if found is not None:
+        return lay_on_bed(knots, tubes, found)
     fixed = np.full(3, 2 * knots.radius_mm) if fixed_mm is None else np.asarray(fixed_mm)
-    raise _too_large([size for _, size in tried], room, fixed, frame_mm, fixed_mm is not None)
+    raise _too_large(sizes, room, fixed, frame_mm, fixed_mm is not None)
 
 
 def _weigh(
@@ -173,15 +169,29 @@ def _fitting(
     fitting: list[tuple[Ranked, Array]] = []
     sizes: list[Array] = []
     for pose in order:
-        sides = (pose.turn,)
-        for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
-            if bool((size <= room + FITS_MM).all()):
-                fitting.append((pose, turn))
-                break
-            sizes.append(size)
+        turn, larger = _find_turn(points, room, (pose.turn,))
+        sizes += larger
+        if turn is not None:
+            fitting.append((pose, turn))
         if len(fitting) > RUNNERS_UP:
             break
     return fitting, sizes
+
+
+def _find_turn(
+    points: Array, room: Array, sides: Sequence[Array]
+) -> tuple[Array | None, list[Array]]:
+    """The first turn with one of `sides` up that fits, square to the bed or not; and the sizes before it."""
+    sizes: list[Array] = []
+    for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
+        if _fits(size, room):
+            return turn, sizes
+        sizes.append(size)
+    return None, sizes
+
+
+def _fits(size: Array, room: Array) -> bool:
+    return bool((size <= room + FITS_MM).all())
 
 
 def _figures(pose: Ranked) -> dict[str, Any]:
@@ -202,7 +212,7 @@ def lay_on_bed(
 ) -> PrintPose:
     """The piece turned by `turn` (3, 3) from the scene and laid on the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
-    corner = np.min([vertices.min(axis=0) for vertices, _ in turned], axis=0)
+    corner, _ = box_of(turned)
     to_print, to_scene = np.eye(4), np.eye(4)
     to_print[:3, :3], to_print[:3, 3] = turn, -corner
     to_scene[:3, :3], to_scene[:3, 3] = turn.T, turn.T @ corner
@@ -216,7 +226,7 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
 
     Ties keep the order of preference.
     """
-    turns = [(turn, _extents(points @ turn.T)) for turn in sides]
+    turns = [(turn, np.ptp(points @ turn.T, axis=0)) for turn in sides]
     turns.sort(key=lambda pair: round(float(pair[1][2]), 6))
     return [(t, np.abs(q) @ box) for turn, box in turns for q, t in _quarters(turn)]
 
@@ -310,10 +320,6 @@ def _too_large(
 
 def _by(size: Array) -> str:
     return " x ".join(f"{side:.1f}" for side in size)
-
-
-def _extents(points: Array) -> Array:
-    return np.asarray(np.ptp(points, axis=0))
 
 
 def _corners(points: Array) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from shapely import MultiPolygon, Polygon
@@ -11,6 +9,7 @@ from shapely import MultiPolygon, Polygon
 from knotfab.arrays import Array
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, ViewSurvey
+from knotfab.target.data_uri import encode_image
 from knotfab.target.opening import Loss
 
 __all__ = ["draw_survey"]
@@ -38,9 +37,7 @@ def draw_survey(found: Survey) -> bytes:
         for n, panel in enumerate(row):
             sheet.paste(panel, (_GAP + n * (_PANEL + _GAP), top))
         top += height
-    buffer = io.BytesIO()
-    sheet.save(buffer, "PNG", compress_level=6)
-    return buffer.getvalue()
+    return encode_image(sheet, compress_level=6)
 
 
 def _panel(seen: ViewSurvey, radius: float | None) -> Image.Image:

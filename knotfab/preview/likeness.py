@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
-from knotfab.target.masks import holes_of, mask_iou, pieces_of
+from knotfab.target.masks import holes_of, mask_iou, outline_px, pieces_of, sample_mask
 from knotfab.target.thicken import draw_discs, thicken
 
 __all__ = ["Likeness", "compare_lines", "estimate_likeness", "opened_share", "recognisable_radius"]
@@ -60,9 +60,7 @@ def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness
     Args:
         mask: (H, W), not empty. radius_px: of the tube's shadow. unions: how many are drawn.
     """
-    edged = np.pad(mask, 1)
-    edge = (edged[1:] ^ edged[:-1]).sum() + (edged[:, 1:] ^ edged[:, :-1]).sum()
-    if edge * radius_px < _SOLID * mask.sum():
+    if outline_px(mask) * radius_px < _SOLID * mask.sum():
         return None
     seen, scale = _resample(mask, radius_px)
     radius = radius_px * scale
@@ -116,11 +114,7 @@ def _resample(mask: Mask, radius_px: float) -> tuple[Mask, float]:
     longer = max(mask.shape)
     side = float(np.clip(longer * _PIXELS / radius_px, _LEAST_PX, _MOST_PX))
     height, width = (max(1, round(n * side / longer)) for n in mask.shape)
-    rows, columns = (
-        ((2 * np.arange(m) + 1) * n // (2 * m)).astype(np.intp)
-        for m, n in zip((height, width), mask.shape, strict=True)
-    )
-    return np.asarray(mask[np.ix_(rows, columns)]), side / longer
+    return sample_mask(mask, width, height), side / longer
 
 
 def _unions_of_discs(mask: Mask, radius: float) -> Iterator[Mask]:

@@ -146,7 +146,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
     found = []
     for view, target in zip(views, targets, strict=True):
         px = view.px_per_mm(target.width)
-        polygon = _trace(target)
+        polygon = _trace(target.mask)
         lines, feasible = view.lines == "on", None
         likeness = (
             compare_lines(target.asked, target.judged, min(tried) * px)
@@ -197,12 +197,8 @@ def _losses(polygon: MultiPolygon, radii: Sequence[float], px: float) -> dict[fl
     return found
 
 
-def _trace(target: Target) -> MultiPolygon:
+def _trace(mask: Mask) -> MultiPolygon:
     """The silhouette in px, without vertices that a preview can spare."""
-    return _trace_mask(target.mask)
-
-
-def _trace_mask(mask: Mask) -> MultiPolygon:
     shape = trace_polygon(mask).simplify(_SPARE)
     return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
 
@@ -274,7 +270,7 @@ def _unlike(seen: ViewSurvey, found: Survey, scene: Scene) -> SceneError:
     if likeness.features > _FEW:  # of these an opening takes seconds, and there are many to try
         drawn = recognisable_radius(seen.target.asked, radius * px)
     else:
-        drawn = drawing_radius(_trace_mask(seen.target.asked), radius * px)
+        drawn = drawing_radius(_trace(seen.target.asked), radius * px)
     otherwise = "--accept unrecognisable to build it nevertheless"
     if drawn is not None and drawn >= printer.min_tube_radius_mm * px:
         least = max(drawn / px, printer.min_tube_radius_mm)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import re
 from collections.abc import Iterable, Sequence
@@ -18,6 +17,7 @@ from knotfab.mount.placement import placement_of
 from knotfab.mount.words import lamp_facts, steps_of
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import View
+from knotfab.target.data_uri import image_uri
 
 __all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
 
@@ -119,10 +119,8 @@ def draw_setup(folder: Path) -> list[str]:
     for rows in bands:
         part = image.crop((0, rows[0], image.width, rows[-1] + 1))
         columns = np.flatnonzero(_near_ink(part, 0))
-        file = io.BytesIO()
         close = part.crop((columns[0], 0, columns[-1] + 1, part.height))
-        close.quantize(_COLOURS).save(file, "PNG", optimize=True)
-        found.append("data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii"))
+        found.append(image_uri(close.quantize(_COLOURS), optimize=True))
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab import __version__
 from knotfab.design.design import Design
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
 from knotfab.progress import Progress
@@ -126,7 +126,8 @@ def report_of(
     volume = sum(mesh_volume(v, f) for v, f in bodies)
     sized = None
     if bodies:
-        sized = np.max([v.max(0) for v, _ in bodies], 0) - np.min([v.min(0) for v, _ in bodies], 0)
+        low, high = box_of(bodies)
+        sized = high - low
     ratios = [v["depth_ratio"] for v in verdict["views"] if v.get("depth_ratio") is not None]
     return assemble(
         views=verdict["views"],

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
+from knotfab.geometry.meshes import face_normals
 from knotfab.report.report_html import Picture
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
@@ -156,8 +157,7 @@ def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
 
 def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
     """(n, 3) unit vertex normals, weighted by the area of the faces around."""
-    corner = points[faces]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    face = face_normals(points[faces])
     total = np.stack(
         [
             np.bincount(faces.ravel(), np.repeat(face[:, axis], 3), minlength=len(points))

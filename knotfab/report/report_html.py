@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
+from knotfab.target.data_uri import data_uri, image_uri
 from knotfab.verify.checks import list_unmet, mark_of
 
 __all__ = [
@@ -67,12 +67,10 @@ class Picture:
     @property
     def data_uri(self) -> str:
         """The file as a data URI; a large one as WebP, so that the page stays small."""
-        data, kind = self.path.read_bytes(), MEDIA[self.path.suffix.lower()]
+        data = self.path.read_bytes()
         if len(data) > _LARGE_BYTES:
-            buffer = io.BytesIO()
-            Image.open(self.path).save(buffer, "WEBP", quality=_QUALITY)
-            data, kind = buffer.getvalue(), "image/webp"
-        return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
+            return image_uri(Image.open(self.path), "webp", quality=_QUALITY)
+        return data_uri(data, MEDIA[self.path.suffix.lower()])
 
 
 def make_environment(folder: Path) -> Environment:

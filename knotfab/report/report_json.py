@@ -58,29 +58,25 @@ def assemble(
         "checks": checks,
         "effects": effects,
         "limits": limits,
+        "timings": timings,
         "knots": knots,
         "print": print_,
         "settings": settings,
     }
-    for section, content in parts.items():
+    for section, keys in KEYS.items():
+        content = parts[section]
         for record in [content] if isinstance(content, Mapping) else content:
-            lacking = [key for key in KEYS[section].split() if key not in record]
+            lacking = [key for key in keys.split() if key not in record]
             if lacking:
                 raise ValueError(f"report.json: {section} lacks {', '.join(lacking)}")
-    total = timings.get("total", sum(timings.values()))
-    times = {**{k: v for k, v in timings.items() if k != "total"}, "total": total}
+    parts["effects"] = [*effects, *limits_as_effects(limits)]
+    stages = {name: seconds for name, seconds in timings.items() if name != "total"}
+    parts["timings"] = {**stages, "total": timings.get("total", sum(stages.values()))}
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "status": "fail" if exit_code(checks) else "pass",
         "verdict": worst_verdict(views),
-        "views": views,
-        "checks": checks,
-        "effects": [*effects, *limits_as_effects(limits)],
-        "limits": limits,
-        "timings": times,
-        "knots": knots,
-        "print": print_,
-        "settings": settings,
+        **parts,
     }
     if notes:
         report["notes"] = notes

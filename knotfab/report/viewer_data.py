@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array, Mask
-from knotfab.geometry.meshes import Mesh
+from knotfab.geometry.meshes import Mesh, face_normals, keep_faces
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
@@ -81,7 +81,7 @@ def viewer_data(
     data: Record = {
         "unit": "mm",
         "radius": placed.radius_mm,
-        "curves": _pack_curves(placed),
+        "curves": [pack_rows(knot.points) for knot in placed.knots],
         "views": [
             {key: getattr(view, key) for key in VIEW_KEYS} | {"picture": silhouette_uri(mask)}
             for view, mask in zip(scene.views, silhouettes, strict=True)
@@ -122,9 +122,8 @@ def find_supports(bodies: Sequence[Mesh], rules: Rules) -> Array:
     """
     at, down = [], []
     for vertices, faces in bodies:
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        at.append((a + b + c) / 3)
+        normal = face_normals(vertices[faces])
+        at.append(vertices[faces].mean(axis=1))
         down.append(-normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-300))
     middle, steep = np.concatenate(at), np.concatenate(down)
     under = (steep > np.sin(np.radians(rules.max_overhang_deg))) & (middle[:, 2] > rules.layer_mm)
@@ -152,10 +151,6 @@ def _base64(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
 
 
-def _pack_curves(knots: Knots) -> list[Record]:
-    return [pack_rows(knot.points) for knot in knots.knots]
-
-
 def _pack_mesh(mesh: Mesh) -> Record:
     vertices, faces = mesh
     return {"positions": pack_rows(vertices), "faces": _base64(faces.astype("<u4"))}
@@ -172,8 +167,7 @@ def _mount_of(knots: Knots, bodies: Sequence[Mesh], matrix: Array) -> list[Mesh]
         off = middles.query(points)[0] > OFF_TUBE * knots.radius_mm
         own = faces[off[faces].any(axis=1)]
         if len(own):
-            used, renumbered = np.unique(own, return_inverse=True)
-            found.append(_fewer((points[used], renumbered.reshape(-1, 3).astype(np.int32))))
+            found.append(_fewer(keep_faces(points, own)))
     return found
 
 

@@ -45,6 +45,30 @@ class Camera:
         plane = np.append(normal, offset)
         return plane if plane[:3] @ self.eye + offset > 0 else -plane
 
+    @property
+    def middle(self) -> Array:
+        """(3,) of the frame, on the receiver."""
+        half = self.corner + 0.5 * (self.width - 1) * self.du
+        return np.asarray(half + 0.5 * (self.height - 1) * self.dv)
+
+    @property
+    def frame_mm(self) -> tuple[float, float]:
+        """Width and height of the frame."""
+        across, down = (float(np.linalg.norm(step)) for step in (self.du, self.dv))
+        return self.width * across, self.height * down
+
+    @property
+    def wall_axes(self) -> Array:
+        """(3, 3) rows: the picture's right, up the receiver, and out of it."""
+        right, out = self.du / np.linalg.norm(self.du), self.receiver[:3]
+        return np.stack([right, np.cross(out, right), out])
+
+    @property
+    def level_axes(self) -> Array:
+        """(3, 3) rows: the picture's right, straight up, and level towards the light."""
+        right, up = self.du / np.linalg.norm(self.du), np.array([0.0, 1.0, 0.0])
+        return np.stack([right, up, np.cross(right, up)])
+
     def project(self, points: Array) -> Array:
         """(n, 3) points in mm -> (n, 2) pixels."""
         p = self.projection

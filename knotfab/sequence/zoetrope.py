@@ -13,11 +13,10 @@ from math import hypot, pi, tan
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.meshes import as_manifold, as_mesh
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 __all__ = ["Zoetrope", "build_zoetrope", "find_footholds"]
-
-Mesh = tuple[Array, NDArray[np.int32]]
 
 _SIDES = 12  # of a tube, which is scaled down
 _GAP_RADII = 1.5  # tube radii between neighbouring frames

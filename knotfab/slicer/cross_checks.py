@@ -9,14 +9,14 @@ from math import ceil
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.files.threemf import Body
+from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode, points_along
 from knotfab.slicer.profile import INFILL_PERCENT, line_width
 from knotfab.slicer.result import CrossCheck
 
-__all__ = ["box_of", "compare_gcode", "compare_info"]
+__all__ = ["compare_gcode", "compare_info"]
 
 
 SPACING_MM = 1.0  # of the points that stand for a printed line
@@ -28,14 +28,7 @@ BOX_MM = 1 / 64
 VOLUME_SHARE = 1 / 1024
 
 
-def box_of(bodies: Sequence[Body]) -> tuple[Array, Array]:
-    """Lowest and highest corner (3,) of all bodies together, mm."""
-    low = np.min([body.vertices.min(axis=0) for body in bodies], axis=0)
-    high = np.max([body.vertices.max(axis=0) for body in bodies], axis=0)
-    return low, high
-
-
-def compare_info(said: str, bodies: Sequence[Body]) -> tuple[int, CrossCheck]:
+def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, CrossCheck]:
     """How many objects `--info` lists, and whether it is one, of the bodies' size, place and volume.
 
     Several would drop onto the bed each by itself. It is the one question in which PrusaSlicer says by
@@ -70,7 +63,7 @@ def compare_info(said: str, bodies: Sequence[Body]) -> tuple[int, CrossCheck]:
 
 
 def compare_gcode(
-    gcode: Gcode, bodies: Sequence[Body], scene: Scene, shift: Array
+    gcode: Gcode, bodies: Sequence[Mesh], scene: Scene, shift: Array
 ) -> list[CrossCheck]:
     """The printed lines against the bodies, moved by `shift` (3,) to their place on the bed.
 
@@ -121,36 +114,37 @@ def _place(gcode: Gcode, low: Array, high: Array, width: float, layer: float) ->
     return CrossCheck("place", share <= 1, share, 1.0, "lines or layers", detail)
 
 
-def _surface(gcode: Gcode, bodies: Sequence[Body], shift: Array, limit: float) -> CrossCheck:
+def _surface(gcode: Gcode, bodies: Sequence[Mesh], shift: Array, limit: float) -> CrossCheck:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points_along(gcode.start, gcode.end, SPACING_MM))
-    total = sum(len(body.vertices) for body in bodies)
-    worst, where, name = 0.0, np.zeros(3), bodies[0].name
-    for body in bodies:
-        wanted = max(LEAST_SAMPLES, SAMPLES * len(body.vertices) // total)
+    total = sum(len(vertices) for vertices, _ in bodies)
+    worst, where, shell = 0.0, np.zeros(3), 1
+    for number, body in enumerate(bodies, start=1):
+        wanted = max(LEAST_SAMPLES, SAMPLES * len(body[0]) // total)
         sample = _sample(body, wanted) + shift
         away, _ = tree.query(sample)
         if away.max() > worst:
-            worst, where, name = float(away.max()), sample[away.argmax()] - shift, body.name
+            worst, where, shell = float(away.max()), sample[away.argmax()] - shift, number
     place = ", ".join(f"{x:.1f}" for x in where)
     detail = (
         f"no place of the surface is further than {worst:.2f} mm from a printed line"
         if worst <= limit
-        else f"{name} is not printed at ({place}): the nearest line is {worst:.2f} mm away"
+        else f"shell {shell} is not printed at ({place}): the nearest line is {worst:.2f} mm away"
     )
     return CrossCheck("surface", worst <= limit, worst, limit, "mm", detail)
 
 
-def _sample(body: Body, wanted: int) -> Array:
+def _sample(body: Mesh, wanted: int) -> Array:
     """Points (k, 3) of the surface: corners and middles of faces, evenly taken from the lists."""
-    corners = body.vertices[:: max(1, 2 * len(body.vertices) // wanted)]
-    faces = body.faces[:: max(1, 2 * len(body.faces) // wanted)]
-    points: Array = np.concatenate([corners, body.vertices[faces].mean(axis=1)])
+    vertices, faces = body
+    corners = vertices[:: max(1, 2 * len(vertices) // wanted)]
+    some = faces[:: max(1, 2 * len(faces) // wanted)]
+    points: Array = np.concatenate([corners, vertices[some].mean(axis=1)])
     return points
 
 
-def _filament(gcode: Gcode, bodies: Sequence[Body]) -> CrossCheck:
+def _filament(gcode: Gcode, bodies: Sequence[Mesh]) -> CrossCheck:
     volume = _volume_mm3(bodies) / 1000
     laid = gcode.filament_cm3 * (1 - gcode.support_share)
     share = laid / volume
@@ -161,9 +155,9 @@ def _filament(gcode: Gcode, bodies: Sequence[Body]) -> CrossCheck:
     return CrossCheck("filament", passed, share, MOST_FILAMENT, "of the mesh's volume", detail)
 
 
-def _layers(gcode: Gcode, bodies: Sequence[Body], bottom: float, layer: float) -> CrossCheck:
+def _layers(gcode: Gcode, bodies: Sequence[Mesh], bottom: float, layer: float) -> CrossCheck:
     """A layer is there where its middle height cuts a body."""
-    tops = [(b.vertices[:, 2].min() - bottom, b.vertices[:, 2].max() - bottom) for b in bodies]
+    tops = [(v[:, 2].min() - bottom, v[:, 2].max() - bottom) for v, _ in bodies]
     middles = (np.arange(ceil(max(high for _, high in tops) / layer) + 1) + 0.5) * layer
     wanted = sum(any(low <= z < high for low, high in tops) for z in middles)
     off = abs(gcode.layers - wanted)
@@ -171,5 +165,5 @@ def _layers(gcode: Gcode, bodies: Sequence[Body], bottom: float, layer: float) -
     return CrossCheck("layers", off <= LAYERS_OFF, float(off), LAYERS_OFF, "layers", detail)
 
 
-def _volume_mm3(bodies: Sequence[Body]) -> float:
-    return abs(sum(mesh_volume(body.vertices, body.faces) for body in bodies))
+def _volume_mm3(bodies: Sequence[Mesh]) -> float:
+    return abs(sum(mesh_volume(*body) for body in bodies))

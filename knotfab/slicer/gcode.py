@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array
+from knotfab.geometry.sampling import number_runs
 
 __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]
 
@@ -104,9 +105,8 @@ def points_along(start: Array, end: Array, spacing: float) -> Array:
     """
     length = np.linalg.norm(end - start, axis=1)
     pieces = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
-    line = np.repeat(np.arange(len(pieces)), pieces)
-    first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
-    share = (np.arange(len(line)) - first[line] + 0.5) / pieces[line]
+    line, number = number_runs(pieces)
+    share = (number + 0.5) / pieces[line]
     points: Array = start[line] + share[:, None] * (end - start)[line]
     return points
 

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from knotfab.files.threemf import read_shells
+from knotfab.geometry.meshes import box_of
 from knotfab.pool import Pool
 from knotfab.scene.model import Scene
-from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
+from knotfab.slicer.cross_checks import compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import BadGcode, read_gcode
 from knotfab.slicer.known_warnings import read_warnings

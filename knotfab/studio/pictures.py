@@ -12,6 +12,7 @@ from PIL import Image
 from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
 from knotfab.target import raster, svg, text
+from knotfab.target.data_uri import encode_image
 from knotfab.target.read import TEXT_PREFIX, name_picture
 
 __all__ = ["LARGEST_BYTES", "StudioPicture", "keep_picture", "keep_text"]
@@ -118,6 +119,4 @@ def _show(image: Image.Image) -> bytes:
     small.thumbnail((_SHOWN_PX, _SHOWN_PX))
     plain = Image.new("RGBA", small.size)
     plain.paste(small)
-    buffer = io.BytesIO()
-    plain.save(buffer, "PNG")
-    return buffer.getvalue()
+    return encode_image(plain)

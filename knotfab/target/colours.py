@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
+from knotfab.target.masks import holes_of, pieces_of
 
 __all__ = ["Clusters", "cluster_colours", "enclosed_parts"]
 
@@ -97,10 +98,8 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
     if len(found.colours) == 1:
         return none, None
     main = inside & (found.label(colours) == 0)
-    around, _ = ndimage.label(np.pad(~main, 1, constant_values=True))
-    holes = (around != around[0, 0])[1:-1, 1:-1] & ~main & inside
-    parts, count = ndimage.label(holes, np.ones((3, 3)))
-    if count == 0:
+    parts, areas = pieces_of((holes_of(main)[0] > 0) & inside)
+    if not len(areas):
         return none, found
     kept = none
     for number, box in enumerate(ndimage.find_objects(parts), start=1):

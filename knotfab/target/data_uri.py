@@ -1,17 +1,35 @@
-"""A silhouette as a small picture that pages embed."""
+"""Pictures as the bytes of a file, and as data URIs that pages embed."""
 
 from __future__ import annotations
 
 import base64
 import io
+from typing import Any
 
 from PIL import Image
 
 from knotfab.arrays import Mask
 
-__all__ = ["silhouette_uri"]
+__all__ = ["data_uri", "encode_image", "image_uri", "silhouette_uri"]
 
 _LONGER_PX = 512
+
+
+def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes:
+    """The bytes of a picture's file, by Pillow's name of the format and with its options."""
+    with io.BytesIO() as file:
+        image.save(file, kind.upper(), **options)
+        return file.getvalue()
+
+
+def data_uri(data: bytes, media: str) -> str:
+    """A file as a URI that holds all of it; `media` such as "image/png"."""
+    return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def image_uri(image: Image.Image, kind: str = "png", **options: Any) -> str:
+    """A picture as a data URI; arguments as `encode_image` has them."""
+    return data_uri(encode_image(image, kind, **options), f"image/{kind}")
 
 
 def silhouette_uri(mask: Mask) -> str:
@@ -22,6 +40,4 @@ def silhouette_uri(mask: Mask) -> str:
         size = max(1, round(image.width * scale)), max(1, round(image.height * scale))
         grey = image.convert("L").resize(size, Image.Resampling.BOX)
         image = grey.point(lambda value: 255 if value > 127 else 0)
-    file = io.BytesIO()
-    image.convert("1", dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+    return image_uri(image.convert("1", dither=Image.Dither.NONE), optimize=True)

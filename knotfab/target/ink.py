@@ -14,6 +14,7 @@ from knotfab.arrays import Array, Mask
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.colours import cluster_colours, enclosed_parts
+from knotfab.target.masks import holes_of
 
 __all__ = ["find_ink"]
 
@@ -180,8 +181,6 @@ def _differ(colours: Levels, middle: Array, threshold: float, what: str) -> Mask
 
 def _flood(colours: Levels, threshold: float, what: str) -> Mask:
     """The background: pixels near one of the border's colours, joined to the border."""
-    from scipy import ndimage
-
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
@@ -189,8 +188,8 @@ def _flood(colours: Levels, threshold: float, what: str) -> Mask:
     away = np.stack([_squares(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
     if away.max() == 0:
         raise _one_colour(what)
-    near, _ = ndimage.label(np.pad(away <= threshold**2 * away.max(), 1, constant_values=True))
-    return np.asarray(near == near[0, 0])[1:-1, 1:-1]
+    near = away <= threshold**2 * away.max()
+    return np.asarray(near & (holes_of(~near)[0] == 0))
 
 
 def _split_brightness(

@@ -1,4 +1,4 @@
-"""Silhouette masks as sets of pixels: pieces (8-connected) and holes (4-connected) kept or left out."""
+"""Silhouette masks as sets of pixels: their pieces (8-connected), holes (4-connected) and outlines."""
 
 from __future__ import annotations
 
@@ -7,13 +7,39 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Mask
 
-__all__ = ["drop_specks", "holes_of", "keep_largest", "mask_iou", "pieces_of", "smooth"]
+__all__ = [
+    "drop_specks",
+    "fill_holes",
+    "holes_of",
+    "keep_largest",
+    "mask_iou",
+    "outline_px",
+    "pieces_of",
+    "sample_mask",
+    "smooth",
+]
 
 
 def mask_iou(one: Mask, other: Mask) -> float:
     """Intersection over union of two masks (H, W) of one grid; 1 where both are empty."""
     union = int((one | other).sum())
     return float((one & other).sum() / union) if union else 1.0
+
+
+def outline_px(mask: Mask) -> int:
+    """How many sides of pixels the outline of a mask has, those at the frame too."""
+    edged = np.pad(mask, 1)
+    return int((edged[1:] ^ edged[:-1]).sum() + (edged[:, 1:] ^ edged[:, :-1]).sum())
+
+
+def sample_mask(mask: Mask, width: int, height: int) -> Mask:
+    """The mask (H, W) at another resolution of the same frame, by nearest sampling: (height, width)."""
+    # in whole numbers, so that a centre between two pixels falls on the same side everywhere
+    rows, columns = (
+        (2 * np.arange(wanted) + 1) * source // (2 * wanted)
+        for wanted, source in zip((height, width), mask.shape, strict=True)
+    )
+    return np.asarray(mask[np.ix_(rows, columns)])
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
@@ -46,9 +72,13 @@ def keep_largest(mask: Mask, count: int) -> Mask:
 def drop_specks(mask: Mask, least_px: int) -> Mask:
     """Without pieces of fewer pixels, and holes of fewer filled."""
     labels, areas = pieces_of(mask)
-    kept = np.concatenate([[False], areas >= least_px])[labels]
-    labels, areas = holes_of(kept)
-    return np.asarray(kept | np.concatenate([[False], areas < least_px])[labels])
+    return fill_holes(np.concatenate([[False], areas >= least_px])[labels], least_px)
+
+
+def fill_holes(mask: Mask, least_px: float) -> Mask:
+    """With holes of fewer pixels filled."""
+    labels, areas = holes_of(mask)
+    return np.asarray(mask | np.concatenate([[False], areas < least_px])[labels])
 
 
 def smooth(mask: Mask, sigma_px: float) -> Mask:

@@ -12,7 +12,7 @@ from knotfab.arrays import Mask
 from knotfab.errors import InputError
 from knotfab.scene.model import Box, Reading
 from knotfab.target.ink import find_ink
-from knotfab.target.masks import drop_specks, keep_largest
+from knotfab.target.masks import drop_specks, keep_largest, pieces_of
 
 __all__ = [
     "LARGEST_SIDE",
@@ -24,6 +24,8 @@ __all__ = [
     "decode",
     "looks_like_raster",
     "own_box",
+    "shrink",
+    "shrink_factor",
     "silhouette",
 ]
 
@@ -214,10 +216,7 @@ def check_shape(mask: Mask, what: str) -> None:
     smallest = max(2.0, 1e-4 * mask.size)
     largest = area
     if smallest <= area < mask.size // 50:  # more cannot be made of specks alone in a real picture
-        from scipy import ndimage
-
-        labels, _ = ndimage.label(mask, structure=np.ones((3, 3), dtype=bool))
-        largest = int(np.bincount(labels.ravel())[1:].max())
+        largest = int(pieces_of(mask)[1].max())
     if largest < smallest:
         raise InputError(
             what,

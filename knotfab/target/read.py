@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -11,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
+from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import smooth
 
 __all__ = [
@@ -82,12 +83,7 @@ class Target:
 
     def drawing_png(self) -> bytes:
         """What is drawn, black on white, as the view's own wall has it, as a PNG."""
-        from PIL import Image
-
-        with io.BytesIO() as file:
-            drawn = self.mask if self.drawing is None else self.drawing
-            Image.fromarray(~drawn).save(file, "PNG")
-            return file.getvalue()
+        return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
 
     @property
     def file_name(self) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import scipy.sparse
     from shapely import MultiPolygon, Polygon
 
-__all__ = ["LONGER_SIDE", "pieces", "resample_mask", "sample_1024", "trace_polygon"]
+__all__ = ["LONGER_SIDE", "pieces", "resample_mask", "trace_polygon"]
 
 
 LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
@@ -64,16 +64,6 @@ def resample_mask(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
 def _scale(width: int, height: int, longer: int) -> tuple[int, int]:
     scale = longer / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
-
-
-def sample_1024(mask: Mask) -> Mask:
-    """The mask with 1024 px on its longer side, larger or smaller, by nearest sampling."""
-    height, width = mask.shape
-    columns, rows = _scale(width, height, LONGER_SIDE)
-    # In whole numbers, so that a centre between two pixels falls on the same side everywhere.
-    u = (2 * np.arange(columns) + 1) * width // (2 * columns)
-    v = (2 * np.arange(rows) + 1) * height // (2 * rows)
-    return np.asarray(mask[np.ix_(v, u)])
 
 
 def _area(ring: Array) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.arrays import Array, Mask
+from knotfab.target.masks import fill_holes
 from knotfab.target.silhouette import resample_mask
 
 if TYPE_CHECKING:
@@ -39,16 +40,14 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
         Lines in pixels of the mask. Those that meet have that end in common, exactly; a closed line
         that meets no other begins where it ends.
     """
-    from scipy.ndimage import distance_transform_edt, label
+    from scipy.ndimage import distance_transform_edt
     from skimage.morphology import skeletonize
 
     height, width = mask.shape
     zoom = _RADIUS_PX / (0.5 * width_px)
     columns, rows = max(1, round(zoom * width)), max(1, round(zoom * height))
     fine = np.pad(resample_mask(mask, columns, rows) >= 0.5, 1)
-    holes, count = label(~fine)
-    small = np.bincount(holes.ravel(), minlength=count + 1) < _HOLE * _RADIUS_PX**2
-    fine |= small[holes] & (holes > 0)
+    fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
     skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
     pixels = _pixel_graph(skeleton)
     _cut_ends(pixels, distance_transform_edt(fine))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.arrays import Array, Mask
+from knotfab.target.masks import outline_px, pieces_of
 
 __all__ = ["draw_discs", "is_thin", "run_together", "thicken"]
 
@@ -48,10 +49,8 @@ def is_thin(mask: Mask, width_px: float) -> bool:
 
     Most of its middle lines are, by their length, and hardly any of its area is twice as thick.
     """
-    edged = np.pad(mask, 1)
-    edge = (edged[1:] ^ edged[:-1]).sum() + (edged[:, 1:] ^ edged[:, :-1]).sum()
     # what is thick is told at once: where a fifth at most is solid, area is at most so much of the edge
-    if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * edge:
+    if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * outline_px(mask):
         return False
     inside = _inside(mask)
     thin = inside[_ridge(mask, inside)] < 0.5 * width_px
@@ -83,12 +82,12 @@ def thicken(mask: Mask, width_px: float) -> Mask:
     inside = _inside(mask)
     opened = _opened(inside, radius)
     thin = mask & ~opened
-    labels, count = ndimage.label(thin, np.ones((3, 3)))
-    if count == 0:
+    labels, areas = pieces_of(thin)
+    if not len(areas):
         return mask
     reach = ndimage.distance_transform_edt(~opened) if opened.any() else np.full(mask.shape, np.inf)
     # corners that the disc rounds are no strokes: they end within its radius
-    long = ndimage.maximum(reach, labels, np.arange(count + 1)) > radius
+    long = ndimage.maximum(reach, labels, np.arange(len(areas) + 1)) > radius
     strokes = np.asarray(long)[labels] & thin
     middle = strokes & _ridge(mask, inside)
     return mask | draw_discs(middle, radius)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 import time
 from dataclasses import asdict, dataclass, replace
@@ -32,6 +31,7 @@ from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
+from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import mask_iou
 
 __all__ = [
@@ -226,9 +226,7 @@ def _shrink(seen: Mask, wanted: Mask) -> str:
     index[one - other > _WRONG], index[other - one > _WRONG] = 2, 3
     image = Image.fromarray(index.astype(np.uint8), mode="P")
     image.putpalette(_COLOURS)
-    written = io.BytesIO()
-    image.save(written, "PNG", optimize=True, bits=2)
-    return base64.b64encode(written.getvalue()).decode("ascii")
+    return base64.b64encode(encode_image(image, optimize=True, bits=2)).decode("ascii")
 
 
 def warm_up(study: Study, settings: SearchSettings) -> None:

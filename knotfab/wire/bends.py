@@ -11,6 +11,8 @@ from knotfab.wire.arcs import Wire
 
 __all__ = ["Bend", "BendList", "list_bends", "tool_angle_deg"]
 
+LEAST_TURN_DEG = 0.05
+
 
 @dataclass(frozen=True)
 class Bend:
@@ -61,13 +63,11 @@ def tool_angle_deg(bend_deg: float, springback_percent: float) -> float:
     return bend_deg / (1.0 - springback_percent / 100.0)
 
 
-def list_bends(
-    wire: Wire, straight: int, springback_percent: float, least_turn_deg: float = 0.05
-) -> BendList:
+def list_bends(wire: Wire, straight: int, springback_percent: float) -> BendList:
     """The rows of a closed wire that starts and ends in the middle of a straight.
 
     Args:
-        straight: the number of the straight that is cut. Bends of less than `least_turn_deg` would
+        straight: the number of the straight that is cut. Bends of less than `LEAST_TURN_DEG` would
             be none at all: they stay, but say so.
     """
     m = len(wire.corners)
@@ -92,7 +92,7 @@ def list_bends(
                 angle,
                 tool_angle_deg(angle, springback_percent),
                 wire.radius,
-                "" if angle >= least_turn_deg else "as good as straight",
+                "" if angle >= LEAST_TURN_DEG else "as good as straight",
             )
         )
         distance += wire.radius * turn

@@ -12,7 +12,7 @@ from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst
 from knotfab.wire.arcs import Wire, WireSites, round_corners
 from knotfab.wire.likeness import Likeness
 from knotfab.wire.prune import prune
-from knotfab.wire.residual import FitLimits, Strand, measure_distances
+from knotfab.wire.residual import DEPTH_FACTOR, FitLimits, Strand, measure_distances
 
 __all__ = ["FitLimits", "fit_wires"]
 
@@ -82,7 +82,7 @@ def fit_wires(
     strands = []
     for curve in curves:
         points = sample_evenly(curve, _STEP_MM, at_most=True)
-        scaled = _flatten_depth(points, light, limits.depth_factor)
+        scaled = _flatten_depth(points, light)
         index = _first_corners(points, scaled, _CHORDS * limits.tolerance_mm)
         if len(index) < 3:
             index = np.arange(3) * (len(points) // 3)
@@ -119,12 +119,12 @@ def fit_wires(
     return [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
 
 
-def _flatten_depth(points: Array, light: Array | None, factor: float) -> Array:
+def _flatten_depth(points: Array, light: Array | None) -> Array:
     """The curve flattened along the light's axis, so that plain distances weigh depth less."""
     if light is None:
         return points
     axis = light / np.linalg.norm(light)
-    return np.asarray(points - (1.0 - 1.0 / factor) * (points @ axis)[:, None] * axis)
+    return np.asarray(points - (1.0 - 1.0 / DEPTH_FACTOR) * (points @ axis)[:, None] * axis)
 
 
 def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:

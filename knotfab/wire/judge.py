@@ -21,6 +21,7 @@ from knotfab.wire.replay import (
     measure_sensitivity,
     replay,
 )
+from knotfab.wire.residual import DEPTH_FACTOR
 
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
@@ -156,7 +157,6 @@ class Judge:
     shadows: tuple[ViewShadow, ...]
     material: Material
     tolerance: float
-    depth_factor: float
     floor: float
     types: tuple[str, ...]  # of the knots
 
@@ -171,9 +171,7 @@ class Judge:
         closed = [line[:-1] for line in lines]
         ious = {s.view.name: s.iou(closed) for s in self.shadows}
         least = measure_least_distance(closed, self.material.wire_diameter_mm)
-        checks = check_wire(
-            knots, self.material, self.tolerance, self.depth_factor, ious, self.floor, least
-        )
+        checks = check_wire(knots, self.material, self.tolerance, ious, self.floor, least)
         return Verdict(knots, ious, least, (*checks, check_type(plans, self.types)))
 
 
@@ -217,7 +215,6 @@ def check_wire(
     found: tuple[WireKnot, ...],
     material: Material,
     tolerance: float,
-    depth_factor: float,
     ious: Mapping[str, float],
     floor: float,
     least: float,
@@ -240,7 +237,7 @@ def check_wire(
             f"largest distance of the bent wire from the knot, across the light's rays ({across.file})",
         ),
         at_most(
-            "wire_depth", along.deviation.largest, depth_factor * tolerance, "mm",
+            "wire_depth", along.deviation.largest, DEPTH_FACTOR * tolerance, "mm",
             f"largest distance of the bent wire from the knot in any direction ({along.file})",
         ),
         at_least(

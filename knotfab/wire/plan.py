@@ -22,13 +22,15 @@ from knotfab.wire.frame import WireFrame, measure_frame
 from knotfab.wire.judge import Judge, ViewShadow, WireKnot, cast_shadows
 from knotfab.wire.likeness import Likeness
 from knotfab.wire.replay import replay
+from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 
 
-TOLERANCE_RADII = 1.1
-DEPTH_FACTOR = 2.0
+TOLERANCE_RADII = (
+    1.1  # of the centre line across the light's rays; a fit keeps to less where it must
+)
 IOU_LOSS = 0.02  # what straights and bends of one radius may cost the shadow
 _FIT_SHARES = (0.97, 0.8, 0.65, 0.45)  # of the tolerance: the next where one spoils the shadow
 _SLEEVE_MM = 8.0  # of a crimp or a soldered tube over both ends
@@ -88,10 +90,6 @@ def write_bending_plan(
     knots: Knots,
     scene: ResolvedScene,
     pictures: Sequence[Path],
-    *,
-    iou_floor: float | None = None,
-    tolerance_mm: float | None = None,
-    depth_factor: float = DEPTH_FACTOR,
     suffix: str = "",
 ) -> WirePlan:
     """Write bends.csv and the templates of a piece of wire, and measure what the files give.
@@ -102,11 +100,6 @@ def write_bending_plan(
     Args:
         folder: where the files go. knots: in scene coordinates. scene: with its views' frames
             and its material resolved. pictures: the file that each view's shadow is compared with.
-        iou_floor: required of the bent wire's shadow in each view; the scene's, less `IOU_LOSS`, by
-            default.
-        tolerance_mm: of the centre line across the light's rays; by default `TOLERANCE_RADII`; a fit
-            keeps to less where its shadow asks for it.
-        depth_factor: how much more is allowed along the rays of a single view.
         suffix: in the names of the files, such as "-01" of a sequence's frame.
 
     Raises:
@@ -126,10 +119,8 @@ def write_bending_plan(
             f"{2 * knots.radius_mm:g} mm",
             f"Set tube_radius_mm = {0.5 * material.wire_diameter_mm:g}.",
         )
-    tolerance = TOLERANCE_RADII * knots.radius_mm if tolerance_mm is None else tolerance_mm
-    floor = iou_floor
-    if floor is None:
-        floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
+    tolerance = TOLERANCE_RADII * knots.radius_mm
+    floor = max(0.0, scene.accuracy.iou_floor - IOU_LOSS)
     curves = [k.points for k in knots.knots]
     shadows = cast_shadows(scene, pictures, knots)
     # what runs along the rays of one view lies across those of another
@@ -140,7 +131,7 @@ def write_bending_plan(
         else [f"bends{suffix}-{k + 1}.csv" for k in range(len(curves))]
     )
     types = tuple(k.type for k in knots.knots)
-    judge = Judge(curves, shadows, material, tolerance, depth_factor, floor, types)
+    judge = Judge(curves, shadows, material, tolerance, floor, types)
     likenesses = [Likeness.of(s.geometry, s.target, s.radius) for s in shadows]
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
@@ -150,7 +141,6 @@ def write_bending_plan(
             material.max_bend_deg,
             material.wire_diameter_mm,
             share * tolerance,
-            depth_factor,
         )
         wires = fit_wires(curves, light, limits, likenesses)
         joints = [_choose_joint(wire, shadows) for wire in wires]
@@ -169,7 +159,7 @@ def write_bending_plan(
     assert best is not None
     tolerances = f"{tolerance:g} mm in any direction"
     if light is not None:
-        along = f"{tolerance * depth_factor:g} mm along"
+        along = f"{tolerance * DEPTH_FACTOR:g} mm along"
         tolerances = f"{tolerance:g} mm across the light's rays, {along}"
     total = sum(r.length_mm for r in best[1])
     for name, row in zip(names, best[1], strict=True):
@@ -195,9 +185,7 @@ def write_bending_plan(
     pages = {}
     for key, paper in PAPERS.items():
         path = folder / f"bending-templates-{key}{suffix}.pdf"
-        pages[path.name] = write_templates(
-            path, paper, drawings, facts, "print at 100 %, not fitted to the page"
-        )
+        pages[path.name] = write_templates(path, paper, drawings, facts)
     length = sum(k.length_mm for k in verdict.knots)
     frames = [measure_frame(s.mask, s.view, material) for s in shadows]
     frame = min(frames, key=lambda f: f.most_iou)

@@ -77,9 +77,7 @@ def _choose(strand: Strand, barred: Mask, light: Array | None, limits: FitLimits
     size = np.maximum((chord * chord).sum(axis=1), 1e-18)
     share = np.clip(((corners - first) * chord).sum(axis=1) / size, 0.0, 1.0)
     foot = first + share[:, None] * chord
-    height = np.linalg.norm(
-        weigh_depth(corners - foot, corners, light, limits.depth_factor), axis=1
-    )
+    height = np.linalg.norm(weigh_depth(corners - foot, corners, light), axis=1)
     for j in np.argsort(height):
         if free[j] and height[j] <= _HIGHEST * limits.tolerance_mm:
             chosen[j] = True

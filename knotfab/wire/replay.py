@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.arrays import Array
-from knotfab.geometry.sampling import arc_lengths, sample_evenly
+from knotfab.geometry.sampling import pair_nearby, sample_evenly
 from knotfab.wire.bends import BendList
 
 __all__ = [
@@ -23,7 +23,9 @@ __all__ = [
 ]
 
 
-_WINDOW = 30  # samples
+_STEP_MM = 0.1  # between the places at which two curves are compared
+_WINDOW = 30  # of them, to either side
+_APART_MM = 0.25  # between the places of which distances of strands are taken
 
 
 def replay(rows: BendList, step_deg: float = 4.0, step_mm: float = 0.5) -> tuple[Array, Array]:
@@ -83,9 +85,7 @@ class Deviation:
     at: tuple[float, float, float]  # on the first curve
 
 
-def measure_deviation(
-    curve: Array, other: Array, lights: Sequence[Array], step: float = 0.1
-) -> Deviation:
+def measure_deviation(curve: Array, other: Array, lights: Sequence[Array]) -> Deviation:
     """Distances of the points of a closed curve (n, 3) from another (k, 3), both ways.
 
     Points answer to about the same share of the way around, so that another strand that passes
@@ -95,7 +95,7 @@ def measure_deviation(
         other: begins anywhere and runs in the same sense.
         lights: (3,) of each view; none: every direction counts as across.
     """
-    first, second = sample_evenly(curve, step), sample_evenly(other, step)
+    first, second = sample_evenly(curve, _STEP_MM), sample_evenly(other, _STEP_MM)
     # start both at the same place: the point of the first that is nearest to where the other begins
     shift = int(((first - second[0]) ** 2).sum(axis=1).argmin())
     first = np.roll(first, -shift, axis=0)
@@ -139,32 +139,21 @@ def _find_nearest(points: Array, others: Array) -> NDArray[np.int64]:
     return np.asarray(window[np.arange(len(points)), best], dtype=np.int64)
 
 
-def measure_least_distance(curves: list[Array], diameter: float, step: float = 0.25) -> float:
+def measure_least_distance(curves: list[Array], diameter: float) -> float:
     """Least distance (mm) of centre lines where they are different strands.
 
     Two places of one curve count as different strands when the way between them along the wire is
     longer than a half circle about one diameter: shorter ones are one bend. Distances above three
     diameters are not looked for: the answer is then three diameters.
     """
-    even = [sample_evenly(c, step) for c in curves]
-    length = np.array([arc_lengths(c)[-1] for c in curves])
-    owner = np.concatenate([np.full(len(e), k) for k, e in enumerate(even)])
-    along = np.concatenate(
-        [whole * np.arange(len(e)) / len(e) for e, whole in zip(even, length, strict=True)]
-    )
+    even = [sample_evenly(c, _APART_MM) for c in curves]
     points = np.concatenate(even)
-    least = 3.0 * diameter
-    pairs = cKDTree(points).query_pairs(1.2 * diameter, output_type="ndarray")
-    for reach in (1.2 * diameter, least):
-        if reach == least:
-            pairs = cKDTree(points).query_pairs(least, output_type="ndarray")
-        a, b = pairs.T if len(pairs) else (np.zeros(0, int), np.zeros(0, int))
-        apart = np.abs(along[a] - along[b])
-        apart = np.minimum(apart, length[owner[a]] - apart)
-        keep = (owner[a] != owner[b]) | (apart > 0.5 * np.pi * diameter + reach)
-        if keep.any():
-            return float(np.linalg.norm(points[a[keep]] - points[b[keep]], axis=1).min())
-    return least
+    for reach in (1.2 * diameter, 3.0 * diameter):
+        pairs, along = pair_nearby(even, reach)
+        a, b = pairs[along > 0.5 * np.pi * diameter + reach].T
+        if len(a):
+            return float(np.linalg.norm(points[a] - points[b], axis=1).min())
+    return 3.0 * diameter
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from knotfab.wire.arcs import (
 from knotfab.wire.likeness import Likeness
 
 __all__ = [
+    "DEPTH_FACTOR",
     "FitLimits",
     "Strand",
     "compute_residual",
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 
+DEPTH_FACTOR = 2.0  # by which more than the tolerance is allowed along the rays of a single view
 _GAP_MM = 0.05  # what the fit keeps between wires beyond touching, for the rounding of the plan
 _STRAIGHT_MARGIN_MM = 0.05
 _CONTACT_STEP = 0.3  # of the diameter, between the places that are kept apart
@@ -50,7 +52,7 @@ class FitLimits:
     """What the material and the picture allow (mm, degrees).
 
     `tolerance_mm` holds across the ray from the light; along it, where the shadow does not see a
-    change, `depth_factor` times as much.
+    change, `DEPTH_FACTOR` times as much.
     """
 
     bend_radius_mm: float
@@ -58,7 +60,6 @@ class FitLimits:
     max_bend_deg: float
     wire_diameter_mm: float
     tolerance_mm: float
-    depth_factor: float = 2.0
 
 
 @dataclass
@@ -78,14 +79,14 @@ class Strand:
         return np.asarray(number % len(self.index))
 
 
-def weigh_depth(offsets: Array, points: Array, light: Array | None, depth_factor: float) -> Array:
+def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
     """Offsets (k, 3) with their part along the light's ray through each point divided."""
     if light is None:
         return offsets
     ray = light - points
     ray /= np.linalg.norm(ray, axis=1)[:, None]
     along = (offsets * ray).sum(axis=1)[:, None] * ray
-    return np.asarray(offsets - (1.0 - 1.0 / depth_factor) * along)
+    return np.asarray(offsets - (1.0 - 1.0 / DEPTH_FACTOR) * along)
 
 
 def measure_distances(
@@ -93,7 +94,7 @@ def measure_distances(
 ) -> tuple[WireSites, Array]:
     """Where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
     sites, _ = find_nearest_sites(wire, strand.points, strand.near())
-    gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light, limits.depth_factor)
+    gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light)
     return sites, np.asarray(np.linalg.norm(gap, axis=1) / strand.tolerance)
 
 
@@ -121,7 +122,7 @@ def measure_strays(
     # the nearest place lies up to half a step from the nearest point
     share = (gap * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-18)
     gap = gap - np.clip(share, -0.25, 0.25)[:, None] * along
-    metric = _make_metric(curve, np.zeros_like(curve), light, limits.depth_factor)
+    metric = _make_metric(curve, np.zeros_like(curve), light)
     metric = metric / strand.tolerance[near][:, None, None]
     return sites, np.einsum("kij,kj->ki", metric, gap), metric
 
@@ -149,9 +150,7 @@ def compute_residual(
         along = wire.tangent(sites)
         scale = np.sqrt(weights[number]) / strand.tolerance
         # sliding along the wire is free
-        metric = (
-            _make_metric(strand.points, along, light, limits.depth_factor) * scale[:, None, None]
-        )
+        metric = _make_metric(strand.points, along, light) * scale[:, None, None]
         gap = wire.at(sites) - strand.points
         offset = np.einsum("kij,kj->ki", metric, gap)
         if pictures:
@@ -194,14 +193,16 @@ def _beyond(offset: Array, metric: Array) -> tuple[Array, Array]:
     return (held * (size - _NEAR_LIMIT))[:, None] * along, held[:, None, None] * outward
 
 
-def _make_metric(points: Array, along: Array, light: Array | None, factor: float) -> Array:
+def _make_metric(points: Array, along: Array, light: Array | None) -> Array:
     """(k, 3, 3) the map from a displacement of the wire to its weighted offset across itself."""
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     if light is None:
         return np.asarray(across)
     ray = light - points
     ray /= np.linalg.norm(ray, axis=1)[:, None]
-    return np.asarray((np.eye(3) - (1 - 1 / factor) * ray[:, :, None] * ray[:, None, :]) @ across)
+    return np.asarray(
+        (np.eye(3) - (1 - 1 / DEPTH_FACTOR) * ray[:, :, None] * ray[:, None, :]) @ across
+    )
 
 
 def _join_blocks(blocks: Array) -> sparse.csr_matrix:

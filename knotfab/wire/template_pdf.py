@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.drawing.pages import Paper, Tile, draw_facts, draw_tile, lay_tiles, write_pages
+from knotfab.drawing.pages import Drawing, Paper, draw_tiled, write_pages
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Rectangle
 
 __all__ = ["WireDrawing", "draw_views", "write_templates"]
 
 
 _LABEL_MM = 1.0
-_BEFORE = "bend"  # the ruler is measured
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,31 @@ class WireDrawing:
         """Left, bottom, right and top of the wire, with its thickness and room for labels."""
         low, high = self.line.min(axis=0) - self.wire_mm, self.line.max(axis=0) + self.wire_mm
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+    def draw(self, axes: Axes, shift: Array, window: Rectangle) -> None:
+        """Draw it on a page, moved by `shift` (2,), mm, and clipped to the window."""
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+        from matplotlib.textpath import TextPath
+
+        line = self.line + shift
+        # the wire at its true thickness: a line's width is in points
+        point = 72.0 / 25.4
+        parts = axes.plot(*line.T, color="0.85", lw=self.wire_mm * point, solid_joinstyle="round")
+        parts += axes.plot(*line.T, color="black", lw=0.3)
+        parts += axes.plot(*(self.bends + shift).T, "o", ms=1.2, color="#c00", mew=0)
+        parts += axes.plot(*line[0], "s", ms=5, mfc="none", mec="#06c", mew=0.6)
+        for part in parts:
+            part.set_clip_path(window)
+        (x0, y0), wide, high = window.get_xy(), window.get_width(), window.get_height()
+        # one path for all labels: hundreds of texts are slow
+        glyphs = [
+            TextPath((x + 0.4, y + 0.3), label, size=_LABEL_MM)
+            for (x, y), label in zip(self.bends + shift, self.labels, strict=True)
+            if x0 <= x <= x0 + wide and y0 <= y <= y0 + high
+        ]
+        if glyphs:
+            axes.add_patch(PathPatch(Path.make_compound_path(*glyphs), fc="#a00", lw=0, zorder=5))
 
 
 def draw_views(
@@ -73,51 +97,16 @@ def draw_views(
 
 
 def write_templates(
-    path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str], note: str
+    path: pathlib.Path, paper: Paper, drawings: list[WireDrawing], facts: list[str]
 ) -> int:
     """One PDF whose pages print at full size (100 %, no fitting to the page).
 
     Args:
-        facts: lines of the first page. note: stands at each page's foot.
+        facts: lines of the first page.
 
     Returns:
         The number of pages.
     """
-    tiles = [(d, t) for d in drawings for t in lay_tiles(d.box, paper)]
-    total = 1 + len(tiles)
-
-    def pages() -> Iterator[Figure]:
-        title = "Bending templates, full size"
-        yield draw_facts(paper, title, facts, f"page 1 of {total}", _BEFORE)
-        for number, (drawing, tile) in enumerate(tiles, start=2):
-            yield _draw_wire_tile(paper, drawing, tile, f"page {number} of {total}", note)
-
-    return write_pages(path, "Bending templates at full size", pages())
-
-
-def _draw_wire_tile(paper: Paper, drawing: WireDrawing, tile: Tile, page: str, note: str) -> Figure:
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-    from matplotlib.textpath import TextPath
-
-    count = len(lay_tiles(drawing.box, paper))
-    figure, axes, shift, window = draw_tile(paper, tile, count, page, drawing.title, note, _BEFORE)
-    line = drawing.line + np.array(shift)
-    # the wire at its true thickness: a line's width is in points
-    point = 72.0 / 25.4
-    parts = axes.plot(*line.T, color="0.85", lw=drawing.wire_mm * point, solid_joinstyle="round")
-    parts += axes.plot(*line.T, color="black", lw=0.3)
-    parts += axes.plot(*(drawing.bends + shift).T, "o", ms=1.2, color="#c00", mew=0)
-    parts += axes.plot(*line[0], "s", ms=5, mfc="none", mec="#06c", mew=0.6)
-    for part in parts:
-        part.set_clip_path(window)
-    (x0, y0), (wide, high) = window.get_xy(), paper.room
-    # one path for all labels: hundreds of texts are slow
-    glyphs = [
-        TextPath((x + 0.4, y + 0.3), label, size=_LABEL_MM)
-        for (x, y), label in zip(drawing.bends + shift, drawing.labels, strict=True)
-        if x0 <= x <= x0 + wide and y0 <= y <= y0 + high
-    ]
-    if glyphs:
-        axes.add_patch(PathPatch(Path.make_compound_path(*glyphs), fc="#a00", lw=0, zorder=5))
-    return figure
+    shown = [Drawing(one.title, one.box, one.draw) for one in drawings]
+    pages = draw_tiled(paper, "Bending templates, full size", facts, shown, "bend")
+    return write_pages(path, "Bending templates at full size", pages)

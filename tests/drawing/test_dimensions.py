@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rings import ring
 
 from knotfab.drawing.dimensions import draw_dimension, fit_scale, length, project_outlines
 from knotfab.drawing.pages import PAPERS, make_page
@@ -24,7 +25,7 @@ def test_lengths_read_as_on_a_ruler(value: float, text: str) -> None:
     [(50.0, 1), (100.0, 1), (100.1, 1.5), (200, 2), (201, 2.5), (799, 8), (801, 10), (10_001, 150)],
 )
 def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
-    to = fit_scale((-size / 2, 0.0, size / 2, 10.0), (20.0, 30.0, 120.0, 130.0))
+    to = fit_scale(np.array([[-size / 2, 10.0], [size / 2, 0.0]]), (20.0, 30.0, 120.0, 130.0))
     assert to.ratio == pytest.approx(ratio)
     ends = to(np.array([[-size / 2, 0.0], [size / 2, 10.0]]))
     assert ends.mean(axis=0) == pytest.approx([70.0, 80.0])
@@ -53,9 +54,7 @@ def test_a_short_dimension_has_its_text_beside_it() -> None:
 
 
 def test_the_outline_of_a_ring_has_a_hole_where_one_looks_through() -> None:
-    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    ring = np.stack([30 * np.cos(t), 30 * np.sin(t), np.zeros(200)], axis=1)
-    solid = as_manifold(sweep(ring, 2.0, 32))
+    solid = as_manifold(sweep(ring(30.0, wave=0.0), 2.0, 32))
 
     def area(polygon: np.ndarray) -> float:
         x, y = polygon.T

@@ -6,15 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rings import RADIUS, camera, knots, ring
+from rings import PLA, RADIUS, camera, knots, ring
 
 from knotfab.mount.choose import _Model, choose_pegs
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.wall_brace import pegs_on, sites_with
-
-PLA = Stiffness(2300.0, 1.24, 0.2)
-
 
 ONE = knots(ring(50.0))
 

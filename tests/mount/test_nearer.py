@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rings import VIEW, camera, knots, ring
+from rings import PLA, PLATE, VIEW, camera, knots, ring
 from shapely import MultiPolygon, box
 
 from knotfab.arrays import Array
@@ -16,15 +16,13 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.knots import Knot, Knots
 from knotfab.mount.nearer import AIM, LEAST_PEG_MM, SHARES, Place, _move, propose_place
 from knotfab.mount.piece_frame import Stiffness
-from knotfab.mount.wall import NotHeldError, WallSettings, plan_wall, sag_on_pegs
+from knotfab.mount.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import Piece, Region, ResolvedView, Scene
 
-PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
 LOOSE = Knots(knots(ring(12.0, 30.0, 40, 3.0), ring(20.0, -30.0, 60, 3.0)).knots, 0.8)
 DEPTH = float(np.ptp(LOOSE.points[:, 2]))
 SQUARE = MultiPolygon([box(-70, -70, 70, 70)])
-PLA = Stiffness(2300.0, 1.24, 0.2)
 SOFT = replace(PLA, young_mpa=400.0)
 
 

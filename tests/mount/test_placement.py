@@ -7,8 +7,9 @@ import pytest
 from setups import setup
 
 from knotfab.mount.placement import placement_of
-from knotfab.mount.wall import WallSettings
+from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import level_wall, steps_of
+from knotfab.scene.model import Mount
 from knotfab_fixtures.plate import ARROW_MARKS
 
 
@@ -93,6 +94,6 @@ def test_a_leaning_wall_is_told_in_words() -> None:
 def test_notches_stay_in_the_margin_and_off_the_holes(
     margin: float, hole: float, mark: float
 ) -> None:
-    settings = WallSettings("plate", 3.0, margin, hole, 10.0)
-    assert settings.mark_mm == pytest.approx(mark)
-    assert ARROW_MARKS * settings.mark_mm < margin
+    deep = mark_depth_mm(Mount(plate_margin_mm=margin, hole_diameter_mm=hole))
+    assert deep == pytest.approx(mark)
+    assert ARROW_MARKS * deep < margin

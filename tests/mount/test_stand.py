@@ -108,10 +108,10 @@ def test_it_stands_as_firmly_as_it_says(island: bool) -> None:
     (body,) = bodies(Mesh(on_bed, faces.astype(np.int64)))
     inside = margin(body.center, footprint(on_bed, body.faces, 0.05))
     mount = plan(island)
-    assert inside == pytest.approx(mount.margin_mm, abs=0.3)
+    assert inside == pytest.approx(mount.base.margin_mm, abs=0.3)
     assert body.center[2] == pytest.approx(mount.base.height_mm, abs=0.5)
     tip = np.degrees(np.arctan2(inside, body.center[2]))
-    assert mount.tip_deg >= 10.0 - 1e-2 and tip >= mount.tip_deg - 0.3
+    assert mount.base.tip_deg >= 10.0 - 1e-2 and tip >= mount.base.tip_deg - 0.3
     # tipped by 5° about any edge of the foot, the centre of mass still has to rise
     foot = footprint(on_bed, body.faces, 0.05) - body.center[:2]
     for direction in np.deg2rad(np.arange(0, 360, 5)):

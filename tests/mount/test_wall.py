@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rings import RADIUS, camera, knots, ring
+from rings import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring
 from setups import setup
 
 from knotfab.errors import SceneError
@@ -12,13 +12,9 @@ from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
 from knotfab.mount.piece_frame import Stiffness
-from knotfab.mount.wall import Peg, WallSettings, plan_wall, sag_on_pegs, wall_bodies
+from knotfab.mount.wall import Peg, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.part.clean import clean_body
-
-PLATE = WallSettings("plate", 3.0, 8.0, 4.0, 10.0)
-DOWEL = WallSettings("dowel", 3.0, 8.0, 4.0, 10.0)
-PLA = Stiffness(2300.0, 1.24, 0.2)
-
+from knotfab.scene.model import Mount
 
 ONE = knots(ring(50.0))
 TWO = knots(ring(50.0), ring(25.0, 10.0))
@@ -27,7 +23,7 @@ TWO = knots(ring(50.0), ring(25.0, 10.0))
 @pytest.mark.slow
 @pytest.mark.parametrize("tilt", [0.0, 15.0])
 @pytest.mark.parametrize("settings", [PLATE, DOWEL], ids=["plate", "dowel"])
-def test_the_bodies_are_what_the_pegs_predict(settings: WallSettings, tilt: float) -> None:
+def test_the_bodies_are_what_the_pegs_predict(settings: Mount, tilt: float) -> None:
     from manifold3d import Manifold, Mesh64
 
     view = camera(wall_tilt_deg=tilt)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rings import ring
 from solids import box, move, together
 
 from knotfab.geometry.overhang import Rules
@@ -30,10 +31,7 @@ def room(window: float, side: float = 40.0, wall: float = 2.0) -> Mesh:
 
 
 def test_a_ring_in_the_air_is_open_to_all() -> None:
-    t = 2 * np.pi * np.arange(120) / 120
-    ring = np.column_stack([40 * np.cos(t), 40 * np.sin(t), np.full(120, 30.0)])
-    vertices, faces = sweep(ring, 2.0, 16)
-    found = measure_access([(vertices, faces)], Rules())
+    found = measure_access([sweep(ring(40.0, 30.0, 120, wave=0.0), 2.0, 16)], Rules())
     assert set(found.reached) == set(TOOLS_MM)
     assert all(share == 1.0 for share in found.reached.values())
     assert found.worst_tool == "finger" and "100%" in found.tell()

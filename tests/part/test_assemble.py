@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rings import knots, ring
 
 from knotfab.geometry.tube import sweep
-from knotfab.knots import Knot, Knots
 from knotfab.mount.mount import Mounted
 from knotfab.part.assemble import Part, _choose_poses
 from knotfab.part.write import pose_scene
@@ -25,10 +25,8 @@ MASK = np.ones((60, 60), dtype=bool)
 
 def posed(shrinkage: float, room: float = 250.0) -> Part:
     """Two rings of 30 mm."""
-    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    ring = 30 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
-    knots = Knots((Knot(ring), Knot(ring + [0, 0, 12.0])), 2.0)
-    tubes = [sweep(knot.points, 2.0, 12) for knot in knots.knots]
+    own = knots(*(ring(30.0, z, 60, wave=0.0) for z in (0.0, 12.0)))
+    tubes = [sweep(knot.points, 2.0, 12) for knot in own.knots]
     keys: Any = {
         "views": (VIEW,),
         "material": Material(shrinkage_percent=shrinkage),
@@ -36,7 +34,7 @@ def posed(shrinkage: float, room: float = 250.0) -> Part:
     }
     scene = resolve(Scene(**keys))
     mounted: Any = Mounted(tubes, ["knot 1", "knot 2"], scene, None, None)
-    made: Any = SimpleNamespace(scene=scene, knots=knots)
+    made: Any = SimpleNamespace(scene=scene, knots=own)
     mounted, pose, plates = _choose_poses(made, mounted, True, [CAMERA], [MASK])
     return Part(list(pose.tubes), pose, mounted, plates)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from manifold3d import Manifold, Mesh64
-from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
 from knotfab.files.threemf import write_3mf
+from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
@@ -28,7 +28,6 @@ from knotfab_validators.geometry.mesh import Mesh as Surface
 from knotfab_validators.geometry.mesh import merge_equal
 from knotfab_validators.printing.plates import VOLUME_SHARE, check_plates, check_plates_printable
 
-Mesh = tuple[Array, NDArray[np.int32]]
 RADIUS = 3.0
 SIDES = 32
 ROOM = (100.0, 90.0, 80.0)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rings import ring
 
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import sweep
@@ -29,9 +30,8 @@ VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="pictur
 
 def rings(count: int) -> Any:
     """As much of a part as is written: loose rings one above the other."""
-    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-    ring = np.stack([20 * np.cos(t), 20 * np.sin(t), 0 * t], axis=1) + [25.0, 25.0, 3.0]
-    knots = tuple(Knot(ring + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
+    own = ring(20.0, n=40, wave=0.0) + [25.0, 25.0, 3.0]
+    knots = tuple(Knot(own + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
     return SimpleNamespace(
         bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
         pose=SimpleNamespace(knots=Knots(knots, 2.0)),

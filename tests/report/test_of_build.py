@@ -5,10 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
+from rings import knots, ring
 
-from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import enlarge_knots
 from knotfab.progress import Progress
 from knotfab.report.of_build import report_of
@@ -23,13 +22,11 @@ VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="pictur
 def told(tmp_path: Any, percent: float) -> dict[str, Any]:
     """The report of a ring of 30 mm that has no part."""
     keys: Any = {"views": (VIEW,), "material": Material(shrinkage_percent=percent)}
-    t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
-    ring = Knots((Knot(30 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)),), 2.0)
     feasibility = SimpleNamespace(figures={})
     result = SimpleNamespace(effects={}, guards={}, feasibility=feasibility, log=SimpleNamespace())
     made: Any = SimpleNamespace(
         scene=resolve(Scene(**keys)),
-        knots=ring,
+        knots=knots(ring(30.0, n=80, wave=0.0)),
         result=result,
         radius=None,
         opening_iou=1.0,

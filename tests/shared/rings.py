@@ -6,13 +6,16 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.knots import Knot, Knots
+from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.struts import GROUND, Candidates
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab.scene.model import Mount, ResolvedView
 
 RADIUS = 2.0
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 EMPTY = np.zeros((90, 90), dtype=bool)
+PLA = Stiffness(2300.0, 1.24, 0.2)
+PLATE, DOWEL = Mount(foot="plate"), Mount(foot="dowel")
 
 
 def ring(radius: float, z: float = 0.0, n: int = 200, wave: float = 8.0) -> Array:

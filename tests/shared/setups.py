@@ -11,7 +11,7 @@ from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base, slope_below
 from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import nothing
-from knotfab.mount.wall import Peg, WallMount, WallSettings
+from knotfab.mount.wall import Peg, WallMount
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import Mount, ResolvedView, Scene
 
@@ -37,7 +37,7 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
     if kind == "stand":
         base = Base(slope_below([camera]), -30.0, 32.0, -20.0, 25.0, -75.0, 9.0, 20.0, 15.0)
         none = np.empty(0, dtype=np.int64)
-        stand = StandMount(nothing(), none, base, 9.0, 15.0, 0.1, np.zeros(3), 0.1, np.zeros(1))
+        stand = StandMount(nothing(), none, base, 0.1, np.zeros(3), 0.1, np.zeros(1))
         return Mounted(bodies, ["piece"], scene, None, None, stand), scene, camera
     normal = camera.receiver[:3]
     pegs = []
@@ -46,6 +46,6 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
         ray = top - camera.eye
         reach = -float(camera.receiver @ np.append(top, 1.0)) / float(normal @ ray)
         pegs.append(Peg(0, top, top + reach * ray, 1.0, 1.2 + 0.1 * number, 1.6))
-    settings = WallSettings(kind, 3.0, margin_mm, 4.0, 10.0)
+    settings = Mount(foot=kind, plate_margin_mm=margin_mm)
     wall = WallMount(tuple(pegs), 0.1, np.zeros(3), 0.1, settings)
     return Mounted(bodies, ["piece"], scene, np.eye(3), wall), scene, camera

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.files.threemf import Body, write_3mf
+from knotfab.files.threemf import write_3mf
+from knotfab.geometry.meshes import Mesh
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.profile import write_profile
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 # a nozzle whose lines are 0.5 mm wide and layers of 0.25 mm: exact in binary
 EXACT = f"[printer]\nnozzle_mm = {4 / 9!r}\nlayer_height_mm = 0.25\n"
@@ -32,10 +30,6 @@ def box(low: tuple[float, float, float], size: tuple[float, float, float]) -> Me
         *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
     ]
     return grid * size + low, np.array(faces, dtype=np.int32)
-
-
-def bodies_of(*meshes: Mesh) -> list[Body]:
-    return [Body(f"knot {i}", *mesh) for i, mesh in enumerate(meshes, start=1)]
 
 
 def write_boxes(path: Path, *meshes: Mesh, scene: Scene | None = None) -> Path:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slicer_parts import EXACT, Mesh, bodies_of, box, print_boxes, scene_of
+from slicer_parts import EXACT, Mesh, box, print_boxes, scene_of
 
-from knotfab.files.threemf import Body
-from knotfab.slicer.cross_checks import box_of, compare_gcode, compare_info
+from knotfab.geometry.meshes import box_of
+from knotfab.slicer.cross_checks import compare_gcode, compare_info
 from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.result import CrossCheck
 
@@ -19,7 +19,7 @@ LOW, HIGH = box((10, 10, 0), (10, 10, 5)), box((30, 10, 8), (10, 10, 5))
 
 
 def _checks(gcode: Gcode, *meshes: Mesh) -> Mapping[str, CrossCheck]:
-    found = compare_gcode(gcode, bodies_of(*meshes), SCENE, np.zeros(3))
+    found = compare_gcode(gcode, meshes, SCENE, np.zeros(3))
     return {check.name: check for check in found}
 
 
@@ -39,7 +39,7 @@ def test_a_part_printed_as_it_is_passes() -> None:
 
 def test_the_shift_is_that_of_the_part_on_the_bed() -> None:
     gcode = print_boxes(_move(LOW, 7, -3, 0), _move(HIGH, 7, -3, 0))
-    shifted = compare_gcode(gcode, bodies_of(LOW, HIGH), SCENE, np.array([7.0, -3.0, 0.0]))
+    shifted = compare_gcode(gcode, [LOW, HIGH], SCENE, np.array([7.0, -3.0, 0.0]))
     assert all(check.passed for check in shifted)
     assert _failures(gcode, LOW, HIGH) == {"place", "surface"}
 
@@ -53,7 +53,7 @@ def test_a_body_that_is_left_out_dropped_or_moved() -> None:
     # between others that hold the extent, only the surface tells
     assert _failures(print_boxes(*around, inner[0]), *around, *inner) == {"surface"}
     found = _checks(print_boxes(*around, inner[0]), *around, *inner)["surface"]
-    assert "knot 4" in found.detail
+    assert "shell 4" in found.detail
 
 
 def test_the_bed_at_its_limit() -> None:
@@ -121,25 +121,25 @@ def test_layers_of_bodies_with_air_between() -> None:
     assert found.passed and found.measured == 0 and "40 layers" in found.detail
 
 
-def _info(*bodies: Body, manifold: str = "yes", off: float = 0.0, volume: float = 1.0) -> str:
+def _info(*bodies: Mesh, manifold: str = "yes", off: float = 0.0, volume: float = 1.0) -> str:
     """Of one object whose shells are boxes."""
     low, high = box_of(bodies)
     text = "[2024-01-01 00:00:00.0] [0x0] [trace]   Initializing\n[part.3mf]\n"
     for axis, (least, most) in enumerate(zip(low, high, strict=True)):
         text += f"min_{'xyz'[axis]} = {least + off:f}\nmax_{'xyz'[axis]} = {most:f}\n"
-    sizes = [np.ptp(body.vertices, axis=0) for body in bodies]
+    sizes = [np.ptp(vertices, axis=0) for vertices, _ in bodies]
     size = float(sum(np.prod(s) for s in sizes)) * volume
     return text + f"manifold = {manifold}\nnumber_of_parts = {len(bodies)}\nvolume = {size:f}\n"
 
 
 def test_info_of_the_file_as_it_is() -> None:
-    bodies = bodies_of(LOW, HIGH)
+    bodies = [LOW, HIGH]
     count, check = compare_info(_info(*bodies), bodies)
     assert (count, check.passed, check.measured) == (1, True, 0.0)
 
 
 def test_info_that_differs() -> None:
-    bodies = bodies_of(LOW, HIGH)
+    bodies = [LOW, HIGH]
     for said in (
         _info(*bodies, manifold="no"),
         _info(bodies[0]),
@@ -154,7 +154,7 @@ def test_info_that_differs() -> None:
 
 def test_info_at_its_limits() -> None:
     """1/64 mm, and 1/1024 of the volume."""
-    bodies = bodies_of(box((0, 0, 0), (16, 8, 8)))
+    bodies = [box((0, 0, 0), (16, 8, 8))]
     for off, passes in ((0.015625, True), (-0.015625, True), (0.0158, False), (-0.0158, False)):
         assert compare_info(_info(*bodies, off=off), bodies)[1].passed == passes
     for volume, passes in ((1025, True), (1023, True), (1025.01, False), (1022.99, False)):

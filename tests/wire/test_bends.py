@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rings import ring
 
 from knotfab.errors import InputError
 from knotfab.wire.arcs import (
@@ -135,8 +136,7 @@ def test_broken_files_are_refused(tmp_path: Path, old: str, new: str, says: str)
 
 
 def test_deviation_is_measured_both_ways_and_across_the_rays() -> None:
-    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    circle = np.column_stack([30 * np.cos(angle), 30 * np.sin(angle), 0 * angle])
+    circle = ring(30.0, n=400, wave=0.0)
     lifted = circle + [0, 0, 2.0]
     light = np.array([0, 0, 1e6])
     found = measure_deviation(circle, lifted, [light])
@@ -160,8 +160,7 @@ def test_another_strand_does_not_excuse_one_that_strayed() -> None:
 
 
 def test_least_distance_of_strands() -> None:
-    angle = np.linspace(0, 2 * np.pi, 300, endpoint=False)
-    circle = np.column_stack([30 * np.cos(angle), 30 * np.sin(angle), 0 * angle])
+    circle = ring(30.0, n=300, wave=0.0)
     for gap in (1.0, 2.0, 3.0, 5.0):
         assert measure_least_distance([circle, circle + [0, 0, gap]], 2.0) == pytest.approx(
             gap, abs=0.02
@@ -192,8 +191,7 @@ def make_knotted(count: int = 900) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_circle_takes_as_few_bends_as_it_needs() -> None:
-    angle = np.linspace(0, 2 * np.pi, 800, endpoint=False)
-    circle = np.column_stack([30 * np.cos(angle), 30 * np.sin(angle), 0 * angle])
+    circle = ring(30.0, n=800, wave=0.0)
     (wire,) = fit_wires([circle], None, LIMITS)
     # corners that stand out as far as the chords lie within: at least pi / sqrt(4 t / (R - r))
     least = np.pi / np.sqrt(4 * 0.475 / 28)

@@ -24,7 +24,7 @@ def wavy(radius: float) -> Array:
 def test_strands_side_by_side_do_not_touch_and_cost_few_more_bends() -> None:
     """0.18 mm of air between them: less than straights and bends need within the tolerance."""
     curves = [wavy(13.0), wavy(15.3)]
-    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475, 2.0)
+    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.475)
     wires = fit_wires(curves, np.array([0.0, 0.0, 500.0]), limits)
     fine = [wire.at(space_sites(wire, 0.2)[0]) for wire in wires]
     assert 2.0 < measure_least_distance(curves, 2.0) < 2.2
@@ -45,7 +45,7 @@ def make_strand(curve: Array, every: int, tolerance: float) -> Strand:
 
 
 def test_gaps_are_those_of_all_pairs_of_places() -> None:
-    limits = FitLimits(1.0, 1.0, 160.0, 2.0, 0.5, 2.0)
+    limits = FitLimits(1.0, 1.0, 160.0, 2.0, 0.5)
     wires = [round_corners(wavy(radius)[::20], 1.0) for radius in (13.0, 14.9)]
     sampled = [space_sites(wire, 0.3) for wire in wires]
     points = [w.at(s) for w, (s, _) in zip(wires, sampled, strict=True)]
@@ -64,7 +64,7 @@ def test_gaps_are_those_of_all_pairs_of_places() -> None:
 def test_corners_that_nothing_asks_for_are_taken_out() -> None:
     t = np.linspace(0, 2 * np.pi, 320, endpoint=False)
     circle = np.column_stack([30 * np.cos(t), 30 * np.sin(t), 4 * np.sin(2 * t)])
-    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.6, 2.0)
+    limits = FitLimits(2.0, 2.0, 160.0, 2.0, 0.6)
     strand = make_strand(circle, 8, limits.tolerance_mm)
     gone = prune([strand], LIGHT, limits, 12)
     assert len(strand.corners) == len(strand.index) == 40 - gone
@@ -72,7 +72,7 @@ def test_corners_that_nothing_asks_for_are_taken_out() -> None:
     assert len(strand.corners) <= 1.5 * np.pi / np.sqrt(4 * 0.6 / 28)
     assert judge([strand], LIGHT, limits)[0] == 0.0
     # where there is no room for fewer all are left, each in its place
-    tight = FitLimits(2.0, 2.0, 160.0, 2.0, 0.02, 2.0)
+    tight = FitLimits(2.0, 2.0, 160.0, 2.0, 0.02)
     kept = make_strand(circle, 8, tight.tolerance_mm)
     before, fault = kept.corners.copy(), judge([kept], LIGHT, tight)
     assert prune([kept], LIGHT, tight, 1) == 0

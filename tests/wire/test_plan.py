@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import zlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pdf_pages import POINT, page_contents, page_sizes, segments
 from PIL import Image
 
 from knotfab.drawing.pages import PAPERS
@@ -29,7 +29,6 @@ from knotfab_validators.shadows.view import view_geometry
 pytestmark = pytest.mark.slow
 
 STEEL = materials()["steel-wire-2mm"]
-POINT = 72 / 25.4
 
 
 def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
@@ -41,7 +40,7 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
         wall_distance_mm=10.0, picture="p.png",
     )  # fmt: skip
     scene = ResolvedScene.model_construct(
-        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.9)
+        material=STEEL, views=(view,), accuracy=ResolvedAccuracy(iou_floor=0.62)
     )
     shifts = 60.0 * (np.arange(count) - (count - 1) / 2)
     knots = Knots(tuple(Knot(ring + [s, 0, 0]) for s in shifts), 1.0)
@@ -55,7 +54,7 @@ def ring_scene(folder: Path, count: int) -> tuple[Knots, ResolvedScene, Path]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WirePlan]:
     folder = tmp_path_factory.mktemp("wire")
     knots, scene, picture = ring_scene(folder, 2)
-    return folder, write_bending_plan(folder, knots, scene, [picture], iou_floor=0.5)
+    return folder, write_bending_plan(folder, knots, scene, [picture])
 
 
 def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
@@ -77,11 +76,11 @@ def test_the_plan_of_two_rings(made: tuple[Path, WirePlan]) -> None:
 
 def test_the_shadow_is_that_of_the_file(tmp_path: Path) -> None:
     knots, scene, picture = ring_scene(tmp_path, 1)
-    good = write_bending_plan(tmp_path, knots, scene, [picture], iou_floor=0.6)
+    good = write_bending_plan(tmp_path, knots, scene, [picture])
     assert good.files[0] == "bends.csv" and good.status == "pass" and good.iou > 0.6
     other = tmp_path / "other.png"
     Image.fromarray(np.asarray(Image.open(picture))[:, ::-1][:300]).resize((600, 600)).save(other)
-    bad = write_bending_plan(tmp_path, knots, scene, [other], iou_floor=0.5)
+    bad = write_bending_plan(tmp_path, knots, scene, [other])
     assert bad.iou < 0.5 and bad.status == "fail"
     assert [c["name"] for c in bad.checks if c["status"] == "fail"] == ["wire_shadow"]
 
@@ -127,7 +126,7 @@ def test_a_wire_for_two_views_is_right_in_both(tmp_path: Path) -> None:
         swapped[wrong] = tmp_path / "wrong.png"
         Image.open(pictures[wrong]).rotate(90).save(swapped[wrong])
         shadows = cast_shadows(scene, swapped, knots)
-        judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 2.0, 0.78, ("unknot",))
+        judge = Judge([k.points for k in knots.knots], shadows, STEEL, 1.0, 0.78, ("unknot",))
         checks = judge.of([rows], ["bends.csv"], [False]).checks
         failed = [c for c in checks if c["status"] == "fail"]
         assert [c["name"] for c in failed] == ["wire_shadow"]
@@ -168,7 +167,7 @@ KNOT = WireKnot("b.csv", 100.0, 9, Deviation(1.0, 0.2, 0.5, (0, 0, 0)), 0.5, 1.9
 
 
 def verdicts(knot: WireKnot, iou: float = 0.9, least: float = 1.99) -> dict[str, str]:
-    found = check_wire((knot,), STEEL, 0.5, 2.0, {"near": 0.95, "far": iou}, 0.9, least)
+    found = check_wire((knot,), STEEL, 0.5, {"near": 0.95, "far": iou}, 0.9, least)
     return {c["name"]: c["status"] for c in found}
 
 
@@ -210,58 +209,26 @@ def test_a_wire_that_is_another_knot_is_refused() -> None:
 # --- templates ---------------------------------------------------------------------------------
 
 
-def streams(path: Path) -> list[str]:
-    """The page contents that hold lines, decompressed."""
-    data = path.read_bytes()
-    found = []
-    for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL):
-        try:
-            text = zlib.decompress(part).decode("latin-1")
-        except zlib.error:
-            continue
-        if re.search(r" m\n.* l\n", text):
-            found.append(text)
-    return found
-
-
-def segments(text: str) -> np.ndarray:
-    """(k, 4) lines of one move and one line, in points."""
-    pairs = re.findall(r"([-\d.]+) ([-\d.]+) m\n([-\d.]+) ([-\d.]+) l\n", text)
-    return np.array(pairs, dtype=float)
-
-
 def drawing(size: float = 60.0) -> WireDrawing:
     line = np.array([[0, 0], [size, 0], [size, size], [0, size], [0, 0]], dtype=float)
     return WireDrawing("test", line, line[1:4], ("1", "2", "3"), 2.0)
 
 
-@pytest.mark.parametrize(("name", "size"), [("a4", (210, 297)), ("letter", (215.9, 279.4))])
-def test_pages_have_the_papers_size(tmp_path: Path, name: str, size: tuple[float, float]) -> None:
-    path = tmp_path / "t.pdf"
-    pages = write_templates(path, PAPERS[name], [drawing()], ["a fact"], "note")
-    boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", path.read_bytes())
-    assert len(boxes) == pages == 2
-    for box in boxes:
-        assert np.array(box, dtype=float) / POINT == pytest.approx(size, abs=0.005)
-
-
 def test_ruler_and_wire_are_at_full_size(tmp_path: Path) -> None:
     path = tmp_path / "t.pdf"
-    write_templates(path, PAPERS["a4"], [drawing(60.0)], [], "")
-    pages = streams(path)
-    with_ruler = [
-        s for s in pages
-        if (np.abs(np.abs(segments(s)[:, 2] - segments(s)[:, 0]) - 100 * POINT) < 1e-3).any()
-    ]  # fmt: skip
-    assert len(with_ruler) == 2  # on both pages
+    pages = write_templates(path, PAPERS["a4"], [drawing(60.0)], ["a fact"])
+    assert pages == len(page_sizes(path)) == 2
+    texts = page_contents(path)
+    long = [np.abs(lines[:, 2] - lines[:, 0]) for lines in map(segments, texts)]
+    assert sum((np.abs(one - 100) < 1e-3).any() for one in long) == 2  # a ruler on both pages
     # the square's side of 60 mm, drawn as a polyline
-    runs = [re.findall(r"([-\d.]+) ([-\d.]+) [ml]\n", s) for s in pages]
-    points = [np.array(r, dtype=float) for r in runs]
-    side = [np.linalg.norm(np.diff(p, axis=0), axis=1) / POINT for p in points]
+    runs = [re.findall(r"([-\d.]+) ([-\d.]+) [ml]\n", text) for text in texts]
+    points = [np.array(run, dtype=float).reshape(-1, 2) / POINT for run in runs]
+    side = [np.linalg.norm(np.diff(p, axis=0), axis=1) for p in points]
     assert sum((np.abs(s - 60) < 1e-3).sum() for s in side) >= 4
 
 
 def test_the_same_plan_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        write_templates(tmp_path / name, PAPERS["a4"], [drawing()], ["x"], "n")
+        write_templates(tmp_path / name, PAPERS["a4"], [drawing()], ["x"])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
