@@ -31,6 +31,7 @@ __all__ = [
 
 LONGER_FRAME_MM = 180.0  # the picture's longer side on the wall, where the scene does not say
 _SLIM = 1.25  # times the tube's shadow: thinner strokes are drawn along their lines
+_WIDEST = 0.25  # of the picture's narrower side: the widest strokes
 _ROOM = 1.1  # width of a stroke that is filled over the thinnest tube's shadow
 # why only one picture is drawn along its lines
 _ASIDE = (
@@ -245,10 +246,21 @@ def _is_thin(view: View, target: Target, radius: float) -> bool:
 
 
 def widen(view: View, target: Target) -> Target:
-    """The target with its thin strokes as wide as its view says, where that is a number."""
+    """The target with its thin strokes as wide as its view says, where that is a number.
+
+    Raises:
+        InputError: strokes so wide are no strokes.
+    """
     if isinstance(view.thicken_mm, str):
         return target
     width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
+    if width > _WIDEST * min(target.width, target.height):
+        raise InputError(
+            f"--thicken {view.thicken_mm:g}",
+            f"strokes that wide fill more than {_WIDEST:.0%} of the picture's narrower side: nothing of it "
+            "would be left to judge the shadow by",
+            "Give the width in mm that thin strokes should have on the wall, or --thicken auto",
+        )
     mask = thicken(target.mask, width)
     rule = target.rule
     if view.lines == "on":

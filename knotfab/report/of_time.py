@@ -29,11 +29,11 @@ def add_next_step(report: Record) -> None:
 
     It has none with a budget, nor where the search had other iterations or pixels than the accuracy's. An
     estimate: the stages take as many times longer as they did on the pictures that were measured, and the
-    error shrinks as theirs did.
+    error shrinks as theirs did, of several views down to the bound that their visual hull leaves.
     """
     settings, views = report["settings"], report["views"]
     # a stand outside the picture is not what a better search would draw better
-    found = (next((view[k] for k in _IOUS if view.get(k) is not None), None) for view in views)
+    found = [next((view[k] for k in _IOUS if view.get(k) is not None), None) for view in views]
     ious = [iou for iou in found if iou is not None]
     if settings.get("time_budget_s") is not None or not ious or len(ious) < len(views):
         return
@@ -45,17 +45,20 @@ def add_next_step(report: Record) -> None:
         return
     here = names.index(settings["accuracy"])
     own, better = study["steps"][here], study["steps"][here + 1]
-    gain = (1.0 - min(ious)) * (1.0 - better["error"] / own["error"])
+    # no search draws what other views forbid
+    bound = views[ious.index(min(ious))].get("bound", 1.0)
+    gain = max(bound - min(ious), 0.0) * (1.0 - better["error"] / own["error"])
     more = sum(
         report["timings"].get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()
     )
     bought = f"+{gain:.4f} IoU".replace("+0.", "+.") if gain > _LEAST_GAIN else "next to nothing"
+    longer = f"for about {more:.0f} s more" if more >= 0.5 else "in about the same time"
     report["next_step"] = {
         "accuracy": better["accuracy"],
         "iou_gain": gain,
         "seconds_more": more,
-        "sentence": f"--accuracy {better['accuracy']} would bring about {bought} for about {more:.0f} s more "
+        "sentence": f"--accuracy {better['accuracy']} would bring about {bought} {longer} "
         f"(an estimate by {study['pictures']} pictures, measured {study['measured']}).",
     }
 

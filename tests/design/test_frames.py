@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.design.frames import frame_view, framed_alike, size_frames, spread_views
+from knotfab.design.frames import (
+    frame_view,
+    framed_alike,
+    size_frames,
+    spread_views,
+    widen_targets,
+)
+from knotfab.errors import InputError
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
@@ -51,3 +58,17 @@ def test_sizes_of_their_own_stay() -> None:
     )
     scene = scene.model_copy(update={"views": own})
     assert size_frames(scene, TARGETS) is scene
+
+
+def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
+    mask = np.zeros((80, 160), dtype=bool)
+    mask[38:42, 10:150] = True
+    target = Target("line", mask, b"", 160, 80)
+
+    def scene(width: float) -> Scene:
+        return Scene(views=({"frame_width_mm": 160.0, "thicken_mm": width},))  # type: ignore[arg-type]
+
+    (widened,) = widen_targets(scene(18.0), [target])[1]
+    assert mask.sum() < widened.mask.sum() < 0.3 * mask.size
+    with pytest.raises(InputError, match=r"--thicken 30.*--thicken auto"):
+        widen_targets(scene(30.0), [target])

@@ -36,6 +36,21 @@ def test_each_step_scales_this_piece_as_the_measured_ones() -> None:
         assert "estimate" in step["sentence"]
 
 
+def test_nothing_is_promised_beyond_what_the_views_leave_nor_a_search_of_less_than_no_time() -> (
+    None
+):
+    told = report("draft")
+    told["views"][1]["bound"] = 0.961
+    told["timings"] |= {"search": 0.0, "verify": 0.0}
+    add_next_step(told)
+    assert 0 < told["next_step"]["iou_gain"] < 0.001
+    assert "in about the same time" in told["next_step"]["sentence"]
+    told["views"][1]["bound"] = 0.95
+    add_next_step(told)
+    assert told["next_step"]["iou_gain"] == 0.0
+    assert "next to nothing" in told["next_step"]["sentence"]
+
+
 def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
     best = _study()["steps"][-1]["accuracy"]
     for told in (report(best), report("draft", time_budget_s=10.0), report("unheard of")):

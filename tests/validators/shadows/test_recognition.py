@@ -137,12 +137,12 @@ def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
 
 
 def test_one_of_many_pieces_a_little_out_of_shape_is_good_several_or_a_worse_one_coarse() -> None:
-    places = [(390 + 70 * (k % 2), 60 + 65 * (k // 2)) for k in range(14)]
+    places = [(340 + 50 * (k % 4), 60 + 65 * (k // 4)) for k in range(24)]
 
     def dots(*changed: tuple[int, int]) -> Mask:
         image = Image.fromarray(draw())
         pen = ImageDraw.Draw(image)
-        for (x, y), (a, b) in zip(places, [*changed, *[(18, 18)] * 14], strict=False):
+        for (x, y), (a, b) in zip(places, [*changed, *[(18, 18)] * 24], strict=False):
             pen.ellipse((x - a, y - b, x + a, y + b), fill=1)
         return np.asarray(image)
 
@@ -155,6 +155,19 @@ def test_one_of_many_pieces_a_little_out_of_shape_is_good_several_or_a_worse_one
     ):
         found = judge(shadow, target)
         assert (found.word, found.counts["misshapen"]) == (word, misshapen)
+
+
+def test_the_dust_of_a_scan_is_no_outline() -> None:
+    clean = draw(LARGE)
+    dust = clean.copy()
+    for k in range(150):
+        x, y = 7 + 40 * (k % 12), 3 + 40 * (k // 12)
+        dust[y : y + 2, x : x + 2] = True
+    found = judge(clean, dust)
+    assert found.word == "faithful" and found.counts["cut_tips"] == 0
+    assert found.outline_p95_radii < 0.1
+    # pieces that a person sees are
+    assert judge(clean, draw(LARGE, (430, 260, 7))).counts["lost_pieces"] == 1
 
 
 @pytest.mark.slow
@@ -209,6 +222,10 @@ def test_of_several_views_the_worst_counts() -> None:
     worst = worst_verdict([view("a", good), view("b", coarse)])
     assert worst is not None and worst["word"] == "coarse" and worst["lost_pieces"] == 1
     assert worst["lost"][0]["view"] == "b" and "(view b)" in worst["reasons"][0]
+    worse = {**coarse, "outline_p95_radii": coarse["outline_p95_radii"] + 1.0}
+    for order in ((coarse, worse), (worse, coarse)):  # of the same word
+        told = worst_verdict([view("a", order[0]), view("b", order[1])])
+        assert told is not None and told["outline_p95_radii"] == worse["outline_p95_radii"]
     assert worst_verdict([view("a", None)]) is None
     alone = worst_verdict([view("b", coarse)])
     assert alone is not None and alone["reasons"] == coarse["reasons"]

@@ -27,6 +27,7 @@ from knotfab_validators.shadows.topology import (
     label_regions,
     list_pieces,
     without_lost,
+    without_specks,
 )
 from knotfab_validators.shadows.view import ViewGeometry
 
@@ -160,8 +161,8 @@ def recognise(
     changes = [_enlarged(change, step) for change in (*found, *misshapen)]
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
     rows = find_rows(features, max(frame.width, frame.height))
-    # what is lost is counted already, and slits that nobody sees are no outlines
-    there = close_slits(without_lost(wanted, found), SLIT * reach)
+    # what is lost is counted already, and specks and slits that nobody sees are no outlines
+    there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
     _, tips = label_regions("piece", there & (depth_in(~own) > TIP * radius_px / step), 0.0)
     touching = count_touching(wanted, reach)
@@ -215,7 +216,10 @@ def worst_verdict(views: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     judged = [(view["name"], view["verdict"]) for view in views if view.get("verdict")]
     if not judged:
         return None
-    name, worst = max(judged, key=lambda pair: WORDS.index(pair[1]["word"]))
+    # of views with one word that which is farther off
+    name, worst = max(
+        judged, key=lambda pair: (WORDS.index(pair[1]["word"]), pair[1]["outline_p95_radii"])
+    )
     several = len(views) > 1
     lost = [{"view": of, **loss} for of, verdict in judged for loss in verdict["lost"]]
     reasons = [f"{reason} (view {name})" if several else reason for reason in worst["reasons"]]
@@ -270,7 +274,7 @@ class _Facts:
             ),
             f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
             f"{changes} changes to {self.features} pieces and holes": changes > most,
-            f"a piece or hole {self.shape:.2f} alike, below {rule.shape:g}": self.shape
+            f"a piece or hole {self.shape:.3f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
             f"{self.misshapen} of {self.features} pieces and holes drawn out of shape": (
                 self.misshapen > rule.misshapen * self.features

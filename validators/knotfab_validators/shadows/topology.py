@@ -137,6 +137,12 @@ def without_lost(target: Mask, changes: Sequence[Change]) -> Mask:
     return kept
 
 
+def without_specks(target: Mask, reach_px: float) -> Mask:
+    """The picture without pieces no longer than 2 `reach_px`, such as the dust of a scan."""
+    labels, found = label_regions("piece", target, reach_px)
+    return np.isin(labels, [number for number, _ in found])
+
+
 def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
     """How many of the bridged gaps (u, v on the mask) lie in a hole of the picture that has another one.
 
