@@ -15,7 +15,7 @@ from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, Frame
-from knotfab.sequence.frames import read_frames
+from knotfab.sequence.frames import read_frames, tell_apart
 from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.kept import keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
@@ -62,6 +62,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             targets = request.targets or read_frames(
                 request.pictures, request.scene.views[0], base=request.base
             )
+        if (apart := tell_apart(targets)) is not None:
+            progress.say(apart)
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
         kept = keep_for(request, targets)

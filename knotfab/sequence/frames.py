@@ -14,14 +14,16 @@ from PIL import Image, ImageSequence
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
+from knotfab.target.masks import pieces_of
 from knotfab.target.raster import own_box
 from knotfab.target.read import PLAIN, Target, read_target
 
-__all__ = ["MOST_FRAMES", "frame_name", "read_frames"]
+__all__ = ["MOST_FRAMES", "count_pieces", "frame_name", "read_frames", "tell_apart"]
 
 MOST_FRAMES = 240
 _PICTURES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".svg"}
 _LEAST_FRAMES = 2
+_CRUMB = 0.01  # of a frame's ink: what is less is no piece of its own
 
 
 def frame_name(number: int) -> str:
@@ -80,6 +82,26 @@ def read_frames(
                 "Give all frames one size",
             )
     return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
+
+
+def count_pieces(target: Target) -> int:
+    """How many pieces a frame's picture has, crumbs aside."""
+    _, areas = pieces_of(target.mask)
+    return int((areas >= _CRUMB * areas.sum()).sum())
+
+
+def tell_apart(targets: Sequence[Target]) -> str | None:
+    """What the one knot of a sequence does where pieces lie apart; None where none do."""
+    apart = [k for k, target in enumerate(targets, start=1) if count_pieces(target) > 1]
+    if not apart:
+        return None
+    where = (
+        "In every frame" if len(apart) == len(targets) else f"In frame {', '.join(map(str, apart))}"
+    )
+    return (
+        f"{where} pieces lie apart. One knot runs through all frames, so a strand joins them, and it shows. "
+        "Let them touch, or build each of them as a sequence of its own."
+    )
 
 
 def _files(path: Path, what: str) -> list[Path]:

@@ -11,6 +11,7 @@ from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.scene.model import Printer
 from knotfab.sequence.chain import Frame
+from knotfab.sequence.frames import count_pieces
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
 from knotfab.verify.checks import list_unmet
@@ -111,13 +112,15 @@ def sequence_report(
         checks: of the sequence as a whole.
     """
     views = []
-    for number, (report, frame) in enumerate(zip(reports, frames, strict=True), start=1):
+    each = zip(reports, frames, pieces, strict=True)
+    for number, (report, frame, piece) in enumerate(each, start=1):
         account = frame.made.result.log
         for view in report["views"]:
             views.append(
                 {
                     **view,
                     "frame": number,
+                    "pieces": count_pieces(piece.targets[0]),
                     "part": f"part-{number:02d}.stl",
                     "status": report["status"],
                     "motion": None if number == 1 else _motion(motions[number - 2]),
@@ -190,6 +193,11 @@ def advise(views: Sequence[Record], radius: float) -> list[str]:
         far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
         if "limits" in failed:
             remedy = "give that limit more room in the scene, or draw this frame simpler"
+        elif view["pieces"] > 1:
+            remedy = (
+                f"its {view['pieces']} pieces lie apart, and the strand that joins them shows: let them "
+                "touch, or build each of them as a sequence of its own"
+            )
         elif far > _FAR * radius:
             remedy = (
                 f"the outline goes {far:.0f} mm from frame {into - 1} to frame {into}, "

@@ -189,7 +189,7 @@ def test_motion_beyond_the_bound_fails() -> None:
 def test_a_frame_that_fails_comes_with_a_remedy() -> None:
     def view(outline_mm: float | None, *failed: str) -> dict[str, Any]:
         motion = None if outline_mm is None else {"outline_mm": outline_mm}
-        return {"motion": motion, "failed": list(failed)}
+        return {"motion": motion, "failed": list(failed), "pieces": 1}
 
     passed = [view(None), view(3.0), view(4.0)]
     assert advise(passed, 2.0) == []
@@ -206,6 +206,9 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
         for names in (("outline",), ("clearance",), ("shadow", "limits"))
     )
     assert "stretched" in stretched and "apart" in touching and "limit" in bound
+    # of pieces that lie apart another frame in between joins none
+    apart = {**view(30.0, "recognisable"), "pieces": 2}
+    assert "its 2 pieces lie apart" in advise([view(None), apart], 2.0)[0]
 
 
 def _searched(iou: float = 0.8, bound: bool = False) -> Any:

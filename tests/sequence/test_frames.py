@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
-from knotfab.sequence.frames import MOST_FRAMES, read_frames
+from knotfab.sequence.frames import MOST_FRAMES, count_pieces, read_frames, tell_apart
 from knotfab.sequence.gif import write_gif, write_shadows_gif
 
 
@@ -110,3 +110,18 @@ def test_frames_are_cropped_to_one_box(tmp_path: Path) -> None:
     assert len(boxes) == 1 and left <= 20 and left + width >= 80
     assert top <= 30 and top + height >= 60 and (width, height) != (120, 90)
     assert [t.mask.sum() for t in found] == [600] * 3
+
+
+def test_pieces_that_lie_apart_are_told_before_anything_is_searched(tmp_path: Path) -> None:
+    for number, gap in enumerate((0, 6, 12), start=1):
+        image = _bar(8)
+        pen = ImageDraw.Draw(image)
+        pen.rectangle([17 + gap, 10, 25 + gap, 30], fill=0)
+        pen.point((60, 45), fill=0)  # a crumb is no piece
+        image.save(tmp_path / f"{number}.png")
+    found = read_frames([str(tmp_path)])
+    assert [count_pieces(target) for target in found] == [1, 2, 2]
+    told = tell_apart(found)
+    assert told is not None and told.startswith("In frame 2, 3 pieces lie apart")
+    assert "In every frame" in (tell_apart(found[1:]) or "")
+    assert tell_apart(found[:1]) is None
