@@ -18,7 +18,7 @@ from examples.side_view import beside, side_view
 from knotfab.report.pictures import draw_part
 from knotfab.scene.load import load_scene
 from knotfab.sequence.gif import write_gif
-from knotfab.sequence.written import read_knot_in_scene
+from knotfab.sequence.written import read_knots_in_scene
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
 
@@ -39,7 +39,7 @@ def walk_film(folder: Path) -> list[Image.Image]:
     knots = []
     for number in range(1, len(report["views"]) + 1):
         scene = load_scene(folder / f"scene-{number:02d}.toml")
-        knots.append(read_knot_in_scene(folder / f"knots-{number:02d}.json", scene))
+        knots.append(read_knots_in_scene(folder / f"knots-{number:02d}.json", scene))
     radius = float(report["settings"]["tube_radius_mm"])
     reach = 1.05 * max(float(np.linalg.norm(k, axis=1).max()) for k in knots) + radius
     found = []

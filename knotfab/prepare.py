@@ -26,7 +26,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.scene.settings import search_settings
-from knotfab.sequence.frames import read_frames
+from knotfab.sequence.frames import count_knots, read_frames
 from knotfab.sequence.require import require_sequence
 from knotfab.target.read import TEXT_PREFIX, Target, read_targets
 
@@ -143,6 +143,7 @@ def _read_call(
     with progress.stage("picture"):
         if options.sequence:
             targets = read_frames(sources, scene.views[0], base=base, font=options.font)
+            count_knots(targets, scene.piece.knots)  # that it can be
         else:
             targets = read_targets(
                 sources, scene.views, base=base, font=options.font, glance=glance

@@ -75,6 +75,7 @@ class Progress:
         self._due: dict[str, float] = {}
         self._standing: Callable[[], Knots] | None = None
         self._bar: rich.progress.Progress | None = None
+        self._told: set[str] = set()  # lines that were said
         self._task: rich.progress.TaskID | None = None
         self._began = time.perf_counter() if began is None else began
         self._due["standing"] = time.perf_counter() + _KEPT_S
@@ -236,7 +237,10 @@ class Progress:
         _log.info("%s", text)
 
     def say(self, text: str) -> None:
-        """A plain line that a person must see before the end; nothing where quiet."""
+        """A plain line that a person must see before the end, once; nothing where quiet."""
+        if text in self._told:  # of another frame
+            return
+        self._told.add(text)
         self.tell("say", text=text)
         if self.mode != "quiet":
             self._say(text)

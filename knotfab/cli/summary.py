@@ -111,8 +111,9 @@ def print_summary(outcome: Outcome) -> None:
     piece, knots = report["print"], report["knots"]
     size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
     count = f"{len(knots)} knot{'s' if len(knots) > 1 else ''}"
-    if "parts" in piece:  # a sequence: the same knot in all of them
-        count = f"one knot in {piece['parts']} frames"
+    if "parts" in piece:  # a sequence: the same knots in all of them
+        each = len(knots) // piece["parts"]
+        count = f"{'one knot' if each == 1 else f'{each} knots'} in {piece['parts']} frames"
     console.print(
         f"  {count}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"

@@ -15,7 +15,7 @@ from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, Frame
-from knotfab.sequence.frames import read_frames, tell_apart
+from knotfab.sequence.frames import count_knots, read_frames, tell_apart
 from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.kept import keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
@@ -23,7 +23,7 @@ from knotfab.sequence.report import Ring, check_closing, check_motion, check_rin
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope
-from knotfab.sequence.written import read_knot_in_scene
+from knotfab.sequence.written import read_knots_in_scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
@@ -37,7 +37,7 @@ GIF = "sequence.gif"
 
 
 def build_sequence(request: Request, progress: Progress | None = None) -> Outcome:
-    """Search all frames as one moving knot, and write and verify each as a part of its own.
+    """Search all frames as the same moving knots, and write and verify each as a part of its own.
 
     Files: part-NN.stl, part-NN.3mf, knots-NN.json, scene-NN.toml, picture-frame-NN.*,
     shadow-frame-NN.png, compare-frame-NN.png, scene.toml, sequence.gif, report.json and report.html; to
@@ -62,7 +62,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             targets = request.targets or read_frames(
                 request.pictures, request.scene.views[0], base=request.base
             )
-        if (apart := tell_apart(targets)) is not None:
+        knots = count_knots(targets, request.scene.piece.knots)
+        if (apart := tell_apart(targets, knots)) is not None:
             progress.say(apart)
         if request.printing:
             write_profile(folder.work, resolve(request.scene))
@@ -157,13 +158,18 @@ def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motio
     """The motion into each frame but the first, and at the end that back to it, from the written knots."""
     points, outlines = [], []
     for piece in pieces:
-        points.append(read_knot_in_scene(folder.file(f"knots{piece.suffix}.json"), piece.scene))
+        points.append(read_knots_in_scene(folder.file(f"knots{piece.suffix}.json"), piece.scene))
         (view,) = piece.made.scene.views
         target = read_target(folder.file(view.picture), view)
         outlines.append(silhouette_polygon(view, target))
-    radius = pieces[0].made.knots.radius_mm
+    knots = pieces[0].made.knots
     following = [*range(1, len(pieces)), 0]
     return [
-        measure(points[k], points[n], outline_motion(outlines[k], outlines[n]), radius)
+        measure(
+            points[k],
+            points[n],
+            outline_motion(outlines[k], outlines[n], len(knots.knots)),
+            knots.radius_mm,
+        )
         for k, n in enumerate(following)
     ]

@@ -14,11 +14,12 @@ from knotfab.design.design import Design, design_knots, price_design, settle_des
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import SearchSettings, search_settings
+from knotfab.sequence.frames import count_knots
 from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
 from knotfab.sequence.require import require_sequence
@@ -63,17 +64,20 @@ class _Common:
 
 
 def radius_for_all(
-    question: Question, polygons: Sequence[MultiPolygon], settings: SearchSettings
+    question: Question,
+    polygons: Sequence[MultiPolygon],
+    settings: SearchSettings,
+    knots: int = 1,
 ) -> tuple[float, RadiusChoice | None]:
     """A tube radius (mm) that draws that frame well, and no other much worse.
 
     Args:
-        question: of the frame searched first. polygons: the silhouettes of the others.
+        question: of the frame searched first. polygons: the silhouettes of the others. knots: that move.
     """
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
         return given, None
-    choice = choose_radius(question, settings, 1)
+    choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
     wanted = question.opening(radius) - _GIVE
     while radius * _THINNER >= thinnest and any(
@@ -113,7 +117,7 @@ def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> 
 
 
 class Chain:
-    """All frames as one knot with the same vertices: radius, their number and order are those of one frame.
+    """All frames as the same knots with the same vertices: radius, number and order are those of one frame.
 
     That is the one with the most ink; the others follow, neighbour by neighbour, to the end and back to
     the beginning. A vertex keeps within the motion bound of the neighbour; and, so that the sequence may be
@@ -144,6 +148,7 @@ class Chain:
         self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
         self.resumed = 0  # frames that were kept
+        self._count = count_knots(targets, scene.piece.knots)
         self._first = pick_first(targets)
         self._alike = Likeness([t.mask for t in targets])
         self._known: dict[int, Knots] = {}
@@ -207,8 +212,8 @@ class Chain:
                 for other in targets
                 if other is not target
             ]
-            radius, choice = radius_for_all(question, others, settings)
-        piece = scene.piece.model_copy(update={"knots": 1, "tube_radius_mm": radius})
+            radius, choice = radius_for_all(question, others, settings, self._count)
+        piece = scene.piece.model_copy(update={"knots": self._count, "tube_radius_mm": radius})
         view = scene.views[0].model_copy(update={"name": target.name})
         asked = scene.model_copy(update={"piece": piece, "views": (view,)})
         share = None
@@ -222,7 +227,7 @@ class Chain:
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
         within = first.scene.model_copy(update=update)
         question = ask(_rename_view(within, target), [target])
-        rings = polylines_of_sizes((len(first.knots.points),))
+        rings = _rings_of(first.knots)
         with progress.stage("search"):
             ended = finish(
                 first.result, rings, question.problem, radius, first.settings, [], self._device
@@ -239,7 +244,7 @@ class Chain:
             self._problems = [question.problem for question in self._questions]
             polygons = [problem.polygons[0] for problem in self._problems]
             self._outlines = [
-                outline_motion(p, q)
+                outline_motion(p, q, self._count)
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
 
@@ -254,13 +259,13 @@ class Chain:
         """A frame by the best of some attempts."""
         first, count, common = self._first, len(self._targets), self._common
         areas = [problem.polygons[0].area for problem in self._problems]
-        longest = _SLACK * self._known[first].knots[0].length_mm
+        longest = _SLACK * sum(knot.length_mm for knot in self._known[first].knots)
         following = Following(
             number,
             self._known,
             self._fine,
             self._problems,
-            polylines_of_sizes((len(self._known[first].points),)),
+            _rings_of(self._known[first]),
             common.radius_mm,
             common.settings,
             longest * max(1.0, areas[number] / areas[first]),
@@ -285,6 +290,10 @@ class Chain:
             trial.attempt.origin,
             trial.attempt.closes,
         )
+
+
+def _rings_of(knots: Knots) -> Polylines:
+    return polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
 
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:

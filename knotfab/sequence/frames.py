@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image, ImageSequence
@@ -18,7 +19,7 @@ from knotfab.target.masks import pieces_of
 from knotfab.target.raster import own_box
 from knotfab.target.read import PLAIN, Target, read_target
 
-__all__ = ["MOST_FRAMES", "count_pieces", "frame_name", "read_frames", "tell_apart"]
+__all__ = ["MOST_FRAMES", "count_knots", "count_pieces", "frame_name", "read_frames", "tell_apart"]
 
 MOST_FRAMES = 240
 _PICTURES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".svg"}
@@ -90,17 +91,39 @@ def count_pieces(target: Target) -> int:
     return int((areas >= _CRUMB * areas.sum()).sum())
 
 
-def tell_apart(targets: Sequence[Target]) -> str | None:
-    """What the one knot of a sequence does where pieces lie apart; None where none do."""
-    apart = [k for k, target in enumerate(targets, start=1) if count_pieces(target) > 1]
+def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto") -> int:
+    """How many knots move through all frames: one a piece where all frames have as many, else one.
+
+    Args:
+        asked: what the scene says of it.
+
+    Raises:
+        InputError: more than one, and a frame has another number of pieces.
+    """
+    counts = [count_pieces(target) for target in targets]
+    if asked == "auto":
+        return counts[0] if len(set(counts)) == 1 else 1
+    other = next((k for k, count in enumerate(counts, start=1) if count != asked), None)
+    if asked > 1 and other is not None:
+        raise InputError(
+            f"{asked} knots (--knots {asked})",
+            f"frame {other} has another number of pieces ({counts[other - 1]}), and a knot can neither "
+            "begin nor end between frames",
+            "Leave it out, or draw as many pieces in every frame",
+        )
+    return asked
+
+
+def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
+    """What a strand shows between pieces that one knot joins; None where there is none."""
+    apart = [k for k, target in enumerate(targets, start=1) if count_pieces(target) > knots]
     if not apart:
         return None
-    where = (
-        "In every frame" if len(apart) == len(targets) else f"In frame {', '.join(map(str, apart))}"
-    )
+    every = len(apart) == len(targets)
+    where = "In every frame" if every else f"In frame {', '.join(map(str, apart))}"
     return (
-        f"{where} pieces lie apart. One knot runs through all frames, so a strand joins them, and it shows. "
-        "Let them touch, or build each of them as a sequence of its own."
+        f"{where} pieces lie apart, and one knot runs through all frames: the strand that joins them "
+        "shows. Let them touch, draw as many pieces in every frame, or build each as a sequence of its own."
     )
 
 

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 import torch
-from shapely import MultiPolygon
+from scipy.optimize import linear_sum_assignment
+from shapely import MultiPolygon, Polygon
 from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.limits.base import State
 from knotfab.search.objective import Term, Weights
 
-__all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion"]
+__all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion", "pair_pieces"]
 
 
 _SPACING_MM = 0.1  # of samples on the outlines
@@ -26,13 +27,37 @@ _TAUT = 0.05  # weight of the length beyond what the picture's area calls for
 _KEEP = 0.97  # of its bound: where the objective begins to hold a vertex back
 
 
-def outline_motion(old: MultiPolygon, new: MultiPolygon) -> float:
+def pair_pieces(
+    old: MultiPolygon, new: MultiPolygon, count: int
+) -> list[tuple[MultiPolygon, MultiPolygon]]:
+    """The `count` largest pieces of a silhouette, each with what becomes of it; or both as a whole.
+
+    Pieces are paired so that their middles go, and their sizes change, the least in all. Where one has
+    fewer pieces, both are one pair.
+    """
+    before, after = (sorted(p.geoms, key=lambda piece: -piece.area)[:count] for p in (old, new))
+    if count == 1 or min(len(before), len(after)) < count:
+        return [(old, new)]
+    _, then = linear_sum_assignment([[_way(one, other) for other in after] for one in before])
+    return [
+        (MultiPolygon([one]), MultiPolygon([after[k]])) for one, k in zip(before, then, strict=True)
+    ]
+
+
+def _way(one: Polygon, other: Polygon) -> float:
+    """mm that a piece's middle goes, and its size changes."""
+    return float(one.centroid.distance(other.centroid) + abs(one.area**0.5 - other.area**0.5))
+
+
+def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
     """Hausdorff distance (mm) of two silhouettes' outlines, holes included.
 
-    Each sample's distance is to the other outline itself, so the result is never too long; with samples
-    0.1 mm apart it is at most 0.05 mm too short.
+    Where several `knots` draw a piece each it is that of the piece which goes furthest: another one on its
+    way brings it no nearer. Each sample's distance is to the other outline itself, so the result is never
+    too long; with samples 0.1 mm apart it is at most 0.05 mm too short.
     """
-    return max(_furthest(old, new), _furthest(new, old))
+    pairs = pair_pieces(old, new, knots)
+    return max(max(_furthest(p, q), _furthest(q, p)) for p, q in pairs)
 
 
 def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:

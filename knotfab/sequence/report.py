@@ -121,6 +121,7 @@ def sequence_report(
                     **view,
                     "frame": number,
                     "pieces": count_pieces(piece.targets[0]),
+                    "knots": len(piece.made.knots.knots),
                     "part": f"part-{number:02d}.stl",
                     "status": report["status"],
                     "motion": None if number == 1 else _motion(motions[number - 2]),
@@ -167,8 +168,8 @@ def sequence_report(
         print_=print_,
         settings=settings,
         notes=[
-            f"{len(reports)} frames of one knot, each a part of its own (part-NN.stl); the picture that "
-            "moves is sequence.gif.",
+            f"{len(reports)} frames of {_name_count(pieces[0])}, each a part of its own (part-NN.stl); the "
+            "picture that moves is sequence.gif.",
             *advise(views, pieces[0].made.knots.radius_mm),
             *_gather_notes(reports),
         ],
@@ -179,6 +180,11 @@ def sequence_report(
         for price in frame.get("binding", ())
     ]
     return {**report, "binding": prices} if any("binding" in r for r in reports) else report
+
+
+def _name_count(piece: WrittenPiece) -> str:
+    count = len(piece.made.knots.knots)
+    return "one knot" if count == 1 else f"{count} knots"
 
 
 def advise(views: Sequence[Record], radius: float) -> list[str]:
@@ -193,7 +199,7 @@ def advise(views: Sequence[Record], radius: float) -> list[str]:
         far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
         if "limits" in failed:
             remedy = "give that limit more room in the scene, or draw this frame simpler"
-        elif view["pieces"] > 1:
+        elif view["pieces"] > view["knots"]:
             remedy = (
                 f"its {view['pieces']} pieces lie apart, and the strand that joins them shows: let them "
                 "touch, or build each of them as a sequence of its own"

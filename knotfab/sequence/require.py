@@ -39,9 +39,3 @@ def require_sequence(scene: Scene) -> None:
             "a sequence begins with a template of its first frame",
             "Leave it out, or leave out --sequence",
         )
-    if scene.piece.knots not in ("auto", 1):
-        raise InputError(
-            f"{scene.piece.knots} knots (--knots {scene.piece.knots})",
-            "a sequence is of one knot",
-            "Leave it out, or use 1",
-        )

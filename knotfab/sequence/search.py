@@ -103,7 +103,7 @@ def follow(
     # room for the vertices that `finish` adds: where edges are uneven those bend more in places
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
-    furthest = outline_motion(was, now) + 0.5 * radius
+    furthest = outline_motion(was, now, len(rings.sizes)) + 0.5 * radius
     light, axes = new.views[0].view.light_distance_mm, new.views[0].axes
     moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
@@ -116,7 +116,7 @@ def follow(
             tuple(rings.split(moved.points @ axes)),
             log.template,
             log.types,
-            far=is_far(moved.points, now, light, radius),
+            far=is_far(moved.points, rings, now, light, radius),
         ),
         radius,
         settings,
@@ -129,11 +129,14 @@ def follow(
     return FrameResult(result, _beyond(result, anchors), moved.reached)
 
 
-def is_far(points: Array, polygon: MultiPolygon, light_mm: float, radius: float) -> bool:
+def is_far(
+    points: Array, rings: Polylines, polygon: MultiPolygon, light_mm: float, radius: float
+) -> bool:
     """Whether strands stand clear of the silhouette, or parts of it of any strand: no image pulls them."""
     seen = lower(points, light_mm)
     outside = shapely.distance(polygon, shapely.points(seen))
-    covered = shapely.LinearRing(seen).buffer(_FAR * radius)
+    lines = [shapely.LinearRing(ring) for ring in rings.split(seen)]
+    covered = shapely.union_all([line.buffer(_FAR * radius) for line in lines])
     return bool(outside.max() > _FAR * radius) or not polygon.difference(covered).is_empty
 
 

@@ -1,4 +1,4 @@
-"""A frame's knot read back from its written file, in scene coordinates."""
+"""A frame's knots read back from its written file, in scene coordinates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 
 from knotfab.scene.model import Scene
 
-__all__ = ["read_knot_in_scene"]
+__all__ = ["read_knots_in_scene"]
 
 
-def read_knot_in_scene(path: Path, scene: Scene) -> NDArray[np.float64]:
-    """(n, 3) mm: the vertices of the one knot in knots.json, moved by the scene's pose.
+def read_knots_in_scene(path: Path, scene: Scene) -> NDArray[np.float64]:
+    """(n, 3) mm: the vertices of all knots in knots.json, in their order, moved by the scene's pose.
 
     Raises:
-        ValueError: the file holds more knots than one, or the scene no pose.
+        ValueError: the scene has no pose.
     """
     knots = json.loads(path.read_text(encoding="utf-8"))["knots"]
-    if len(knots) != 1 or scene.pose is None:
-        raise ValueError(f"{path.name}: one knot and a pose are needed")
+    if scene.pose is None:
+        raise ValueError(f"{path.name}: a pose is needed")
     matrix = np.array(scene.pose.matrix, dtype=np.float64)
-    return np.asarray(np.array(knots[0]["points"]) @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.asarray(
+        np.concatenate([knot["points"] for knot in knots]) @ matrix[:3, :3].T + matrix[:3, 3]
+    )

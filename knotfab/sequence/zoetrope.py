@@ -86,11 +86,17 @@ def build_zoetrope(
         clearance_mm: between strands, which the frames keep.
 
     Raises:
-        SceneError: the union is not one closed body.
+        SceneError: frames of several knots; or the union is not one closed body.
     """
     from manifold3d import Error
 
     radius = frames[0].radius_mm
+    if (count := len(frames[0].knots)) > 1:
+        raise SceneError(
+            "the zoetrope",
+            f"{count} loose knots a frame do not stand on one ring",
+            "Use the parts of the single frames",
+        )
     every = np.concatenate([k.points for k in frames])
     reach = 1.05 * radius  # the corners of a tube of few sides stand out
     low, high = every.min(0) - reach, every.max(0) + reach

@@ -189,7 +189,7 @@ def test_motion_beyond_the_bound_fails() -> None:
 def test_a_frame_that_fails_comes_with_a_remedy() -> None:
     def view(outline_mm: float | None, *failed: str) -> dict[str, Any]:
         motion = None if outline_mm is None else {"outline_mm": outline_mm}
-        return {"motion": motion, "failed": list(failed), "pieces": 1}
+        return {"motion": motion, "failed": list(failed), "pieces": 1, "knots": 1}
 
     passed = [view(None), view(3.0), view(4.0)]
     assert advise(passed, 2.0) == []
@@ -272,7 +272,7 @@ def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, 
 def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
     names = _frames(tmp_path, (0.0, 16.0))
     several = _scene(piece=Piece(tube_radius_mm=RADIUS_MM, knots=2))
-    with pytest.raises(InputError, match="one knot"):
+    with pytest.raises(InputError, match="frame 1 has another number of pieces"):
         build_sequence(Request(several, tuple(names), tmp_path / "out", base=tmp_path))
     assert not (tmp_path / "out").exists()
 

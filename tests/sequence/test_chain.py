@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
 from quick_sequences import QUICK, discs, in_order
 
 from knotfab.scene.model import Material, Piece, Scene, Sequence
 from knotfab.sequence.chain import Chain, list_ties, pick_first
+from knotfab.sequence.frames import read_frames
 from knotfab.sequence.starts import Tie
 
 
@@ -71,3 +73,26 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
     assert second.binding[0].needed[0] > 250.0 > second.knots.knots[0].length_mm
     floors = {made.scene.accuracy.iou_floor for made in (first, second)}
     assert len(floors) == 2  # of each picture's own opening
+
+
+@pytest.mark.slow
+def test_pieces_that_lie_apart_in_all_frames_are_knots_of_their_own(tmp_path: Path) -> None:
+    names = []
+    for number, at in enumerate((30, 50, 70)):
+        image = Image.new("L", (128, 128), 255)
+        pen = ImageDraw.Draw(image)
+        pen.rectangle((4, 100, 124, 124), fill=0)
+        pen.ellipse((40, at - 24, 88, at + 24), fill=0)
+        names.append(str(tmp_path / f"{number}.png"))
+        image.save(names[-1])
+    asked = Scene(piece=Piece(tube_radius_mm=8.0), search=QUICK)
+    frames = in_order(Chain(asked, read_frames(names)))
+    sizes = {tuple(len(knot.points) for knot in frame.made.knots.knots) for frame in frames}
+    assert len(sizes) == 1 and len(sizes.pop()) == 2
+    for frame in frames:
+        assert frame.made.result.log.certified and frame.made.result.feasible
+        assert frame.made.result.iou_estimate > 0.85
+    # the floor's knot stays where it is; the ball's goes 28 mm a frame
+    middles = [[k.points[:, 1].mean() for k in frame.made.knots.knots] for frame in frames]
+    ways = np.ptp(np.array(middles), axis=0)
+    assert min(ways) < 5.0 < 35.0 < max(ways)

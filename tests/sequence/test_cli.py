@@ -33,7 +33,7 @@ def _refuse(code: int, *arguments: str | Path) -> str:
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        (["--knots", "2"], "one knot"),
+        (["--knots", "2"], "frame 1 has another number of pieces (1)"),
         (["--depth", "9999"], "towards the light"),
     ],
 )

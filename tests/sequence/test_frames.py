@@ -8,7 +8,13 @@ from PIL import Image, ImageDraw
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
-from knotfab.sequence.frames import MOST_FRAMES, count_pieces, read_frames, tell_apart
+from knotfab.sequence.frames import (
+    MOST_FRAMES,
+    count_knots,
+    count_pieces,
+    read_frames,
+    tell_apart,
+)
 from knotfab.sequence.gif import write_gif, write_shadows_gif
 
 
@@ -121,7 +127,19 @@ def test_pieces_that_lie_apart_are_told_before_anything_is_searched(tmp_path: Pa
         image.save(tmp_path / f"{number}.png")
     found = read_frames([str(tmp_path)])
     assert [count_pieces(target) for target in found] == [1, 2, 2]
-    told = tell_apart(found)
+    told = tell_apart(found, 1)
     assert told is not None and told.startswith("In frame 2, 3 pieces lie apart")
-    assert "In every frame" in (tell_apart(found[1:]) or "")
-    assert tell_apart(found[:1]) is None
+    assert "In every frame" in (tell_apart(found[1:], 1) or "")
+    assert tell_apart(found[:1], 1) is None and tell_apart(found[1:], 2) is None
+
+
+def test_there_is_a_knot_for_each_piece_that_all_frames_have(tmp_path: Path) -> None:
+    for number, at in enumerate((30, 40, 17), start=1):
+        image = _bar(8)
+        ImageDraw.Draw(image).rectangle([at, 10, at + 8, 30], fill=0)
+        image.save(tmp_path / f"{number}.png")
+    frames = read_frames([str(tmp_path)])
+    assert count_knots(frames[:2]) == count_knots(frames[:2], 2) == 2
+    assert count_knots(frames[:2], 1) == count_knots(frames) == 1
+    with pytest.raises(InputError, match=r"frame 3 has another number of pieces \(1\)"):
+        count_knots(frames, 2)

@@ -11,7 +11,7 @@ from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import State
 from knotfab.search.objective import Term, Weights
-from knotfab.sequence.motion import Anchor, Tautness, measure, outline_motion
+from knotfab.sequence.motion import Anchor, Tautness, measure, outline_motion, pair_pieces
 
 
 def _square(x: float, y: float, side: float) -> MultiPolygon:
@@ -22,6 +22,19 @@ def test_outline_motion_of_a_shifted_square() -> None:
     assert outline_motion(_square(0, 0, 10), _square(3, 0, 10)) == pytest.approx(3.0)
     # the corner that sticks out is a diagonal away from the other's corner
     assert outline_motion(_square(0, 0, 10), _square(3, 4, 10)) == pytest.approx(5.0)
+
+
+def test_a_piece_goes_its_own_way_whatever_else_it_comes_near() -> None:
+    """A ball that rises from a floor to a ceiling: either is nearer to it than where it was."""
+    still = shapely.box(-50, -5, 50, 0), shapely.box(-50, 60, 50, 66)
+    low, high = (MultiPolygon([*still, shapely.Point(0, y).buffer(10)]) for y in (10.1, 49.9))
+    pairs = pair_pieces(low, high, 3)
+    assert [one.equals(other) for one, other in pairs] == [True, True, False]
+    assert outline_motion(low, high, 3) == pytest.approx(39.8, abs=0.1)
+    assert outline_motion(low, high) < 25.0
+    # where a piece is missing, all is one
+    floor = MultiPolygon(still[:1])
+    assert pair_pieces(low, floor, 3) == [(low, floor)]
 
 
 def test_outline_motion_is_symmetric_and_sees_what_is_new() -> None:

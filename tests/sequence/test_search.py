@@ -105,11 +105,11 @@ def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
 
 def test_strands_that_the_picture_does_not_reach_are_far(first: SearchResult) -> None:
     points, light = first.knots.points, 500.0
-    assert not is_far(points, DISC, light, RADIUS)
+    assert not is_far(points, rings_of(points), DISC, light, RADIUS)
     # a limb that is hidden behind the body in the new picture, and one that comes out
     limb = DISC.union(Point(45, 0).buffer(8.0))
-    assert is_far(points, MultiPolygon(limb.geoms), light, RADIUS)
-    assert is_far(points + [25.0, 0.0, 0.0], DISC, light, RADIUS)
+    assert is_far(points, rings_of(points), MultiPolygon(limb.geoms), light, RADIUS)
+    assert is_far(points + [25.0, 0.0, 0.0], rings_of(points), DISC, light, RADIUS)
 
 
 def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:

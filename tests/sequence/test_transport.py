@@ -85,3 +85,16 @@ def test_strands_that_would_cross_stop_the_transport(monkeypatch: pytest.MonkeyP
     assert found.least_margin > 0
     # the upper side is still above
     assert (np.sign(found.points[1:80, 1]) == 1).all()
+
+
+def test_each_of_two_knots_goes_with_its_own_piece() -> None:
+    """One stays, one falls past where a smooth displacement of the whole would take both."""
+    floor = shapely.box(-60, -8, 60, 8)
+    old, new = (MultiPolygon([shapely.Point(0, y).buffer(20), floor]) for y in (90.0, 40.0))
+    lying, ball = _ring(7.0, 60) * [6.0, 1.0, 0.2], _ring(17.0, 60) * [1.0, 1.0, 0.2] + [0, 90, 0]
+    rings = polylines_of_sizes((60, 60))
+    found = transport(np.concatenate([lying, ball]), rings, old, new, 500.0, 2.0, 60.0)
+    assert found.reached == 1.0
+    at_floor, fallen = rings.split(found.points)
+    np.testing.assert_allclose(at_floor, lying, atol=0.3)
+    np.testing.assert_allclose(fallen[:, :2].mean(0), [0.0, 40.0], atol=0.5)

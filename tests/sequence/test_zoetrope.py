@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from knotfab.errors import SceneError
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knot, Knots
 from knotfab.sequence.zoetrope import build_zoetrope, find_footholds
@@ -92,3 +93,10 @@ def test_a_tube_that_would_fold_with_fewer_rings_keeps_them_all() -> None:
     tight = build_zoetrope([circle] * 3, ROOM)
     slim = build_zoetrope([Knots(circle.knots, 9.0)] * 3, ROOM)
     assert len(slim.mesh[1]) < 0.5 * len(tight.mesh[1])
+
+
+def test_loose_knots_do_not_stand_on_a_ring() -> None:
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = Knot(20.0 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
+    with pytest.raises(SceneError, match="2 loose knots"):
+        build_zoetrope([Knots((circle, Knot(circle.points + [0.0, 60.0, 0.0])), 2.0)] * 3, ROOM)
