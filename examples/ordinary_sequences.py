@@ -1,8 +1,8 @@
-"""Sequences drawn as a person would: a stick figure walks, a ball bounces, a bird flaps, letters morph.
+"""Sequences drawn as a person would: a stick figure walks, a ball bounces, two are juggled, a bird flaps, letters morph.
 
 `python -m examples.ordinary_sequences [--only NAME] [--out DIR] [--accuracy draft]` draws the frames into
 DIR/NAME/frames, builds each sequence into DIR/NAME/parts, and prints what every frame came to. `--draw` stops
-at the frames. Ends with 1 if one fails.
+at the frames; `--sheet PNG` draws the verified shadows of all that lie in DIR. Ends with 1 if one fails.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 from scipy.ndimage import distance_transform_edt
 
 import knotfab
@@ -22,6 +22,8 @@ from examples.measurement import Stopwatch, make_folder, run_study
 from examples.pictures import BOLD, SIZE, Canvas
 from examples.walk_cycle import polar_down, print_frames
 from knotfab.sequence.frames import frame_name
+
+_ROW_PX, _GAP_PX, _PAPER = 150, 6, 235  # of the sheet
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,18 @@ def bouncing_ball(frames: int = 8) -> list[Image.Image]:
     return found
 
 
+def juggled_balls(frames: int = 6) -> list[Image.Image]:
+    """Two balls go up and down in turn above a floor that they never touch: three pieces in every frame."""
+    found = []
+    for k in range(frames):
+        c, up = Canvas(1.0, 1.0), 0.5 * cos(2 * pi * k / frames)
+        c.shape([(0.06, 0.86), (0.94, 0.86), (0.94, 0.95), (0.06, 0.95)])
+        for x, high in ((0.30, 0.5 + up), (0.70, 0.5 - up)):
+            c.disc(x, 0.66 - 0.46 * high, 0.14)
+        found.append(c.finish())
+    return found
+
+
 def flapping_bird(frames: int = 6) -> list[Image.Image]:
     """A bird from the front: a body, and two wings that go up and down."""
     found = []
@@ -110,6 +124,7 @@ SEQUENCES: dict[str, Drawn] = {
     "walk": Drawn(stick_walk),
     "stiff-walk": Drawn(lambda: stick_walk(lift=0.0)),
     "ball": Drawn(bouncing_ball),
+    "balls": Drawn(juggled_balls),
     "bird": Drawn(flapping_bird),
     "letters": Drawn(morphing_letters, loops=False),
 }
@@ -123,12 +138,31 @@ def draw_frames(name: str, folder: Path) -> Path:
     return folder
 
 
+def draw_sheet(folder: Path, path: Path) -> None:
+    """The verified shadows of all sequences that were built in `folder`, a row each."""
+    rows = []
+    for name in SEQUENCES:
+        shadows = sorted((folder / name / "parts").glob("shadow-*.png"))
+        seen = [Image.open(shadow).convert("L") for shadow in shadows]
+        rows.append([ImageOps.contain(image, (_ROW_PX, _ROW_PX)) for image in seen])
+    rows = [row for row in rows if row]
+    wide = max(sum(image.width + _GAP_PX for image in row) for row in rows) - _GAP_PX
+    sheet = Image.new("L", (wide, len(rows) * (_ROW_PX + _GAP_PX) - _GAP_PX), _PAPER)
+    for k, row in enumerate(rows):
+        x = 0
+        for image in row:
+            sheet.paste(image, (x, k * (_ROW_PX + _GAP_PX)))
+            x += image.width + _GAP_PX
+    sheet.save(path, optimize=True)
+
+
 def main(
     *,
     only: Literal[*SEQUENCES] | None = None,
     out: Path | None = None,
     accuracy: str = "draft",
     draw: bool = False,
+    sheet: Path | None = None,
 ) -> int:
     """Draw, build, print; 1 where a sequence fails."""
     folder, failed = make_folder(out, "sequences"), []
@@ -149,6 +183,8 @@ def main(
         print_frames(outcome.report)
         if outcome.exit_code:
             failed.append(name)
+    if sheet is not None:
+        draw_sheet(folder, sheet)
     return int(bool(failed))
 
 

@@ -175,7 +175,7 @@ class BuildOptions(PictureOptions):
     """What `knotfab build` is asked besides its pictures; None leaves it to the scene."""
 
     sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """The pictures are frames of one moving knot: a folder of numbered pictures, an animation (GIF), or
+    """The pictures are frames of one motion: a folder of numbered pictures, an animation (GIF), or
     the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
     no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """With --sequence: the last frame need not lead back to the first."""

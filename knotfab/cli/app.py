@@ -136,7 +136,7 @@ def preview(
     out
         The PNG to write: the silhouette and, in red, what a tube of each radius loses.
     sequence
-        The pictures are frames of one moving knot.
+        The pictures are frames of one motion.
     json
         Print the figures as JSON.
     """

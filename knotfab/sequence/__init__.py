@@ -1,1 +1,1 @@
-"""A sequence of pictures: one knot that moves smoothly from each picture to the next."""
+"""A sequence of pictures: knots that move smoothly from each picture to the next."""
