@@ -1,4 +1,4 @@
-"""Sequences drawn as people would: a walk, a ball that bounces, two that are juggled, a bird, morphing letters.
+"""Sequences as people draw them: a walk, a ball that bounces, two that are juggled, a bird, morphing letters.
 
 `python -m examples.ordinary_sequences [--only NAME] [--out DIR] [--accuracy draft]` draws the frames into
 DIR/NAME/frames, builds each sequence into DIR/NAME/parts, and prints what every frame came to. `--draw` stops

@@ -46,6 +46,7 @@ from knotfab.report.of_effects import (
 )
 from knotfab.report.of_slicer import check_slicing
 from knotfab.report.of_time import add_next_step
+from knotfab.report.of_verdict import add_remedy
 from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing, find_access
 from knotfab.report.report_html import write_report_html
@@ -248,6 +249,7 @@ def finish_build(
     """
     report["timings"] |= {**progress.timings, "total": progress.total}  # with the report's own
     add_next_step(report)
+    add_remedy(report, pieces[0].scene)
     write_report_json(folder.file("report.json"), report)
     names = [path.name for path in folder.work.iterdir()]
     write_report_html(

@@ -1,0 +1,39 @@
+"""What is lost for want of width comes with the option that widens it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from knotfab.report.of_verdict import add_remedy
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import ResolvedScene, ResolvedView, Scene
+
+
+def scene(**view: Any) -> ResolvedScene:
+    keys: Any = {"frame_width_mm": 180.0, "frame_height_mm": 90.0, "picture": "p.png", **view}
+    asked: Any = {"views": (ResolvedView(**keys),)}
+    return resolve(Scene(**asked))
+
+
+def told(word: str, *lost: tuple[str, float], of: ResolvedScene | None = None) -> list[str]:
+    losses = [{"what": what, "size_mm": size, "needed_mm": 1.6} for what, size in lost]
+    report: dict[str, Any] = {"verdict": {"word": word, "lost": losses}}
+    add_remedy(report, of or scene())
+    return report.get("notes", [])
+
+
+@pytest.mark.parametrize("word", ["coarse", "not recognisable"])
+def test_strokes_that_are_lost_for_want_of_width_can_be_widened(word: str) -> None:
+    (note,) = told(word, ("stroke", 1.2), ("piece", 1.0), ("shape", 0.2), ("hole", 0.4))
+    assert "as thin as 1.0 mm" in note and "1.6 mm wide" in note and "--thicken auto" in note
+
+
+def test_nothing_is_said_where_widening_does_not_help() -> None:
+    assert told("good", ("piece", 1.0)) == told("coarse", ("piece", 2.0), ("stray", 1.0)) == []
+    assert told("coarse", ("hole", 1.0)) == []
+    assert told("coarse", ("piece", 1.0), of=scene(thicken_mm=1.8)) == []
+    report: dict[str, Any] = {"verdict": None}
+    add_remedy(report, scene())
+    assert report == {"verdict": None}
