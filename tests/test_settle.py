@@ -230,12 +230,14 @@ def test_a_depth_that_is_given_stays_before_a_nearer_wall(
     assert {scene.piece.depth for scene in maker.asked} == {depth}
 
 
+@pytest.mark.slow
 def test_a_free_view_moves_its_wall_itself(target: Target, monkeypatch: pytest.MonkeyPatch) -> None:
     maker, said = run(target, "[search]\nfree_view = true", 0.0, monkeypatch)
     assert all("wall_distance_mm" not in s.views[0].model_fields_set for s in maker.asked)
     assert len(maker.asked) > 1 and said.to_mm < said.from_mm
 
 
+@pytest.mark.slow
 def test_what_was_moved_to_its_wall_repeats_from_its_resolved_scene() -> None:
     target = read_target("text:=")
     few = ("coarse_px", "fine_px"), ("coarse_iterations", "fine_iterations", "settle_iterations")
@@ -256,6 +258,7 @@ def test_what_was_moved_to_its_wall_repeats_from_its_resolved_scene() -> None:
         assert np.array_equal(one.points, other.points)
 
 
+@pytest.mark.slow
 def test_a_wall_that_is_given_stays_where_it_is(
     target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,6 +55,7 @@ def test_a_strand_beside_the_picture_asks_for_a_start_that_draws_it_as_well() ->
     assert np.ptp(heights) <= problem.depth_mm + 1e-6  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_no_knob_no_other_start_nor_where_the_start_was_given() -> None:
     problem = ask_heart()
     inside, knob = ended(problem, 0.3 * RADIUS), ended(problem, RADIUS)
@@ -69,6 +70,7 @@ def test_no_knob_no_other_start_nor_where_the_start_was_given() -> None:
         assert start_without_knobs(asked, came_to, RADIUS, settings, None) is None  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_limits_come_before_pictures() -> None:
     knots = ended(ask_heart(), 0.0).knots
     good, kept = Ended(knots, feasible=False, iou_estimate=0.99), Ended(knots, iou_estimate=0.9)

@@ -136,6 +136,7 @@ def test_a_small_piece_turned_is_coarse_whatever_the_large_ones_weigh() -> None:
     assert any("alike, below" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_one_of_many_pieces_a_little_out_of_shape_is_good_several_or_a_worse_one_coarse() -> None:
     places = [(340 + 50 * (k % 4), 60 + 65 * (k // 4)) for k in range(24)]
 
