@@ -70,7 +70,7 @@ def bouncing_ball(frames: int = 8) -> list[Image.Image]:
     return found
 
 
-def juggled_balls(frames: int = 6) -> list[Image.Image]:
+def juggled_balls(frames: int = 8) -> list[Image.Image]:
     """Two balls go up and down in turn above a floor that they never touch: three pieces in every frame."""
     found = []
     for k in range(frames):
