@@ -37,6 +37,7 @@ def broken_knots() -> Iterator[Broken]:
     yield from _too_near()
     yield from _too_bent()
     yield from _of_types()
+    yield from _of_scene()
     yield from _of_links()
     yield from _outside()
 
@@ -167,6 +168,44 @@ def _of_types() -> Iterator[Broken]:
         lambda p: places_of(p.knots[1]),
         NEAR,
     )
+
+
+def _of_scene() -> Iterator[Broken]:
+    """The knots keep what their own file promises, and that is not what the scene asks for."""
+    wrong: dict[str, tuple[str, tuple[str, ...], Callable[[], Sequence[Array]]]] = {
+        "a left trefoil and a scene of an unknot": (
+            "unknot",
+            ("left-handed 3_1",),
+            lambda: [mirror(torus_knot(2, 3))],
+        ),
+        "a left trefoil and a scene of a right one": (
+            "right trefoil",
+            ("3_1",),
+            lambda: [mirror(torus_knot(2, 3))],
+        ),
+        "an unknot and a scene of a trefoil": ("trefoil", ("unknown",), lambda: [circle()]),
+        "a trefoil and a scene of no knot that there is": (
+            "clover",
+            ("3_1",),
+            lambda: [torus_knot(2, 3)],
+        ),
+        "two unknots and a scene of a trefoil": (
+            "trefoil",
+            ("unknot", "unknown"),
+            lambda: [circle(), circle(18.0)],
+        ),
+        "two trefoils and a scene of one": (
+            "trefoil",
+            ("3_1", "3_1"),
+            lambda: [torus_knot(2, 3), torus_knot(2, 3) + [90.0, 0.0, 0.0]],
+        ),
+    }
+    for name, (asked, types, curves) in wrong.items():
+        yield Broken(name, partial(_asked_for, asked, types, curves), "knot_type")
+
+
+def _asked_for(asked: str, types: Sequence[str], curves: Callable[[], Sequence[Array]]) -> Part:
+    return with_scene(make_part(curves(), types=types, sides=16), piece={"knot": asked})
 
 
 def _of_links() -> Iterator[Broken]:

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from .case import Broken, Place, between, make_part, places_of
+from .case import Broken, Place, between, change_scene, make_part, places_of, with_scene
 from .curves import circle, torus_knot
 from .damage import (
     FACE,
@@ -276,6 +276,39 @@ def _of_fit() -> Iterator[Broken]:
         lambda p: places_of(_ring().knots[0][20:29]),
         NEAR,
     )
+
+    yield Broken(
+        "knots.json with a radius 3 % smaller than the scene's",
+        lambda: replace(with_scene(_ring()), radius=0.97 * RADIUS),
+        fit,
+    )
+    # beside pegs there is matter about the tube, so that these are nowhere bare
+    mounted: dict[str, Callable[[Part], Part]] = {
+        "too thick by 5 %": lambda part: replace(part, body=_swept(1.05)),
+        "too thick by 20 %": lambda part: replace(part, body=_swept(1.2)),
+        "swollen by a fifth of its radius along 12 radii": lambda part: replace(
+            part, body=_swollen(0.2 * RADIUS)
+        ),
+        "with four fifths of its radius in knots.json": lambda part: change_scene(
+            replace(part, radius=0.8 * RADIUS), "piece", tube_radius_mm=0.8 * RADIUS
+        ),
+    }
+    for name, change in mounted.items():
+        yield Broken(f"a mounted tube {name}", partial(_mounted, change), fit)
+
+
+def _mounted(change: Callable[[Part], Part]) -> Part:
+    """A ring whose scene says that it has a wall mount."""
+    return change(with_scene(_ring(), mount={"kind": "wall"}))
+
+
+def _swollen(by_mm: float) -> Body:
+    """The ring's tube, thicker by so much about vertex 10 of its line, smoothly."""
+    curve, body = _ring().knots[0], _swept(1.0)
+    middle = np.repeat(curve, SIDES, axis=0)
+    away = np.linalg.norm(middle - curve[10], axis=1) / (4 * RADIUS)
+    out = (body.vertices - middle) / RADIUS
+    return Body(body.vertices + by_mm * np.exp(-(away**4))[:, None] * out, body.faces)
 
 
 def _swept(factor: float) -> Body:

@@ -120,7 +120,26 @@ def _formats() -> Iterator[Good]:
     yield Good(
         "OBJ with texture and normals", lambda: Part(None, raw={"part.obj": _obj_relative()})
     )
+    yield Good("STL with its 3MF", lambda: _with_3mf(lambda body: body))
+    yield Good("STL with a 3MF in another order", lambda: _with_3mf(_reorder))
     yield Good("3MF in inches", lambda: replace(plain(_box().scale(1 / 25.4)), format="3mf-inch"))
+
+
+def _with_3mf(change: Callable[[Body], Body]) -> Part:
+    """Two rings with the 3MF files that a build writes beside them."""
+    part = make_part([circle(), circle() + APART])
+    assert part.body is not None
+    content = encode(change(part.body), "3mf")
+    return replace(part, raw={"part.3mf": content, "part-colours.3mf": content})
+
+
+def _reorder(body: Body) -> Body:
+    """The same faces: vertices and faces shuffled, corners turned."""
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(body.vertices))
+    number = np.argsort(order)
+    faces = number[np.roll(body.faces, 1, axis=1)[rng.permutation(len(body.faces))]]
+    return Body(body.vertices[order], faces)
 
 
 def _scenes() -> Iterator[Good]:
@@ -145,6 +164,25 @@ def _scenes() -> Iterator[Good]:
     yield Good("shadow, two tubes", lambda: with_scene(make_part([circle(30.0), circle(18.0)])))
     yield Good("shadow, white picture on black", _negative)
     yield Good("shadow as 3MF", lambda: replace(with_scene(_trefoil()), format="3mf"))
+    asked: dict[str, tuple[Array, str]] = {
+        "left trefoil": (mirror(torus_knot(2, 3)), "left-handed 3_1"),
+        "T(2, 5)": (torus_knot(2, 5), "5_1"),
+        "trivial": (circle(), "unknot"),
+        "": (circle(), "unknot"),
+    }
+    for name, (curve, kind) in asked.items():
+        yield Good(
+            f"shadow, asked for {name!r}",
+            lambda c=curve, k=kind, n=name: with_scene(make_part(c, types=[k]), piece={"knot": n}),  # type: ignore[misc]
+        )
+    yield Good(
+        "shadow, one of two tied",
+        lambda: with_scene(
+            make_part([circle(30.0), torus_knot(2, 3) + APART], types=["unknot", "3_1"]),
+            piece={"knot": "trefoil"},
+            view={"frame_width_mm": 240.0, "frame_height_mm": 240.0},
+        ),
+    )
     yield Good("shadow, no floor", lambda: _wrong_picture_without_floor())
 
 

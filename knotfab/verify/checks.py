@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from knotfab_validators.check import Check
-from knotfab_validators.names import KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
+from knotfab_validators.names import FILES, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
 from knotfab_validators.verdict import exit_code_of
 
 __all__ = [
@@ -32,6 +32,7 @@ CHECKS = (
     *SHADOWS,
     *KNOTS,
     *MESH,
+    *FILES,
     *TUBE,
     *PRINTING,
     *PLATES,

@@ -45,6 +45,7 @@ def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     curve = trefoil(240, 16.0)
     vertices, faces = tube(curve, RADIUS, 48)
     (tmp_path / "part.stl").write_bytes(encode(Body(to_part(vertices), faces), "stl"))
+    (tmp_path / "part.3mf").write_bytes(encode(Body(to_part(vertices), faces), "3mf"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
     (tmp_path / "knots.json").write_text(
         json.dumps({"schema": 1, "unit": "mm", "radius_mm": RADIUS, "knots": knots})

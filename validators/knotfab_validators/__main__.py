@@ -25,6 +25,7 @@ def _warm_up(graphics: bool) -> None:
     """Measure and draw one triangle, so that compiled loops, VTK and its OpenGL are loaded."""
     import numpy as np
 
+    from knotfab_validators.files.number_rows import cut_rows
     from knotfab_validators.geometry.curves import Curves
     from knotfab_validators.geometry.mesh import merge_equal
     from knotfab_validators.geometry.surface import flat_faces
@@ -46,6 +47,7 @@ def _warm_up(graphics: bool) -> None:
     triangle_triangle(triangle, triangle)
     flat_faces(mesh)
     overlapping_boxes(mesh)
+    cut_rows(b"<vertices></vertices><triangles></triangles>")
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
     depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
     tube_field([np.eye(3)], 0.1, geometry)

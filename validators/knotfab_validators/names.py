@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["KNOTS", "MESH", "PLATES", "PRINTING", "SHADOWS", "TUBE"]
+__all__ = ["FILES", "KNOTS", "MESH", "PLATES", "PRINTING", "SHADOWS", "TUBE"]
 
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
+FILES = ("same_3mf",)  # what is printed is what was verified
 TUBE = (
     "centre_line",
     "tube",

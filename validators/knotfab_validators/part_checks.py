@@ -155,7 +155,8 @@ def _check_tube(
         return [skip_check(name, "not given the part") for name in _TUBE]
     mounted = scene is not None and scene.mount.kind != "none"
     with time_stage(seconds, "tube"):
-        checks = [check_tube(mesh, curves, mounted=mounted)]
+        asked = scene.piece.tube_radius_mm if scene is not None else None
+        checks = [check_tube(mesh, curves, mounted=mounted, asked_mm=asked)]
     with time_stage(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
         strands = _keep_strands(mesh, curves) if mounted else mesh
@@ -198,7 +199,7 @@ def _check_knots(
     with time_stage(seconds, "thickness"):
         checks = _check_curves(curves, scene)
     with time_stage(seconds, "knot type"):
-        kinds = knot_checks(curves)
+        kinds = knot_checks(curves, scene.piece.knot if scene is not None else None)
     # a part is built of unlinked unknots; curves alone are asked for their thickness
     return checks + [kind if mesh is not None else replace(kind, required=False) for kind in kinds]
 

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from knotfab_validators.check import Check, rescale
+from knotfab_validators.check import Check, rescale, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
@@ -21,7 +21,8 @@ from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.forked import Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import PLATES, PRINTING, SHADOWS
+from knotfab_validators.mesh.same_surface import check_same_3mf
+from knotfab_validators.names import FILES, PLATES, PRINTING, SHADOWS
 from knotfab_validators.part_checks import Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
@@ -33,7 +34,7 @@ T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
-AS_PRINTED = {*PRINTING, *PLATES, "build_volume"}  # checks of the part before it shrinks
+AS_PRINTED = {*PRINTING, *PLATES, *FILES, "build_volume"}  # checks of the part before it shrinks
 
 
 def validate(
@@ -80,7 +81,10 @@ def validate(
     def measure(
         groups: Collection[Group], seconds: dict[str, float]
     ) -> tuple[list[Check], dict[str, float]]:
-        return part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups), seconds
+        checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups)
+        if "surface" in groups:
+            checks.append(_check_beside(printed, part, skip, seconds))
+        return checks, seconds
 
     here: set[Group] = set() if only == "shadows" else {"surface", "strands"}
     there: set[Group] = set()
@@ -112,6 +116,22 @@ def _measure_apart(call: Callable[[], T] | None) -> Forked[T] | nullcontext[None
         if call is not None:
             return Forked(call)
     return nullcontext()
+
+
+def _check_beside(
+    mesh: Mesh | None,
+    part: FilePath | None,
+    skip: Collection[str],
+    seconds: dict[str, float],
+) -> Check:
+    """Whether the 3MF files beside the part hold its surface."""
+    (name,) = FILES
+    if mesh is None or part is None:
+        return skip_check(name, "not given the part")
+    if name in skip:
+        return skip_check(name, "left out on request")
+    with time_stage(seconds, "3mf"):
+        return check_same_3mf(mesh, Path(part))
 
 
 def _check_shadows(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from knotfab_validators.knots.names import promised_knot
+from knotfab.scene.knot_names import BRAIDS, parse_knot_name
+from knotfab_validators.knots.names import asked_knot, promised_knot
 
 
 @pytest.mark.parametrize(
@@ -77,3 +78,24 @@ def test_torus_knots_beyond_the_table_have_hands() -> None:
     (right,) = promised_knot("right-handed T(3,7)").meant
     assert right.invariants.signature == -8 and right.invariants.hand == 1
     assert right.mirror().mirror() == right
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        *("", "Trivial", "0_1", "3_{1}", "trefoil", "left trefoil", "Right-handed  3_1", "m3_1"),
+        *("left m3_1", "T( 2, 5 )", "left t(3,4)", "figure eight knot", "left 3_1#m5_2"),
+        *("square", "left granny", "3_1 # 4_1", "stevedore"),
+        *(f"{hand}{name}" for name in BRAIDS for hand in ("", "left ")),
+    ],
+)
+def test_a_scene_may_ask_for_all_that_the_maker_ties(asked: str) -> None:
+    """What the maker writes of it into knots.json is among what is meant."""
+    made = {knot.name for knot in promised_knot(parse_knot_name(asked).promise).meant}
+    assert made and made <= {knot.name for knot in asked_knot(asked).meant}
+
+
+def test_a_hand_that_a_scene_asks_for_excludes_the_other() -> None:
+    assert [knot.name for knot in asked_knot("left trefoil").meant] == ["left-handed 3_1"]
+    assert [knot.name for knot in asked_knot("right 5_2").meant] == ["right-handed 5_2"]
+    assert asked_knot("clover").meant == ()

@@ -214,11 +214,11 @@ def test_finely_cut_straight_strands(monkeypatch: pytest.MonkeyPatch) -> None:
     assert crowded.status == "skipped" and crowded.required
 
 
-def test_knots_of_another_part_are_not_measured() -> None:
+def test_knots_of_another_part_are_refused() -> None:
     mesh, curves = made(circle(60, 10.0))
     away = Curves((curves.polygons[0] + 100.0,), ("unknot",), (True,), 2.0)
     found = check_clearance(mesh, away, 0.4)
-    assert found.status == "skipped" and found.required
+    assert found.status == "fail" and found.required and found.measured == "no strand"
 
 
 def test_a_crowd_of_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

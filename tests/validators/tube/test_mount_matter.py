@@ -13,10 +13,13 @@ from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.mount.stand import StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.mount_matter import tube_vertices
+from knotfab_validators.tube.tube_fit import check_tube
 from tests.mount.test_stand import ONE, PLA
 
 CURVE = ONE.knots[0].points
@@ -137,3 +140,12 @@ def test_what_leads_away_is_the_mount_and_what_swells_is_not() -> None:
         vertices = np.vstack([on, [[11.0, 0.0, middle]], [[11.0, 0.0, 5.0]], [[11.5, 0.0, 5.0]]])
         longer = np.vstack([faces, [[3, 4, 5]]])
         assert tube_vertices(vertices, longer, [curve], 1.0)[3] == is_tube
+
+
+@pytest.mark.slow
+def test_a_stands_struts_leave_enough_of_the_tube() -> None:
+    vertices, faces = on_a_stand()
+    mesh = Mesh(vertices, faces.astype(np.int64))
+    for radius, status in ((RADIUS, "pass"), (0.9 * RADIUS, "fail")):
+        curves = Curves((CURVE,), ("unknot",), (True,), radius)
+        assert check_tube(mesh, curves, mounted=True).status == status

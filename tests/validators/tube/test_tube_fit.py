@@ -208,3 +208,27 @@ def test_a_mitre_is_no_bump_but_a_bump_there_is_one() -> None:
     bumped[0] += 0.1 * RADIUS * outwards[0]
     check = check_tube(Mesh(bumped, faces), knots(corners))
     assert check.status == "fail" and check.at[0] == pytest.approx(tuple(bumped[0]))
+
+
+def test_a_mounted_part_must_show_the_tube_itself() -> None:
+    """What is thicker holds the exact tube everywhere, and is no tube of that radius."""
+    thick = Mesh(*tube(TREFOIL, 1.1 * RADIUS, SIDES))
+    found = check_tube(thick, knots(TREFOIL), mounted=True)
+    assert found.status == "fail" and found.measured == pytest.approx(0.1 * RADIUS, rel=0.2)
+    assert check_tube(MESH, knots(TREFOIL), mounted=True).status == "pass"
+
+
+@pytest.mark.parametrize(("radii", "status"), [(1.0, "pass"), (8.0, "fail")])
+def test_a_swelling_as_long_as_a_peg_is_wide_may_be_a_mount(radii: float, status: str) -> None:
+    middle = np.repeat(TREFOIL, SIDES, axis=0)
+    near = np.linalg.norm(middle - TREFOIL[30], axis=1) < radii * RADIUS
+    out = 0.3 * (MESH.vertices - middle) * near[:, None]
+    swollen = Mesh(MESH.vertices + out, MESH.faces)
+    assert check_tube(swollen, knots(TREFOIL)).status == "fail"
+    assert check_tube(swollen, knots(TREFOIL), mounted=True).status == status
+
+
+def test_the_radius_is_that_of_the_scene() -> None:
+    assert check_tube(MESH, knots(TREFOIL), asked_mm=RADIUS * (1 + 1e-9)).status == "pass"
+    other = check_tube(MESH, knots(TREFOIL), asked_mm=RADIUS * 1.001)
+    assert other.status == "fail" and other.required and "tube_radius_mm" in other.detail

@@ -48,11 +48,16 @@ QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 @dataclass(frozen=True)
 class Piece:
-    """`tube_radius_mm` is None where the scene leaves it open ("auto")."""
+    """`tube_radius_mm` is None where the scene leaves it open ("auto").
+
+    `knot` is the type that one of the knots must have, and all others are unknots; None where the scene
+    has no such key: it promises nothing then.
+    """
 
     tube_radius_mm: float | None
     clearance_mm: float
     printed: bool = False
+    knot: str | None = None
 
 
 @dataclass(frozen=True)
@@ -257,6 +262,7 @@ def parse_scene(
             tube_radius_mm=piece.open_number("tube_radius_mm", None, above=0),
             clearance_mm=piece.number("clearance_mm", 0.4, least=0),
             printed=piece.flag("printed", False),
+            knot=piece.word("knot", "") if "knot" in piece.data else None,
         ),
         region=_region(region, folder),
         material=Material(

@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.files.bad_file import BadFile, short
+from knotfab_validators.files.number_rows import Rows, cut_rows
 
 __all__ = ["MOST_PLACED", "Model", "Placed", "Shape", "read_model", "read_relations"]
 
@@ -43,6 +46,10 @@ DEEPEST = 100  # elements within each other; a model needs six
 MOST_NAMES = 20_000  # of elements and attributes: expat keeps each
 MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
+BLOCK = 1 << 18  # bytes that expat is fed at a time
+MOST_AT_ONCE = (
+    64_000_000  # bytes of a model whose rows of numbers are looked for before it is parsed
+)
 LONGEST = 1_000_000  # bytes that may stand between two ends of tags
 NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
 WHOLE = re.compile(r"\s*\+?\d{1,18}\s*", re.ASCII)
@@ -111,11 +118,23 @@ class Model:
 def read_model(blocks: Iterable[bytes], name: str) -> Model:
     """The model in the XML that comes in blocks.
 
+    The long rows of vertices and triangles are read apart where they are written the usual way, which is ten
+    times as fast as an element at a time, and are taken in where expat comes to the tag before them; where
+    it does not come to all of these (one is in a comment), everything is read an element at a time.
+
     Raises:
         BadFile: it is no 3MF model; the message says what is wrong with it.
     """
-    reader = _Reader(name)
-    _parse(blocks, name, reader.start, reader.end, reader.declare)
+    stream = iter(blocks)
+    text = _gather(stream)
+    rest, rows = cut_rows(text) if len(text) <= MOST_AT_ONCE else (text, {})
+    reader = _Reader(name, rows)
+    _parse(
+        chain(_slice(rest), stream), name, reader.start, reader.end, reader.declare, reader.watch
+    )
+    if reader.rows:
+        reader = _Reader(name, {})
+        _parse(_slice(text), name, reader.start, reader.end, reader.declare)
     if not reader.found:
         raise BadFile(f"{name}: its model part is no 3MF model")
     for number, shape in reader.model.shapes.items():
@@ -128,6 +147,22 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
                 f"{name}: triangle {bad} of object {number} names vertex {named}, and there are {count}"
             )
     return reader.model
+
+
+def _gather(stream: Iterator[bytes]) -> bytes:
+    """The first blocks together, all of them or somewhat more than `MOST_AT_ONCE` bytes."""
+    taken, size = [], 0
+    for block in stream:
+        taken.append(block)
+        size += len(block)
+        if size > MOST_AT_ONCE:
+            break
+    return b"".join(taken)
+
+
+def _slice(text: bytes) -> Iterator[bytes]:
+    """The text in blocks: a tag without an end is noticed by how much has been fed since it began."""
+    return (text[k : k + BLOCK] for k in range(0, len(text), BLOCK))
 
 
 def read_relations(blocks: Iterable[bytes], name: str) -> str:
@@ -150,12 +185,14 @@ def _parse(
     start: Callable[[str, dict[str, str]], None],
     end: Callable[[str], None],
     declared: Callable[[str, str], None],
+    watched: Callable[[Any], None] = lambda parser: None,
 ) -> None:
     """Feed expat, which must not be kept waiting for the end of a tag that never comes."""
     parser = expat.ParserCreate(namespace_separator=" ")
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.StartNamespaceDeclHandler = declared
+    watched(parser)
 
     def refuse(*_: object) -> None:
         raise BadFile(f"{name}: has an XML document type, which no 3MF needs")
@@ -184,11 +221,15 @@ def _parse(
 class _Reader:
     """Takes what expat finds; elements in places where they mean nothing are passed over."""
 
-    def __init__(self, name: str) -> None:
-        self.name, self.model, self.found = name, Model(), False
+    def __init__(self, name: str, rows: dict[int, Rows]) -> None:
+        self.name, self.model, self.found, self.rows = name, Model(), False, rows
         self.way: list[str] = [""]
         self.spaces: dict[str, str] = {}
         self.shape, self.placed = Shape(), 0
+
+    def watch(self, parser: Any) -> None:
+        """The parser, which knows at which byte it is."""
+        self.parser = parser
 
     def declare(self, prefix: str, uri: str) -> None:
         self.spaces[prefix] = uri
@@ -216,9 +257,22 @@ class _Reader:
                 raise self._wrong("vertex", "numbers", given)
         elif INSIDE.get(tag, "") == way[-1]:
             self._rare(tag, given)
+        if self.rows and tag in (VERTICES, TRIANGLES):
+            self._take_rows(tag)
         way.append(tag)
         if len(way) > DEEPEST:
             raise BadFile(f"{self.name}: its XML is nested more than {DEEPEST} deep")
+
+    def _take_rows(self, tag: str) -> None:
+        """The rows that were cut out behind this tag, if any were."""
+        rows = self.rows.get(self.parser.CurrentByteIndex)
+        if rows is None or tag != f"{CORE} {rows.kind}":
+            return
+        del self.rows[self.parser.CurrentByteIndex]
+        if tag == VERTICES:
+            self.shape.points.frombytes(rows.numbers.astype(np.float32).tobytes())
+        else:
+            self.shape.corners.frombytes(rows.numbers.astype(np.int64).tobytes())
 
     def _wrong(self, what: str, parts: str, given: dict[str, str]) -> BadFile:
         said = short(", ".join(f"{key} {value}" for key, value in list(given.items())[:3]))

@@ -9,7 +9,7 @@ side. Of what does not shrink a diagram is made (`projection`), and named by its
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from knotfab_validators.knots.alexander import colouring_remainder
 from knotfab_validators.knots.identity import PROVED_UNKNOT, Identity, identify
 from knotfab_validators.knots.invariants import Invariants
 from knotfab_validators.knots.linking import Linking, linking_of
-from knotfab_validators.knots.names import Promise, promised_knot
+from knotfab_validators.knots.names import Promise, asked_knot, promised_knot
 from knotfab_validators.knots.reduction import (
     Budget,
     TooTangled,
@@ -114,9 +114,9 @@ def knot_types(curves: Curves) -> KnotTypes:
     return KnotTypes(tuple(findings), linking)
 
 
-def check_knot_type(curves: Curves) -> Check:
-    """`knot_type`: each closed polygon is the knot that the file promises; see `knot_checks`."""
-    return _check_type(curves, knot_types(curves))
+def check_knot_type(curves: Curves, asked: str | None = None) -> Check:
+    """`knot_type`: each closed polygon is the knot that the files promise; see `knot_checks`."""
+    return _check_type(curves, knot_types(curves), asked)
 
 
 def check_linking(curves: Curves) -> Check:
@@ -124,8 +124,12 @@ def check_linking(curves: Curves) -> Check:
     return _check_linking(curves, knot_types(curves))
 
 
-def knot_checks(curves: Curves) -> tuple[Check, Check]:
+def knot_checks(curves: Curves, asked: str | None = None) -> tuple[Check, Check]:
     """The checks `knot_type` and `linking`, from one search for the types.
+
+    Args:
+        asked: the scene's `[piece] knot`, where it has one: one of the knots is of that type, and all
+            others are unknots. What is found must fit both this and each knot's own promise.
 
     `knot_type`: `measured` says what each closed polygon is, and whether that is proved or only
     consistent; `limit` is the promise. Polygons that touch fail: they have no type. It is skipped for
@@ -137,10 +141,45 @@ def knot_checks(curves: Curves) -> tuple[Check, Check]:
     invariant is consistent with it. `at` is where the linked ones are nearest.
     """
     found = knot_types(curves)
-    return _check_type(curves, found), _check_linking(curves, found)
+    return _check_type(curves, found, asked), _check_linking(curves, found)
 
 
-def _check_type(curves: Curves, found: KnotTypes) -> Check:
+def _check_type(curves: Curves, found: KnotTypes, asked: str | None) -> Check:
+    own = _check_own_types(curves, found)
+    if asked is None or own.status == "fail" or not any(curves.closed):
+        return own
+    return _compare_with_scene(own, found.knots, asked_knot(asked))
+
+
+def _compare_with_scene(own: Check, knots: Sequence[KnotFinding], asked: Promise) -> Check:
+    """`own` is what the knots' own promises come to; it fails where the scene's is refuted."""
+    said = f"the scene's piece.knot is {asked.text!r}"
+    limit = "unknot" if asked.unknot else asked.text
+    if not asked.meant:
+        return replace(own, status="fail", required=True, detail=f"{said}, which names no knot")
+    trivial = asked_knot("unknot")
+    plain = [_judge(trivial, knot.identity) for knot in knots]
+    tied = [_judge(asked, knot.identity) for knot in knots]
+    # one is of the type asked for, whichever, and all others are unknots
+    fits = any(
+        tied[k] != "refuted" and "refuted" not in plain[:k] + plain[k + 1 :]
+        for k in range(len(knots))
+    )
+    if knots and not fits:
+        judged = [replace(knot, promise=asked, verdict=tied[k]) for k, knot in enumerate(knots)]
+        wrong = [knot for knot in judged if knot.verdict == "refuted"] or judged
+        found = ", ".join(dict.fromkeys(_word_finding(knot) for knot in judged))
+        others = " and all other knots are unknots" if len(knots) > 1 and not asked.unknot else ""
+        at = places(place for knot in wrong for place in knot.identity.places)
+        detail = f"{said}{others}; found: {found}"
+        return replace(
+            own, status="fail", required=True, measured=found, limit=limit, detail=detail, at=at
+        )
+    required = own.required or (own.status == "skipped" and asked.unknot)
+    return replace(own, required=required, limit=own.limit or limit)
+
+
+def _check_own_types(curves: Curves, found: KnotTypes) -> Check:
     name = "knot_type"
     left_out = _name_left_out(curves)
     if not any(curves.closed):

@@ -26,7 +26,7 @@ from knotfab_validators.knots.table import (
     prime_names,
 )
 
-__all__ = ["Promise", "promised_knot"]
+__all__ = ["Promise", "asked_knot", "promised_knot"]
 
 WORDS = {
     "trivial": "unknot",
@@ -82,6 +82,24 @@ def promised_knot(text: str) -> Promise:
         return Promise(text, (knot,))
     same = mirror.name == knot.name
     return Promise(text, (knot,) if same else (knot, mirror))
+
+
+def asked_knot(text: str) -> Promise:
+    """The promise in a scene's `[piece] knot`: one of a knot's "type", or as people write it.
+
+    That is "left 5_2" for "left-handed 5_2", "3_{1}", "T( 2, 3 )"; and no name at all is the unknot. Of a
+    factor that is mirrored, "left" and "right" do not say which hand is meant: both keep that promise.
+    """
+    name = " ".join(text.lower().replace("_{", "_").replace("}", "").split())
+    name = re.sub(r"\(\s*(-?\d+)\s*,\s*(-?\d+)\s*\)", r"(\1,\2)", name) or "unknot"
+    if (found := re.match(r"(left|right)(?:-handed)? (.*)", name)) is not None:
+        mirrored = any(part.strip().startswith("m") for part in found[2].split("#"))
+        name = found[2] if mirrored else f"{found[1]}-handed {found[2]}"
+    meant = promised_knot(name).meant
+    if found is not None and len(meant) == 1 and mirrored:
+        mirror = meant[0].mirror()
+        meant = meant if mirror.name == meant[0].name else (*meant, mirror)
+    return Promise(text, meant)
 
 
 def _hand(knot: Knot) -> int:

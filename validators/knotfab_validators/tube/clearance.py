@@ -95,7 +95,8 @@ def check_clearance(mesh: Mesh, curves: Curves | None, required_mm: float | None
     except ValueError as error:
         return skip_check(name, str(error), required=True)
     if left_out == len(mesh.faces):
-        return skip_check(name, "no face of the mesh is near the centre lines", required=True)
+        detail = "no face of the mesh is near the centre lines"
+        return Check(name, "fail", True, "no strand", required_mm, "mm", detail)
     rest = f"; {left_out} faces belong to no strand and were left out" if left_out else ""
     if gap is None:
         detail = f"no strands face each other within {cap:.2f} mm{rest}"

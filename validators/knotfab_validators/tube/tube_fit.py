@@ -23,6 +23,9 @@ MOST_SAMPLES = 2_000_000  # on absurdly long curves
 RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
 MOST_RINGS = 20_000
+STRETCH = 8  # rings that are looked at together of a mounted part
+SHARE = 0.5  # of a stretch's points that must lie on the surface: 0.78 and more do beside pegs and struts
+SAME = 1e-6  # of a radius that two files give
 LEVELS = 4  # how often a face that may dip too deep is cut into four
 MOST_CUT = 50_000  # faces
 
@@ -48,6 +51,10 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     meet at an angle it is round outside; the two edges' cylinders, extended until they meet (a mitre),
     will do as well, and so will the flat disc across an open end instead of the half ball about it.
 
+    Of a `mounted` part, whose pegs and struts grow out of the tube, points of the exact tube that lie in
+    matter are bare by nothing; but only where of `STRETCH` rings in a row at least the share `SHARE` of all
+    points is on the surface. So a mesh that is the tube of another radius is told from one with a mount.
+
     From the mesh: every vertex is measured, and faces that could dip deeper than `LIMIT` between
     their corners are cut into four and measured again (see `_may_dip`). To the mesh: `ANGLES` points
     on rings half a radius apart, but for those that lie inside the tube where it bends, are measured
@@ -57,10 +64,10 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
         raise ValueError("the tube's radius is not known")
     line = _Line(curves.edges, curves.radius_mm, _open_ends(curves))
     points, off = _from_mesh(mesh, line)
-    rings = _on_tube(line)
+    rings, ring, curve = _on_tube(line)
     bare = np.minimum(surface_distance(rings, mesh) / line.radius, REACH)
     if mounted:
-        far = np.flatnonzero(bare > LIMIT)
+        far = np.flatnonzero((bare > LIMIT) & ~_lacks_surface(bare <= LIMIT, ring, curve)[ring])
         bare[far[winding_numbers(rings[far], mesh) > 0.5]] = 0.0
     if not len(bare):  # a tube that lies inside itself everywhere: its points do not show
         bare, rings = np.zeros(1), line.edges.start[:1]
@@ -69,11 +76,14 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     return TubeFit(float(off[i[0]]), points[i], float(bare[j[0]]), rings[j])
 
 
-def check_tube(mesh: Mesh, curves: Curves | None, *, mounted: bool = False) -> Check:
+def check_tube(
+    mesh: Mesh, curves: Curves | None, *, mounted: bool = False, asked_mm: float | None = None
+) -> Check:
     """`tube`: the mesh is the tube about these curves, within 4 % of its radius both ways.
 
     What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
-    part has more matter than the tube: then the exact tube must lie on its surface or inside it.
+    part has more matter than the tube: then the exact tube must lie on its surface or, where the
+    mount joins it, inside (`tube_fit`). `asked_mm`: the scene's radius, which must be that of the curves.
     """
     if curves is None or curves.radius_mm is None:
         lacking = "the knots" if curves is None else "the tube's radius"
@@ -90,6 +100,9 @@ def check_tube(mesh: Mesh, curves: Curves | None, *, mounted: bool = False) -> C
         what = "largest deviation of the surface from one radius about the knots"
     detail = f"{what}, at {spot(at[0])}"
     limit = LIMIT * radius
+    if asked_mm is not None and abs(radius - asked_mm) > SAME * asked_mm and measured <= LIMIT:
+        detail = "the knots' radius is not the scene's piece.tube_radius_mm"
+        return Check("tube", "fail", True, radius, asked_mm, "mm", detail)
     return at_most("tube", measured * radius, limit, "mm", detail, tolerance=1e-9 * radius, at=at)
 
 
@@ -225,8 +238,12 @@ def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> M
     return may
 
 
-def _on_tube(line: _Line) -> Array:
-    """(k, 3) points of the exact tube: rings at even steps along the curves."""
+def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
+    """Points of the exact tube, in rings at even steps along the curves.
+
+    Returns:
+        (k, 3) the points, (k,) the ring of each, and (rings,) the curve of each ring.
+    """
     total = float(line.length.sum())
     rings = int(np.clip(np.ceil(total / (RING_STEP * line.radius)), 1, MOST_RINGS))
     until = np.cumsum(line.length)
@@ -239,7 +256,32 @@ def _on_tube(line: _Line) -> Array:
     u /= np.linalg.norm(u, axis=1)[:, None]
     v = np.cross(along, u)
     angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
-    ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
-    points = (middle[:, None] + line.radius * ring).reshape(-1, 3)
+    outwards = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    points = (middle[:, None] + line.radius * outwards).reshape(-1, 3)
     distance, _, _ = line.distance(points)
-    return np.ascontiguousarray(points[distance > (1 - 1e-3) * line.radius])
+    shows = distance > (1 - 1e-3) * line.radius
+    ring = np.repeat(np.arange(rings), ANGLES)[shows]
+    return np.ascontiguousarray(points[shows]), ring, line.edges.curve[at]
+
+
+def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
+    """(rings,) whether a ring is in some stretch of its curve of whose points too few are on the surface.
+
+    Args:
+        on: (k,) of each point. ring: (k,) its ring. curve: (rings,) of each ring, in order.
+    """
+    every = np.bincount(ring, minlength=len(curve))
+    found = np.bincount(ring, on, minlength=len(curve))
+    lacks = np.zeros(len(curve), dtype=bool)
+    for number in np.unique(curve):
+        own = np.flatnonzero(curve == number)
+        length = min(STRETCH, len(own))
+        # the sums of all stretches, those too that go on at the curve's beginning
+        turn = np.concatenate([own, own[: length - 1]])
+        window = np.ones(length)
+        bare = np.convolve(found[turn], window, "valid") < SHARE * np.convolve(
+            every[turn], window, "valid"
+        )
+        for start in np.flatnonzero(bare):
+            lacks[turn[start : start + length]] = True
+    return lacks

@@ -1,0 +1,117 @@
+"""Whether the 3MF files beside an STL hold its surface: the STL is verified, and a 3MF is printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.check import Check, at_most, places, skip_check, spot, worst_apart
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.beside import find_3mf
+from knotfab_validators.files.mesh import read_mesh
+from knotfab_validators.geometry.mesh import Mesh
+
+__all__ = ["NAME", "SurfaceDifference", "check_same_3mf", "compare_surfaces"]
+
+NAME = "same_3mf"
+LIMIT_MM = 1e-3  # single precision at a metre rounds by 3e-5 mm, six decimals by 5e-7
+APART_MM = 5.0  # between two places that are named
+
+
+@dataclass(frozen=True)
+class SurfaceDifference:
+    """How two meshes differ.
+
+    `away_mm` is the largest distance from a vertex of either to the nearest of the other, infinite where one
+    has none; `at` (k, 3), mm, are places, worst first. `faces` counts those of either that the other lacks,
+    where all vertices match, and otherwise is 0.
+    """
+
+    away_mm: float
+    faces: int
+    at: Array
+
+
+def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
+    """Match vertices, and then faces as triples of vertices in their cyclic order.
+
+    The order of bodies, vertices and faces does not count, nor which corner of a face comes first; how
+    often a face is there and which way it is turned do. Faces that come in one order in both meshes are
+    compared corner by corner first, which is quick.
+    """
+    if mesh.faces.shape == other.faces.shape:
+        gap = np.abs(mesh.vertices[mesh.faces] - other.vertices[other.faces])
+        if (most := float(gap.max(initial=0.0))) <= LIMIT_MM / 2:  # of a coordinate
+            return SurfaceDifference(most, 0, np.empty((0, 3)))
+    return _match(mesh, other)
+
+
+def check_same_3mf(mesh: Mesh, part: Path) -> Check:
+    """`same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
+
+    `measured` is the largest distance of a vertex from the other file's nearest, mm; words where the faces
+    differ between the same vertices, or where a file cannot be read. Skipped where there are none.
+
+    Args:
+        mesh: what the file `part` holds.
+    """
+    if part.suffix.lower() != ".stl":
+        return skip_check(NAME, "the part is no STL, beside which a 3MF would be looked for")
+    beside = find_3mf(part)
+    if not beside:
+        return skip_check(NAME, f"there is no {part.stem}.3mf beside {part.name}")
+    worst, name = 0.0, beside[0].name
+    for path in beside:
+        try:
+            other = read_mesh(path)
+        except BadFile as error:
+            return Check(NAME, "fail", True, "not read", LIMIT_MM, "mm", str(error))
+        found = compare_surfaces(mesh, other)
+        if found.faces:
+            said = f"{found.faces} faces differ"
+            detail = f"{path.name} has other faces than the part between the same vertices"
+            detail += f", such as at {spot(found.at[0])}"
+            return Check(NAME, "fail", True, said, LIMIT_MM, "mm", detail, places(found.at))
+        if found.away_mm > LIMIT_MM:
+            detail = (
+                f"{path.name} is not the part's surface: a vertex of one of the two is so far from "
+            )
+            detail += f"all of the other's, at {spot(found.at[0])}"
+            return at_most(NAME, found.away_mm, LIMIT_MM, "mm", detail, at=found.at)
+        if found.away_mm >= worst:
+            worst, name = found.away_mm, path.name
+    names = " and ".join(path.name for path in beside)
+    detail = f"{names} {'is' if len(beside) == 1 else 'are'} the part's surface, face by face; the "
+    return at_most(NAME, worst, LIMIT_MM, "mm", f"{detail}farthest vertex is in {name}")
+
+
+def _match(mesh: Mesh, other: Mesh) -> SurfaceDifference:
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(mesh.vertices)
+    away, same = tree.query(other.vertices)
+    back, _ = cKDTree(other.vertices).query(mesh.vertices)
+    gap = np.concatenate([away, back])
+    if gap.max() > LIMIT_MM:
+        points = np.concatenate([other.vertices, mesh.vertices])
+        worst = worst_apart(gap, points, APART_MM, LIMIT_MM)
+        return SurfaceDifference(float(gap.max()), 0, points[worst])
+    every = np.concatenate(
+        [_first_corner_least(mesh.faces), _first_corner_least(same[other.faces])]
+    )
+    once = len(mesh.faces)
+    _, first, number = np.unique(every, axis=0, return_index=True, return_inverse=True)
+    number = number.reshape(-1)
+    count = np.bincount(number[:once], minlength=len(first))
+    odd = np.abs(count - np.bincount(number[once:], minlength=len(first)))
+    where = mesh.vertices[every[first[odd > 0]]].mean(axis=1)
+    return SurfaceDifference(float(gap.max()), int(odd.sum()), where)
+
+
+def _first_corner_least(faces: Ints) -> Ints:
+    """The same faces (m, 3), each begun at its corner of the least number."""
+    first = faces.argmin(axis=1)[:, None]
+    return np.asarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
