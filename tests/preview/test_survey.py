@@ -97,15 +97,20 @@ def test_a_radius_that_loses_a_part_does_not_draw_it_well(tmp_path: Path) -> Non
     assert "None that can be printed draws all of it" in said_of(found)
 
 
-@pytest.mark.parametrize(("bend", "times"), [("auto", 2.0), (9.0, None)])
+@pytest.mark.parametrize(
+    ("bend", "depth", "times"), [("auto", "flat", 2.0), ("auto", "auto", 2.5), (9.0, "auto", None)]
+)
 def test_a_dot_is_drawn_by_tubes_that_close_in_it(
-    tmp_path: Path, bend: float | str, times: float | None
+    tmp_path: Path, bend: float | str, depth: str, times: float | None
 ) -> None:
-    """A disc is its own opening up to its radius, and a ring fills one of twice the tube's radius."""
+    """A disc is its own opening up to its radius, and a flat ring fills one of twice the tube's radius."""
     image = Image.new("L", (SIDE, SIDE), 255)
     ImageDraw.Draw(image).ellipse((370, 370, 430, 430), fill=0)
     image.save(tmp_path / "dot.png")
-    scene = Scene(material=Material(min_bend_radius_mm=bend))  # type: ignore[arg-type]
+    scene = Scene(
+        material=Material(min_bend_radius_mm=bend),  # type: ignore[arg-type]
+        piece=Piece(depth=depth),  # type: ignore[arg-type]
+    )
     (seen,) = look(tmp_path / "dot.png", scene).views
     disc = 30.5 / seen.px_per_mm
     if times is None:
