@@ -45,9 +45,7 @@ _CANDIDATES = 4  # radii that are shown
 _ALL = 0.95  # of the silhouette
 _BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
 _FEW = 200  # pieces and holes of a picture whose polygons are opened
-_SADDLE = (
-    1.4  # a piece by itself is to be deep: its least ring is a saddle, so many bend radii wide
-)
+_SADDLE = 1.4  # bend radii: half the least ring of a lone piece, which is to be deep, a saddle
 _SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
 _SPARE = 0.3  # px that an outline may move by
 _MOST_FRAMES = 24  # of a sequence that are looked at

@@ -36,9 +36,7 @@ _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times th
 _BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
 _NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
-_COVERED = (
-    1.0 / 3.0
-)  # of a piece smaller than the tube, below which a loop in its middle is not its picture
+_COVERED = 1.0 / 3.0  # of a piece smaller than the tube, below which no loop in its middle draws it
 _HAIR = 1e-7  # of the radius
 _NOISE_WIDTH = 0.5  # of the radius: such an outline's area is less than this times its length
 
