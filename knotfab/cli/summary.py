@@ -176,8 +176,8 @@ def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
     print(
         f"IoU {found.iou:.3f}: {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled."
     )
-    if found.lamp is not None:
-        print(f"  {advise(found)}")
+    if advice := advise(found):
+        print(f"  {advice}")
     print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
 from knotfab.knots import Knot, Knots
 from knotfab.mount.marks import CARD_MM, card_middles
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.data_uri import encode_image
@@ -42,29 +42,52 @@ _PLATE_SHARE = 0.7  # of the plate's margin: its edge may be rounded, and is fou
 _LARGEST_PX = 12000
 _GAIN = 0.004  # of IoU below which the lamp may stay
 _LEAST_MM = (2.0, 2.0, 8.0)  # by which a lamp is worth moving: right, up, away
+# IoU after the fit below which it is the shadow of something else. The piece's own, with corners off by up to
+# 2 mm, have 0.68 to 1.00; others up to 0.38, but up to 0.78 where both shadows are much like a disc
+_ALIKE = 0.6
+_ROUGH = 3  # times as few px and vertices where only an order of the corners is looked for
+_SURE = 0.9  # IoU after the fit from which on no other order of the corners is looked for
+_AS_GOOD = 0.02  # IoU by which orders differ that are both named
+_CLEARLY = 0.1  # by so much IoU another order of the corners is the right one
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
 
 
 @dataclass(frozen=True)
 class Comparison:
     """`iou` of the photographed shadow and the picture; shares of the picture's area that are missing, and
-    dark beside it; the lamp, where knots.json is there to tell; the differences as a PNG."""
+    dark beside it; the lamp, where knots.json is there to tell; the differences as a PNG.
+
+    `corners`: those of the frame, `x,y` px; `instead`: their orders in which the shadow is far more like the
+    piece's than in this one, the best first.
+    """
 
     iou: float
     missing: float
     spilled: float
     lamp: LampFit | None
     png: bytes
+    corners: tuple[str, ...] = ()
+    instead: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def alike(self) -> bool | None:
+        """Whether the piece throws such a shadow, wherever its lamp stands; None: no knots are there."""
+        if self.instead:
+            return False
+        return None if self.lamp is None else _best_iou(self.iou, self.lamp) >= _ALIKE
 
     def to_dict(self) -> dict[str, Any]:
         lamp = None
-        if self.lamp is not None:
+        if self.lamp is not None and self.alike:
             lamp = {k: round(v, 4) for k, v in self.lamp.__dict__.items()}
         figures = {"iou": self.iou, "missing": self.missing, "spilled": self.spilled}
         return {
             **{k: round(v, 4) for k, v in figures.items()},
             "lamp": lamp,
             "advice": advise(self),
+            "alike": self.alike,
+            "corners": list(self.corners),
+            "corners_instead": [list(order) for order in self.instead],
         }
 
 
@@ -100,7 +123,7 @@ def compare_photo(
     width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
     pad = _margin_px(scene, view, width)
     grey = image @ (0.299, 0.587, 0.114)
-    cards = None
+    marks = None
     if corners is not None:
         at = read_corners(corners, image.shape[1], image.shape[0])
     elif (marks := find_marks(grey)) is not None:
@@ -108,30 +131,102 @@ def compare_photo(
         at = through(homography(cards, marks), _corners_of(view))
     else:
         at = _corners_of_plate(image, scene, view, str(photo))
-    seen = rectify(grey, at, (width, height), pad)
-    if cards is not None:
-        _leave_out(seen, cards * width / view.frame_width_mm + pad, width / view.frame_width_mm)
-    shadow = find_shadow(seen, str(photo))
     asked = Image.fromarray(target.asked).resize((width, height), Image.Resampling.BOX)
     wanted = np.pad(np.asarray(asked, dtype=bool), ((pad[1], pad[1]), (pad[0], pad[0])))
     camera = camera_of(view, width, height).padded(*pad)
     knots = _read_knots(folder / "knots.json", scene)
+
+    def look(at: Array) -> tuple[Mask, float]:
+        """The shadow in the frame of these corners, and its IoU with the picture."""
+        seen = rectify(grey, at, (width, height), pad)
+        if marks is not None:
+            cards = through(homography(at, _corners_of(view)), marks)
+            _leave_out(seen, cards * width / view.frame_width_mm + pad, width / view.frame_width_mm)
+        shadow = find_shadow(seen, str(photo))
+        return shadow, mask_iou(wanted, shadow)
+
+    def look_roughly(at: Array) -> float:
+        """The best IoU in the frame of these corners, in little time."""
+        shadow, iou = look(at)
+        if knots is None or iou >= _SURE:
+            return iou
+        return _best_iou(iou, find_lamp(*_coarsen(knots, camera, shadow)))
+
+    shadow, iou = look(at)
     lamp = None if knots is None else find_lamp(knots, camera, shadow)
     area = max(1, int(wanted.sum()))
     return Comparison(
-        mask_iou(wanted, shadow),
+        iou,
         float((wanted & ~shadow).sum() / area),
         float((shadow & ~wanted).sum() / area),
         lamp,
         _draw(wanted, shadow),
+        _tell(at),
+        _find_orders(at, _best_iou(iou, lamp), look_roughly),
     )
 
 
+def _best_iou(iou: float, lamp: LampFit | None) -> float:
+    """Of the shadow and the picture, or what the knots throw at best."""
+    return iou if lamp is None else max(lamp.iou, lamp.iou_in_place)
+
+
+def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
+    """What `find_lamp` asks for, with fewer vertices and pixels."""
+    small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
+    seen = Image.fromarray((255 * shadow).astype(np.uint8))
+    seen = seen.resize((small.width, small.height), Image.Resampling.BOX)
+    fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)
+    return Knots(fewer, knots.radius_mm), small, np.asarray(seen) > 127
+
+
+def _find_orders(
+    at: Array, found: float, look: Callable[[Array], float]
+) -> tuple[tuple[str, ...], ...]:
+    """The corners begun at another of the four, where that is clearly better; several of a symmetric shadow.
+
+    Args:
+        at: (4, 2) px. found: the best IoU in the order that was given. look: the best IoU in another order.
+    """
+    if found >= _SURE:
+        return ()
+    tried: list[tuple[float, Array]] = []
+    for begun in (1, 2, 3):
+        turned = np.roll(at, -begun, axis=0)
+        try:
+            tried.append((look(turned), turned))
+        except InputError:  # no shadow stands out in that frame, whose margin is another
+            continue
+    tried = sorted(tried, key=lambda one: -one[0])
+    if not tried or tried[0][0] < max(_ALIKE, found + _CLEARLY):
+        return ()
+    return tuple(_tell(turned) for iou, turned in tried if iou > tried[0][0] - _AS_GOOD)
+
+
+def _tell(at: Array) -> tuple[str, ...]:
+    """Corners as `--corners` takes them."""
+    return tuple(f"{x:.0f},{y:.0f}" for x, y in at)
+
+
 def advise(found: Comparison) -> str:
-    """Which way to move the lamp, in a sentence."""
+    """Which way to move the lamp, in a sentence; or that the photograph shows another shadow."""
     lamp = found.lamp
+    if found.instead:
+        orders = " or ".join(f"--corners {' '.join(order)}" for order in found.instead)
+        return (
+            "This does not look like that piece's shadow, but it does with the same corners of the frame in "
+            f"another order: {orders}"
+        )
     if lamp is None:
         return ""
+    if not found.alike:
+        best = _best_iou(found.iou, lamp)
+        return (
+            "This does not look like that piece's shadow: wherever the lamp was taken to be, their IoU was "
+            f"at most {best:.2f}. Check the folder, --view, and that these are the frame's corners, the top "
+            f"left one first: --corners {' '.join(found.corners)}. If they are, the lamp is too far off to "
+            "be found: put it where setup.pdf has it."
+        )
     moves = (lamp.right_mm, lamp.up_mm, lamp.away_mm)
     words = (("left", "right"), ("down", "up"), ("nearer to the wall", "away from the wall"))
     said = [

@@ -20,6 +20,7 @@ _STEP_MM = (8.0, 8.0, 40.0)  # of the simplex, and the scale of the unknowns
 _COARSER = 2  # than what the IoU is measured on
 _SOFT_PX = (4.0, 1.5)  # by which both pictures are blurred, first and then
 _MOST_TURNS = 90
+_FARTHEST = 1.0  # of its distance from the wall by which a lamp may be off
 _FINER = 2  # drawn so many times as large, and brought down
 
 
@@ -77,12 +78,19 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
     if axes[2] @ camera.receiver[:3] < 0:
         axes[2] = -axes[2]
     step = np.array(_STEP_MM)
+    wall, offset = camera.receiver[:3], float(camera.receiver[3])
+    reach = float(camera.eye @ wall) + offset
+    front = float((knots.points @ wall).max()) + offset + knots.radius_mm
     found = np.zeros(3)
     for soft in _SOFT_PX:
         wanted = ndimage.gaussian_filter(np.asarray(coarse, dtype=np.float64) / 255, soft)
 
         def unlike(unknown: Array, soft: float = soft, wanted: Array = wanted) -> float:
-            cast = cast_shadow(knots, camera, camera.eye + (unknown * step) @ axes)
+            eye = camera.eye + (unknown * step) @ axes
+            # a shadow of something else has led lamps behind the piece, and kilometres away
+            if eye @ wall + offset < front or np.linalg.norm(unknown * step) > _FARTHEST * reach:
+                return np.inf
+            cast = cast_shadow(knots, camera, eye)
             return float(((ndimage.gaussian_filter(cast, soft) - wanted) ** 2).sum())
 
         corners = np.concatenate([found[None], found + np.eye(3)])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import floor
 from typing import Any
 
-from knotfab.preview.survey import Survey, ViewSurvey
+from knotfab.preview.survey import DRAWN_WELL, Survey, ViewSurvey
 from knotfab.target.opening import Loss
 
 __all__ = ["count", "describe", "list_figures"]
@@ -47,9 +48,21 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     text += f"{count(len(lost), 'part')} of it" if lost else "no part of it"
     if lost:
         text += f"; the largest is {_describe_loss(lost[0], seen)}"
-    if seen.feasible_mm is None:
-        return text + ". None that can be printed draws it well."
-    return text + f". Tubes of up to {seen.feasible_mm:.2f} mm draw it well."
+    return f"{text}. {_describe_radii(seen)}"
+
+
+def _describe_radii(seen: ViewSurvey) -> str:
+    """How thick a tube may be, to draw it well and lose nothing."""
+    well, whole = seen.feasible_mm, seen.whole_mm
+    if well is None:
+        return "None that can be printed draws it well."
+    reach = f"an IoU of {DRAWN_WELL:g} is within reach of those of up to {well:.2f} mm."
+    if whole is None:
+        return f"None that can be printed draws all of it; {reach}"
+    told = floor(100 * whole) / 100
+    if told < floor(100 * well) / 100:
+        return f"Tubes of up to {told:.2f} mm draw all of it; {reach}"
+    return f"Tubes of up to {well:.2f} mm draw it well."
 
 
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
@@ -115,6 +128,7 @@ def list_figures(found: Survey) -> dict[str, Any]:
                 "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
                 "piece_mm": [round(side, 2) for side in seen.piece_mm],
                 "feasible_radius_mm": seen.feasible_mm,
+                "whole_radius_mm": seen.whole_mm,
                 "recognisable": seen.recognisable,
                 "radii": losses,
             }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from shapely import MultiPolygon, Polygon
 
@@ -22,20 +23,29 @@ from knotfab.preview.likeness import (
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.masks import holes_of, pieces_of
-from knotfab.target.opening import Loss, find_losses, open_by, opening_iou, thickest_radius
+from knotfab.target.opening import (
+    Loss,
+    closed_iou,
+    find_losses,
+    open_by,
+    opening_iou,
+    thickest_radius,
+    whole_radius,
+)
 from knotfab.target.read import Target
 from knotfab.target.silhouette import trace_polygon
 from knotfab.target.thicken import run_together
 
-__all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
+__all__ = ["DRAWN_WELL", "Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 
-_WELL = 0.97  # IoU of the opening with which a picture is drawn well
+DRAWN_WELL = 0.97  # IoU of the opening with which a picture is drawn well
 _HOPELESS = 0.45  # IoU that strokes drawn too thick reach, below which no search helps
 _USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
 _CANDIDATES = 4  # radii that are shown
 _ALL = 0.95  # of the silhouette
 _BLOBS = 0.3  # of strokes as wide as the tube that run together, above which they are no drawing
 _FEW = 200  # pieces and holes of a picture whose polygons are opened
+_SADDLE = 1.4  # bend radii: half the least ring of a lone piece, which is to be deep, a saddle
 _SPECK = 0.5  # radii of the thinnest tube: the side of a square as large as what nobody misses
 _SPARE = 0.3  # px that an outline may move by
 _MOST_FRAMES = 24  # of a sequence that are looked at
@@ -46,7 +56,8 @@ class ViewSurvey:
     """One picture: its silhouette in px, and what it takes to draw it. Radii in mm of the piece.
 
     `feasible_mm`: the thickest tube that fills it well, None where none does that can be printed, or where it
-    is drawn along its lines.
+    is drawn along its lines. `whole_mm`: the thickest of these that loses no part of it, None where none is
+    that thin.
     `losses`: for each candidate radius what it loses, in px of the picture. `together`: the share of its
     strokes, as wide as the tube along them, that run together; 0 where areas are filled. `likeness`: what
     the thinnest of these tubes could draw at best, None where that need not be asked; where nobody would know
@@ -59,6 +70,7 @@ class ViewSurvey:
     pieces: int
     holes: int
     feasible_mm: float | None
+    whole_mm: float | None
     losses: dict[float, list[Loss]]
     together: float = 0.0
     likeness: Likeness | None = None
@@ -147,7 +159,7 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
     for view, target in zip(views, targets, strict=True):
         px = view.px_per_mm(target.width)
         polygon = _trace(target.mask)
-        lines, feasible = view.lines == "on", None
+        lines, feasible, whole = view.lines == "on", None, None
         likeness = (
             compare_lines(target.asked, target.judged, min(tried) * px)
             if lines
@@ -155,8 +167,14 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
         )
         hopeless = likeness is not None and not likeness.recognisable
         plain = _without_specks(polygon, (_SPECK * min(tried) * px) ** 2)
+        losses = {} if hopeless else _losses(plain, tried, px)
         if not (hopeless or lines):
-            feasible = thickest_radius(plain, _WELL, thinnest * px, 0.5 * max(target.mask.shape))
+            # of one picture each piece is a knot of its own
+            measure = partial(_closed_iou, scene=scene, px=px) if len(targets) == 1 else opening_iou
+            most = 0.5 * max(target.mask.shape)
+            feasible = thickest_radius(plain, DRAWN_WELL, thinnest * px, most, measure)
+        if feasible is not None:
+            whole = _whole_radius(plain, losses, thinnest, feasible, px)
         found.append(
             ViewSurvey(
                 view,
@@ -165,7 +183,8 @@ def survey_views(scene: Scene, targets: Sequence[Target]) -> tuple[ViewSurvey, .
                 len(pieces_of(target.mask)[1]),
                 len(holes_of(target.mask)[1]),
                 None if feasible is None else feasible / px,
-                {} if hopeless else _losses(plain, tried, px),
+                whole,
+                losses,
                 run_together(target.asked, target.judged, 2.0 * line_radius(view) * px)
                 if lines
                 else 0.0,
@@ -195,6 +214,45 @@ def _losses(polygon: MultiPolygon, radii: Sequence[float], px: float) -> dict[fl
         if sum(loss.shape.area for loss in found[radius]) > _ALL * polygon.area:
             break
     return found
+
+
+def _closed_iou(polygon: MultiPolygon, radius: float, scene: Scene, px: float) -> float:
+    """What closed tubes of a radius draw of the one picture, all in px; a mm has `px`."""
+    bend, clear = scene.material.min_bend_radius_mm, scene.piece.clearance_mm
+    least = radius + 0.5 * clear * px
+    if not isinstance(bend, str):
+        least = max(least, bend * px)
+    flat = scene.piece.depth == "flat"
+    if len(polygon.geoms) == 1 and not flat:
+        least *= _SADDLE
+    return closed_iou(polygon, radius, least, flat)
+
+
+def _whole_radius(
+    polygon: MultiPolygon,
+    losses: dict[float, list[Loss]],
+    thinnest: float,
+    feasible: float,
+    px: float,
+) -> float | None:
+    """The thickest radius, mm, up to which a tube loses nothing; None: the thinnest (mm) does.
+
+    Of a part that lies beside what is drawn a far thicker tube no longer tells that it is lost. So what the
+    thinner of the radii that are shown lose stands.
+
+    Args:
+        losses: of the radii that are shown. feasible: the thickest that may be taken, px.
+    """
+    low, high, clear = thinnest, feasible / px, False
+    for radius in sorted(losses):
+        if losses[radius]:
+            high = min(high, radius)
+            break
+        low, clear = max(low, min(radius, high)), True
+    if high <= low:
+        return high if clear else None
+    found = whole_radius(polygon, low * px, high * px)
+    return None if found is None else found / px
 
 
 def _trace(mask: Mask) -> MultiPolygon:

@@ -6,7 +6,7 @@ planar, every curve is an unknot, and the curves together an unlink, by inspecti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,9 +18,11 @@ from shapely.geometry.base import BaseGeometry
 
 from knotfab.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
+from knotfab.target.opening import least_ring, longer_side
 
 __all__ = [
     "Template",
+    "as_bent",
     "fill",
     "join_curves",
     "rings_of",
@@ -34,6 +36,7 @@ _THIN_OUTER = 0.55  # a part of the outline is drawn if wider than this times th
 _BRIDGES = 4  # nearest curves that a curve may be joined to
 _THIN_INNER = 0.12  # an inner band is filled if wider than this times the tube's width
 _NOISY = 5000  # corners: an outline of more, without room for the tube, is noise to it
+_COVERED = 1.0 / 3.0  # of a piece smaller than the tube, below which no loop in its middle draws it
 _HAIR = 1e-7  # of the radius
 _NOISE_WIDTH = 0.5  # of the radius: such an outline's area is less than this times its length
 
@@ -84,7 +87,7 @@ def _ring_region(region: BaseGeometry, radius: float, thin: float) -> BaseGeomet
 
 
 def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[LinearRing]:
-    """The centre lines of concentric tubes that cover `piece`, outermost first.
+    """The centre lines of concentric tubes that cover `piece`, outermost first; none where no tube draws it.
 
     Args:
         piece: silhouette, mm.
@@ -102,10 +105,20 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
                     rings.append(ring)
         region = region.buffer(-spacing * radius)
         thin = _THIN_INNER
-    if not rings:  # a piece smaller than the tube: one small loop in its middle
-        middle = piece.representative_point() if piece.is_empty else piece.centroid
-        rings.append(middle.buffer(radius * 0.35).exterior)
+    if (
+        not rings
+    ):  # a piece smaller than the tube: one small loop in its middle, if that is where it is
+        loop = _small_loop(piece, radius)
+        drawn = Polygon(loop).buffer(radius)
+        if piece.intersection(drawn).area >= _COVERED * piece.area:
+            rings.append(loop)
     return rings
+
+
+def _small_loop(piece: Polygon, radius: float) -> LinearRing:
+    """A loop in the middle of a piece, smaller than the tube can bend."""
+    middle = piece.representative_point() if piece.is_empty else piece.centroid
+    return middle.buffer(radius * 0.35).exterior
 
 
 def _turning(points: Array) -> Array:
@@ -235,6 +248,10 @@ def fill(
 ) -> Template:
     """The filling template of a silhouette.
 
+    A piece that no tube draws, as a thin frame, gets no curve: a loop in its middle would stand where the
+    picture has nothing. Where that is all of them each gets its loop, for whoever measures how little
+    that draws.
+
     Args:
         polygon: silhouette in the plane of the template, mm.
         radius: projected tube radius there, mm.
@@ -244,10 +261,11 @@ def fill(
     step = radius * 0.25
     curves: list[Array] = []
     parts = [part for piece in _polygons(polygon) for part in _without_noise(piece, radius)]
-    for piece in parts:
-        rings = [
-            sample_evenly(np.asarray(r.coords)[:-1], step) for r in rings_of(piece, radius, spacing)
-        ]
+    found = [rings_of(piece, radius, spacing) for piece in parts]
+    if not any(found):
+        found = [[_small_loop(piece, radius)] for piece in parts]
+    for lines in found:
+        rings = [sample_evenly(np.asarray(r.coords)[:-1], step) for r in lines]
         curves.extend(join_curves(rings, radius, step))
     if knots is not None:
         curves = join_curves(curves, radius, step, knots, keep=True)
@@ -258,6 +276,27 @@ def fill(
             smoothed = trial
             break
     return Template(tuple(smoothed), polygon, radius)
+
+
+def as_bent(template: Template, bend: float, flat: bool = False) -> Template:
+    """The template with the least ring in place of each curve that is smaller than any closed tube.
+
+    Args:
+        bend: the tube's least bend radius, mm. flat: as for `least_ring`.
+    """
+    curves = tuple(
+        least_ring(LinearRing(curve), 0.0, bend, flat) if _is_smaller(curve, bend) else curve
+        for curve in template.curves
+    )
+    return replace(template, curves=curves)
+
+
+def _is_smaller(curve: Array, bend: float) -> bool:
+    """Whether a closed curve (n, 2) is less across than any that bends by no less than this radius, mm."""
+    low, high = curve.min(axis=0), curve.max(axis=0)
+    if float((high - low).max()) >= 2.0 * bend:
+        return False
+    return longer_side(LinearRing(curve)) < 2.0 * bend
 
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import MultiPolygon, Polygon
+import shapely
+from shapely import LinearRing, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
-__all__ = ["Loss", "find_losses", "open_by", "opening_iou", "thickest_radius"]
+from knotfab.arrays import Array
+
+__all__ = [
+    "Loss",
+    "closed_iou",
+    "find_losses",
+    "least_ring",
+    "longer_side",
+    "open_by",
+    "opening_iou",
+    "thickest_radius",
+    "whole_radius",
+]
 
 _COARSE = 0.02  # radii that an outline may move by before it is opened
 _SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
+_EDGE_ON = 0.01  # of a ring seen from its edge: its width over its length
+_CORNERS = 64  # of a ring
 _STEPS = 14  # of the search for a radius: 0.05 % of it where the range is a thousandfold
 
 
@@ -29,18 +46,79 @@ def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     return float(opened.intersection(polygon).area / polygon.union(opened).area)
 
 
-def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
+def longer_side(shape: Polygon | LinearRing) -> float:
+    """Of the narrowest rectangle about it."""
+    return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
+
+
+def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
+    """The middle (2,) of the narrowest rectangle about a shape, and its sides (2, 2)."""
+    corners = np.asarray(shapely.minimum_rotated_rectangle(shape).exterior.coords)[:4]
+    return corners.mean(axis=0), np.diff(corners[:3], axis=0)
+
+
+def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: bool = False) -> Array:
+    """(m, 2) The centre line, as it is seen, of the least closed tube in a shape's place.
+
+    A closed tube is no smaller across than a circle of its least bend radius; seen from aside that is an
+    ellipse, which lies along the shape and is as wide as fits.
+
+    Args:
+        inset: of the centre line in the shape. bend: the least bend radius.
+        flat: the ring cannot be turned out of the picture's plane.
+    """
+    middle, sides = _rectangle(shape)
+    lengths = np.linalg.norm(sides, axis=1)
+    longer = int(lengths.argmax())
+    along = sides[longer] / lengths[longer]
+    across = np.array([-along[1], along[0]])
+    least = bend if flat else _EDGE_ON * bend
+    minor = float(np.clip(0.5 * lengths[1 - longer] - inset, least, bend))
+    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    ring: Array = middle + np.outer(bend * np.cos(turn), along)
+    return ring + np.outer(minor * np.sin(turn), across)
+
+
+def closed_iou(polygon: MultiPolygon, radius: float, bend: float, flat: bool = False) -> float:
+    """IoU of the silhouette with what closed tubes draw of it: `opening_iou`, but for pieces too small.
+
+    A piece that a disc fits, but no ring of the tube, is drawn as the least ring there is, and so too large.
+    """
+    across = 2.0 * (bend + radius)
+    small = [
+        piece
+        for piece in polygon.geoms
+        if longer_side(piece) < across and not piece.buffer(-radius).is_empty
+    ]
+    if not small:
+        return opening_iou(polygon, radius)
+    rings = [LinearRing(least_ring(piece, radius, bend, flat)).buffer(radius) for piece in small]
+    rest = MultiPolygon([piece for piece in polygon.geoms if piece not in small])
+    drawn = shapely.union_all([_open(rest, radius), *rings])
+    return float(drawn.intersection(polygon).area / polygon.union(drawn).area)
+
+
+def thickest_radius(
+    polygon: MultiPolygon,
+    iou: float,
+    low: float,
+    high: float,
+    measure: Callable[[MultiPolygon, float], float] = opening_iou,
+) -> float | None:
     """The largest radius between two with which the opening has this IoU, None where `low` has not.
 
     In the polygon's own unit; a frame s times as large allows a tube s times as thick.
+
+    Args:
+        measure: the IoU of a polygon and a radius, if not of the opening.
     """
-    if opening_iou(polygon, low) < iou:
+    if measure(polygon, low) < iou:
         return None
-    if opening_iou(polygon, high) >= iou:
+    if measure(polygon, high) >= iou:
         return high
     for _ in range(_STEPS):
         middle = float(np.sqrt(low * high))
-        if opening_iou(polygon, middle) >= iou:
+        if measure(polygon, middle) >= iou:
             low = middle
         else:
             high = middle
@@ -60,15 +138,40 @@ class Loss:
     extent: float
 
 
+def _beyond(
+    polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float
+) -> tuple[BaseGeometry, BaseGeometry]:
+    """What is not drawn, and what of it is more than a radius away from what is."""
+    whole = polygon.difference(opened)
+    return whole, whole if opened.is_empty else whole.difference(opened.buffer(radius))
+
+
+def whole_radius(polygon: MultiPolygon, low: float, high: float) -> float | None:
+    """The largest radius between two that loses nothing, by the rule of `find_losses`; None: `low` does."""
+
+    def loses(radius: float) -> bool:
+        return not _beyond(polygon, open_by(polygon, radius), radius)[1].is_empty
+
+    if loses(low):
+        return None
+    if not loses(high):
+        return high
+    for _ in range(_STEPS):
+        middle = float(np.sqrt(low * high))
+        if loses(middle):
+            high = middle
+        else:
+            low = middle
+    return low
+
+
 def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:
     """The parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
 
     A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
     """
-    import shapely
-
-    whole, thin = polygon.difference(opened), _SLIVER * radius
-    far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
+    whole, far = _beyond(polygon, opened, radius)
+    thin = _SLIVER * radius
     # slivers along edges would join what is lost at corners, so they go; lines as thin stay by themselves
     thick = whole.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")
     parts = [part for part in shapely.get_parts(thick) if part.intersects(far)]

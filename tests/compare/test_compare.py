@@ -21,6 +21,7 @@ from scipy import ndimage
 
 from knotfab.arrays import Array, Mask
 from knotfab.compare.compare import advise, compare_photo
+from knotfab.compare.lamp import find_lamp
 from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import homography, through
 from knotfab.drawing.pages import PAPERS
@@ -154,6 +155,65 @@ def test_a_lamp_beside_its_place_is_found(
     assert np.allclose(fitted[:2], moved[:2], atol=1.5)
     assert fitted[2] == pytest.approx(moved[2], abs=12)
     assert all(f" mm {way}" in advise(found) for way in advice)
+
+
+def begun(at: int) -> list[str]:
+    """The corners, the first of which is another."""
+    return words(np.roll(CORNERS, -at, axis=0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", [(0.0, 0.0, 0.0), (-12.0, -10.0, 90.0)])
+def test_corners_begun_at_the_wrong_one_are_named_in_their_order(
+    folder: Path, tmp_path: Path, moved: tuple[float, float, float]
+) -> None:
+    photo = photograph(tmp_path / "photo.png", moved)
+    found = compare_photo(photo, folder, begun(1))
+    assert found.alike is False and found.instead == (tuple(words()),)
+    told = advise(found)
+    assert "does not look like" in told and "--corners " + " ".join(words()) in told
+    assert "lamp" not in told.lower()
+    written = found.to_dict()
+    assert written["lamp"] is None and written["corners_instead"] == [words()]
+    assert written["corners"] == begun(1)
+
+
+@pytest.mark.slow
+def test_the_shadow_of_another_piece_says_nothing_of_the_lamp(folder: Path, tmp_path: Path) -> None:
+    place = shutil.copytree(folder, tmp_path / "other")
+    bar = Knot(np.stack([60 * np.cos(T), 6 * np.sin(T) + 30, 20 * np.cos(2 * T)], axis=1))
+    Knots((bar,), 5.0).write(place / "knots.json")
+    image = np.full((240, 320), 255, dtype=np.uint8)
+    image[40:80, 30:290] = 0
+    Image.fromarray(image).save(place / VIEW.picture)
+    photo, out = photograph(tmp_path / "photo.png"), tmp_path / "out.png"
+    found = compare_photo(photo, place, words())
+    assert found.alike is False and found.instead == () and found.lamp is not None
+    assert "does not look like" in advise(found) and "Move the lamp" not in advise(found)
+    done = knotfab("compare", photo, place, "--corners", *words(), "--out", out, "--json")
+    told = json.loads(done.out)
+    assert done.code == 0 and told["lamp"] is None and told["alike"] is False
+    assert {"iou", "missing", "spilled", "advice", "picture"} <= set(told) and out.is_file()
+
+
+@pytest.mark.parametrize("dark", [(slice(0, 3), slice(0, 3)), (slice(0, 180), slice(0, 220))])
+def test_a_lamp_is_looked_for_in_front_of_the_piece_alone(dark: tuple[slice, slice]) -> None:
+    """A speck in a corner, or a frame that is dark all over, once led it behind the piece, far away."""
+    camera = camera_of(VIEW, 160, 120).padded(30, 30)
+    seen = np.zeros((180, 220), dtype=bool)
+    seen[dark] = True
+    found = find_lamp(KNOTS, camera, seen)
+    reach = VIEW.light_distance_mm + VIEW.wall_distance_mm
+    assert np.linalg.norm([found.right_mm, found.up_mm, found.away_mm]) <= reach
+    assert reach + found.away_mm > VIEW.wall_distance_mm + 22 and np.isfinite(found.iou)
+
+
+@pytest.mark.slow
+def test_without_knots_another_order_is_named_by_the_picture(unknown: Path, tmp_path: Path) -> None:
+    photo = photograph(tmp_path / "photo.png")
+    found = compare_photo(photo, unknown, begun(2))
+    assert found.instead == (tuple(words()),) and "another order" in advise(found)
+    assert compare_photo(photo, unknown, words()).alike is None
 
 
 @pytest.mark.slow

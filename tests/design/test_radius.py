@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from knotfab.design import radius as module
 from knotfab.design.candidates import line_radius, line_width, range_of
@@ -57,6 +60,19 @@ def test_a_radius_without_a_place_for_the_knot_is_passed_over(
     monkeypatch.setattr(module, "make_start", refuse)
     with pytest.raises(SceneError, match="no place for it"):
         choose_radius(question, DRAFT)
+
+
+def test_a_tube_that_cannot_close_in_a_dot_is_not_taken_for_it(tmp_path: Path) -> None:
+    """A loop smaller than any ring covers a disc as wide as its tube, which no tube draws."""
+    v, u = np.mgrid[:300, :300]
+    dot = np.hypot(v - 149.5, u - 149.5) < 12.5
+    Image.fromarray(np.where(dot, 0, 255).astype(np.uint8)).save(tmp_path / "dot.png")
+    question = ask(Scene(), [read_target(tmp_path / "dot.png")])
+    disc = 12.5 / question.views[0].px_per_mm(300)
+    choice = choose_radius(question, DRAFT)
+    assert choice.radius_mm < 0.55 * disc
+    thick = [t.template_iou for t in choice.trials if t.radius_mm > 0.8 * disc]
+    assert thick and max(thick) < 0.6
 
 
 def test_of_radii_that_draw_a_picture_less_well_the_better_comes_first(

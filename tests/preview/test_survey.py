@@ -18,7 +18,7 @@ from knotfab.preview.draw import draw_survey
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Piece, Printer, Reading, Scene, View
+from knotfab.scene.model import Material, Piece, Printer, Reading, Scene, View
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import read_target
 from knotfab.target.silhouette import trace_polygon
@@ -63,6 +63,60 @@ def test_what_is_thick_enough_is_kept(tmp_path: Path) -> None:
     assert seen.feasible_mm == pytest.approx(15 / px, rel=0.1)
     assert not seen.losses[0.8]
     assert seen.piece_mm == pytest.approx((675 / px, 680 / px), rel=0.01)
+
+
+def said_of(found: Survey) -> str:
+    (line,) = [t for t in describe(found) if "loses" in t]
+    return line
+
+
+def test_a_radius_that_loses_a_part_does_not_draw_it_well(tmp_path: Path) -> None:
+    """A word under a large disc is a hundredth of the ink: an IoU alone would not miss it."""
+    image = Image.new("L", (SIDE, SIDE), 255)
+    draw = ImageDraw.Draw(image)
+    draw.ellipse((160, 60, 640, 540), fill=0)
+    for x in (300, 340, 380):
+        draw.rectangle((x, 690, x + 9, 750), fill=0)
+    image.save(tmp_path / "word.png")
+    found = look(tmp_path / "word.png")
+    (seen,) = found.views
+    lossy = [radius for radius, lost in seen.losses.items() if lost]
+    assert lossy and seen.feasible_mm is not None and seen.feasible_mm > 2 * min(lossy)
+    assert seen.whole_mm is not None and 0.8 < seen.whole_mm < min(lossy)
+    assert seen.whole_mm == pytest.approx(5 / seen.px_per_mm, rel=0.05)
+    line = said_of(found)
+    told = re.search(r"up to ([\d.]+) mm draw all of it; an IoU of 0.97 .* up to ([\d.]+) mm", line)
+    assert told is not None and "draw it well" not in line
+    assert float(told[1]) <= seen.whole_mm and float(told[2]) == pytest.approx(
+        seen.feasible_mm, abs=0.01
+    )
+    draw.rectangle((420, 690, 423, 750), fill=0)  # thinner than any tube
+    image.save(tmp_path / "hair.png")
+    (seen,) = (found := look(tmp_path / "hair.png")).views
+    assert seen.whole_mm is None and seen.losses[0.8]
+    assert "None that can be printed draws all of it" in said_of(found)
+
+
+@pytest.mark.parametrize(
+    ("bend", "depth", "times"), [("auto", "flat", 2.0), ("auto", "auto", 2.5), (9.0, "auto", None)]
+)
+def test_a_dot_is_drawn_by_tubes_that_close_in_it(
+    tmp_path: Path, bend: float | str, depth: str, times: float | None
+) -> None:
+    """A disc is its own opening up to its radius, and a flat ring fills one of twice the tube's radius."""
+    image = Image.new("L", (SIDE, SIDE), 255)
+    ImageDraw.Draw(image).ellipse((370, 370, 430, 430), fill=0)
+    image.save(tmp_path / "dot.png")
+    scene = Scene(
+        material=Material(min_bend_radius_mm=bend),  # type: ignore[arg-type]
+        piece=Piece(depth=depth),  # type: ignore[arg-type]
+    )
+    (seen,) = look(tmp_path / "dot.png", scene).views
+    disc = 30.5 / seen.px_per_mm
+    if times is None:
+        assert seen.feasible_mm is None
+    else:
+        assert seen.feasible_mm == pytest.approx(disc / times, rel=0.1)
 
 
 def test_a_radius_that_is_given_is_the_one_that_is_judged(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from knotfab.geometry.sampling import sample_evenly
-from knotfab.start.filling import fill, rings_of, simple_curves, template_iou
+from knotfab.start.filling import as_bent, fill, rings_of, simple_curves, template_iou
 from knotfab.target.silhouette import trace_polygon
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
@@ -49,6 +49,37 @@ def test_a_piece_smaller_than_the_tube_still_gets_a_loop() -> None:
     template = fill(MultiPolygon([box(0, 0, 1, 1)]), 2.0)
     assert len(template.curves) == 1
     assert len(template.curves[0]) >= 8
+
+
+def test_a_piece_that_no_tube_draws_gets_no_curve() -> None:
+    """The middle of a thin frame about a block is in the block, where a loop draws nothing of it."""
+    frame = box(-60, -60, 60, 60).difference(box(-59, -59, 59, 59))
+    both = MultiPolygon([box(-30, -20, 30, 20), frame])
+    template = fill(both, 1.5)
+    assert len(template.curves) == 1
+    assert LinearRing(template.curves[0]).within(both.geoms[0])
+    assert template_iou(template, both) == pytest.approx(2400 / both.area, abs=0.06)
+    # a hair beside it has its middle in itself, of which a loop draws next to nothing
+    hair = MultiPolygon([both.geoms[0], box(40, -40, 40.5, 40)])
+    assert len(fill(hair, 1.5).curves) == len(fill(hair, 1.5, knots=2).curves) == 1
+    # what nothing draws is not for the template to refuse
+    alone = fill(MultiPolygon([frame]), 1.5)
+    assert len(alone.curves) == 1 and template_iou(alone, alone.polygon) < 0.1
+
+
+def test_a_loop_counts_as_the_least_ring_that_the_tube_bends_to() -> None:
+    dot = MultiPolygon([Point(0, 0).buffer(6.0), DISC.buffer(0).difference(DISC.buffer(-20))])
+    template = fill(dot, 5.5)
+    bent = as_bent(template, 5.7)
+    changed = [
+        k for k, (a, b) in enumerate(zip(template.curves, bent.curves, strict=True)) if a is not b
+    ]
+    assert len(template.curves) == 2 and len(changed) == 1
+    ring = bent.curves[changed[0]]
+    assert np.linalg.norm(ring, axis=1).max() == pytest.approx(5.7, rel=1e-3)
+    assert template_iou(bent, dot) < template_iou(template, dot) - 0.01
+    thin = fill(dot, 2.0)
+    assert all(a is b for a, b in zip(as_bent(thin, 2.2).curves, thin.curves, strict=True))
 
 
 def test_even_samples_are_even_and_stay_on_the_curve() -> None:
