@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, dot, polylines_of
 
 __all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters", "space_evenly"]
 
@@ -107,7 +107,7 @@ def certify_same_type(
         both = both[np.diff(both, append=both[0] + period) > 1e-9 * period]
         start.append(_on_polygon(p, at_p, period, both))
         end.append(_on_polygon(q, at_q, period, both))
-    rings = polylines_of_sizes(tuple(len(p) for p in start))
+    rings = polylines_of(start)
     points = np.concatenate(start)
     step = np.concatenate(end) - points
     return carry(points, rings, lambda at, share: points + share * step, np.inf, _STRAIGHT, 1.0)

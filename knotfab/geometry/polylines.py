@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from knotfab.arrays import Array, Indices
 
-__all__ = ["Polylines", "dot", "polylines_of_sizes"]
+__all__ = ["Polylines", "dot", "polylines_of", "polylines_of_sizes"]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -41,6 +42,11 @@ class Polylines:
     def split(self, rows: Array) -> list[Array]:
         """The (N, k) array cut into its rings."""
         return np.split(rows, np.cumsum(self.sizes)[:-1])
+
+
+def polylines_of(curves: Iterable[Array]) -> Polylines:
+    """The index arithmetic of closed polylines (n, k), laid behind each other."""
+    return polylines_of_sizes(tuple(len(curve) for curve in curves))
 
 
 def polylines_of_sizes(sizes: tuple[int, ...]) -> Polylines:

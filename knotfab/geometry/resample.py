@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.geometry.sampling import arc_lengths, number_runs
 
 __all__ = ["resample", "subdivide"]
@@ -37,13 +37,13 @@ def resample(
             fresh.append(new)
             old_union.append(old_at)
             new_union.append(new_at)
-        both = polylines_of_sizes(tuple(len(u) for u in old_union))
+        both = polylines_of(old_union)
         start = np.concatenate(old_union)
         step = np.concatenate(new_union) - start
         near = find_neighbours(start, both, 3.0 * edge_mm, 6)
         verdict = certify(start, step, both, near)
         if verdict.valid:
-            return np.concatenate(fresh), polylines_of_sizes(tuple(len(p) for p in fresh)), verdict
+            return np.concatenate(fresh), polylines_of(fresh), verdict
     return points, rings, verdict
 
 
@@ -75,4 +75,4 @@ def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, P
         first, number = number_runs(pieces)
         share = number / pieces[first]
         fresh.append(part[first] + share[:, None] * edge[first])
-    return np.concatenate(fresh), polylines_of_sizes(tuple(len(p) for p in fresh))
+    return np.concatenate(fresh), polylines_of(fresh)

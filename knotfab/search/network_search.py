@@ -19,7 +19,7 @@ from knotfab.geometry.carry import (
     space_evenly,
 )
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Polylines, dot, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, dot, polylines_of
 from knotfab.limits.base import Limits
 from knotfab.problem import Report
 from knotfab.search.network import CouplingNetwork
@@ -77,12 +77,12 @@ def search_network(state: SearchState, report: Report | None = None) -> None:
     mapped = _Map(network, float(np.abs(state.points).max()), state.device)
     where = _descend(state, curves, mapped, report)
     best = Carried(np.concatenate(template), 0.0, 0, 0, np.inf)
-    rings, doublings = polylines_of_sizes(tuple(len(part) for part in template)), 0
+    rings, doublings = polylines_of(template), 0
     for refinement in range(_REFINEMENTS + 1):
         start = curves.at(where)
         begun = certify_same_type(template, curves.knots, start, where, curves.periods)
         if begun.reached == 1.0:
-            sampled = polylines_of_sizes(tuple(len(w) for w in where))
+            sampled = polylines_of(where)
             way = carry(np.concatenate(start), sampled, mapped, _EDGE * state.radius)
             if way.reached > best.reached:
                 margin = min(begun.least_margin, way.least_margin)
@@ -163,7 +163,7 @@ def _sample(
 ) -> Parameters:
     """Even samples on the images of the curves, which the state then holds; their parameters."""
     where = space_evenly(where, mapped.images(curves, where), curves.periods, edge_mm)
-    state.rings = polylines_of_sizes(tuple(len(w) for w in where))
+    state.rings = polylines_of(where)
     state.points = np.concatenate(mapped.images(curves, where))
     return where
 

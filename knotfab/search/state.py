@@ -12,7 +12,7 @@ from knotfab.arrays import Array
 from knotfab.effects.base import Decision, EffectContext
 from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.geometry.resample import resample, subdivide
 from knotfab.knots import Knot, Knots
 from knotfab.limits.base import Guard, Limits
@@ -152,7 +152,7 @@ def begin(
         radius,
         settings,
         np.concatenate(start.curves),
-        polylines_of_sizes(tuple(len(c) for c in start.curves)),
+        polylines_of(start.curves),
         log or CertificateLog(start.why, start.types),
         {name: replace(found, where=list(found.where)) for name, found in start.effects.items()},
         guard_limits(),

@@ -14,7 +14,7 @@ from knotfab.design.design import Design, design_knots, price_design, settle_des
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
@@ -293,7 +293,7 @@ class Chain:
 
 
 def _rings_of(knots: Knots) -> Polylines:
-    return polylines_of_sizes(tuple(len(knot.points) for knot in knots.knots))
+    return polylines_of(knot.points for knot in knots.knots)
 
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:

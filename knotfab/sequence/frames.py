@@ -15,16 +15,14 @@ from PIL import Image, ImageSequence
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
-from knotfab.target.masks import pieces_of
 from knotfab.target.raster import own_box
 from knotfab.target.read import PLAIN, Target, read_target
 
-__all__ = ["MOST_FRAMES", "count_knots", "count_pieces", "frame_name", "read_frames", "tell_apart"]
+__all__ = ["MOST_FRAMES", "count_knots", "frame_name", "read_frames", "tell_apart"]
 
 MOST_FRAMES = 240
 _PICTURES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".svg"}
 _LEAST_FRAMES = 2
-_CRUMB = 0.01  # of a frame's ink: what is less is no piece of its own
 
 
 def frame_name(number: int) -> str:
@@ -85,12 +83,6 @@ def read_frames(
     return tuple(replace(t, name=frame_name(k)) for k, t in enumerate(found, start=1))
 
 
-def count_pieces(target: Target) -> int:
-    """How many pieces a frame's picture has, crumbs aside."""
-    _, areas = pieces_of(target.mask)
-    return int((areas >= _CRUMB * areas.sum()).sum())
-
-
 def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto") -> int:
     """How many knots move through all frames: one a piece where all frames have as many, else one.
 
@@ -100,7 +92,7 @@ def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto"
     Raises:
         InputError: more than one, and a frame has another number of pieces.
     """
-    counts = [count_pieces(target) for target in targets]
+    counts = [target.pieces for target in targets]
     if asked == "auto":
         return counts[0] if len(set(counts)) == 1 else 1
     other = next((k for k, count in enumerate(counts, start=1) if count != asked), None)
@@ -116,7 +108,7 @@ def count_knots(targets: Sequence[Target], asked: int | Literal["auto"] = "auto"
 
 def tell_apart(targets: Sequence[Target], knots: int) -> str | None:
     """What a strand shows between pieces that one knot joins; None where there is none."""
-    apart = [k for k, target in enumerate(targets, start=1) if count_pieces(target) > knots]
+    apart = [k for k, target in enumerate(targets, start=1) if target.pieces > knots]
     if not apart:
         return None
     every = len(apart) == len(targets)

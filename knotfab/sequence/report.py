@@ -11,7 +11,6 @@ from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.scene.model import Printer
 from knotfab.sequence.chain import Frame
-from knotfab.sequence.frames import count_pieces
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
 from knotfab.verify.checks import list_unmet
@@ -120,7 +119,7 @@ def sequence_report(
                 {
                     **view,
                     "frame": number,
-                    "pieces": count_pieces(piece.targets[0]),
+                    "pieces": piece.targets[0].pieces,
                     "knots": len(piece.made.knots.knots),
                     "part": f"part-{number:02d}.stl",
                     "status": report["status"],

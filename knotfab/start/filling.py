@@ -105,9 +105,8 @@ def rings_of(piece: Polygon, radius: float, spacing: float = 2.0) -> list[Linear
                     rings.append(ring)
         region = region.buffer(-spacing * radius)
         thin = _THIN_INNER
-    if (
-        not rings
-    ):  # a piece smaller than the tube: one small loop in its middle, if that is where it is
+    if not rings:
+        # a piece smaller than the tube: one small loop in its middle, if that is where it is
         loop = _small_loop(piece, radius)
         drawn = Polygon(loop).buffer(radius)
         if piece.intersection(drawn).area >= _COVERED * piece.area:

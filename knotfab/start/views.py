@@ -11,7 +11,7 @@ import shapely
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
-from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.polylines import polylines_of
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.render.threads import one_thread
@@ -81,7 +81,7 @@ def start_between_views(
 def start_ious(problem: Problem, start: Start, radius: float) -> tuple[float, ...]:
     """IoU of the tube about the start's curves with each view's picture, on a coarse image."""
     points = np.concatenate(start.curves)
-    rings = polylines_of_sizes(tuple(len(c) for c in start.curves))
+    rings = polylines_of(start.curves)
     images = [v.image_at(radius, _SEEN_PX) for v in problem.views]
     return tuple(image.iou(points, rings, radius) for image in images)
 

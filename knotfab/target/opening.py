@@ -112,13 +112,18 @@ def thickest_radius(
     Args:
         measure: the IoU of a polygon and a radius, if not of the opening.
     """
-    if measure(polygon, low) < iou:
+    return _largest(lambda radius: measure(polygon, radius) >= iou, low, high)
+
+
+def _largest(holds: Callable[[float], bool], low: float, high: float) -> float | None:
+    """The largest radius between two up to which something holds; None where it does not of `low`."""
+    if not holds(low):
         return None
-    if measure(polygon, high) >= iou:
+    if holds(high):
         return high
     for _ in range(_STEPS):
         middle = float(np.sqrt(low * high))
-        if measure(polygon, middle) >= iou:
+        if holds(middle):
             low = middle
         else:
             high = middle
@@ -149,20 +154,10 @@ def _beyond(
 def whole_radius(polygon: MultiPolygon, low: float, high: float) -> float | None:
     """The largest radius between two that loses nothing, by the rule of `find_losses`; None: `low` does."""
 
-    def loses(radius: float) -> bool:
-        return not _beyond(polygon, open_by(polygon, radius), radius)[1].is_empty
+    def keeps(radius: float) -> bool:
+        return bool(_beyond(polygon, open_by(polygon, radius), radius)[1].is_empty)
 
-    if loses(low):
-        return None
-    if not loses(high):
-        return high
-    for _ in range(_STEPS):
-        middle = float(np.sqrt(low * high))
-        if loses(middle):
-            high = middle
-        else:
-            low = middle
-    return low
+    return _largest(keeps, low, high)
 
 
 def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:

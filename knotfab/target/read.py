@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from knotfab.errors import InputError
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
 from knotfab.target.data_uri import encode_image
-from knotfab.target.masks import smooth
+from knotfab.target.masks import pieces_of, smooth
 
 __all__ = [
     "PLAIN",
@@ -32,6 +33,8 @@ TEXT_PREFIX = "text:"
 PLAIN = Reading()
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
+
+_CRUMB = 0.01  # of the ink: what is less is no piece of its own
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,12 @@ class Target:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
+
+    @cached_property
+    def pieces(self) -> int:
+        """How many pieces what is drawn has, crumbs aside."""
+        _, areas = pieces_of(self.mask)
+        return int((areas >= _CRUMB * areas.sum()).sum())
 
     @property
     def judged(self) -> NDArray[np.bool_]:

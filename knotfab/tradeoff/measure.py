@@ -21,7 +21,7 @@ from knotfab.design.design import choose_tube, refine_settings
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.geometry.measures import measure_curvature
-from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.polylines import polylines_of
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import Problem
@@ -109,7 +109,7 @@ def find_shadows(
     problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
 ) -> list[tuple[Mask, Mask]]:
     """(shadow, picture) of the round tube in each view, `pixels` on its longer side."""
-    rings = polylines_of_sizes(tuple(len(k.points) for k in knots.knots))
+    rings = polylines_of(k.points for k in knots.knots)
     found = []
     for view in problem.views:
         image = view.image_at(knots.radius_mm, pixels, device)

@@ -11,7 +11,6 @@ from knotfab.scene.model import Reading
 from knotfab.sequence.frames import (
     MOST_FRAMES,
     count_knots,
-    count_pieces,
     read_frames,
     tell_apart,
 )
@@ -126,7 +125,7 @@ def test_pieces_that_lie_apart_are_told_before_anything_is_searched(tmp_path: Pa
         pen.point((60, 45), fill=0)  # a crumb is no piece
         image.save(tmp_path / f"{number}.png")
     found = read_frames([str(tmp_path)])
-    assert [count_pieces(target) for target in found] == [1, 2, 2]
+    assert [target.pieces for target in found] == [1, 2, 2]
     told = tell_apart(found, 1)
     assert told is not None and told.startswith("In frame 2, 3 pieces lie apart")
     assert "In every frame" in (tell_apart(found[1:], 1) or "")

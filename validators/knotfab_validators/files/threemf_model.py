@@ -47,9 +47,7 @@ MOST_NAMES = 20_000  # of elements and attributes: expat keeps each
 MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
 BLOCK = 1 << 18  # bytes that expat is fed at a time
-MOST_AT_ONCE = (
-    64_000_000  # bytes of a model whose rows of numbers are looked for before it is parsed
-)
+MOST_AT_ONCE = 64_000_000  # bytes of a model whose rows of numbers are read apart
 LONGEST = 1_000_000  # bytes that may stand between two ends of tags
 NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
 WHOLE = re.compile(r"\s*\+?\d{1,18}\s*", re.ASCII)
