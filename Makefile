@@ -139,7 +139,7 @@ PICTURES ?= 40
 batch-throughput: system $(DONE)
 	$(BIN)/python -m examples.studies.batch_throughput --pictures $(PICTURES) $(OPTIONS)
 
-# whether a time budget is kept, and what it buys: six pictures, five budgets, five runs each (about 80 min on a
+# whether a time budget is kept, and what it buys: six pictures, five budgets, five runs each (about 30 min on a
 # quiet machine; an interrupted run goes on where it was)
 budgets: system $(DONE)
 	$(BIN)/python -m examples.studies.budgets --kept out/budgets.json --figure docs/budgets.png

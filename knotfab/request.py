@@ -14,8 +14,8 @@ from knotfab.target.read import Target
 
 __all__ = ["Outcome", "Request", "require_device"]
 
-# what follows a search: s, and s for each vertex; of a piece that is printed as well
-_AFTER_S, _AFTER_PRINTED_S, _AFTER_VERTEX_S = 3.0, 5.0, 0.65e-3
+# what follows a search: s, and s for each vertex; of a piece that is printed, and mounted, as well
+_AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,11 @@ class Request:
         """What is left of the time budget after `spent_s`; None where there is none."""
         if self.time_budget_s is None:
             return None
-        after = _AFTER_S + (_AFTER_PRINTED_S if self.printing else 0.0)
+        after = _AFTER_S
+        if self.printing:
+            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * (
+                self.scene.mount.kind in ("wall", "stand")
+            )
         began = time.perf_counter() - spent_s
         return Budget(
             began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began

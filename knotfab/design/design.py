@@ -107,8 +107,7 @@ def design_knots(
     with progress.stage("question"):
         question = ask(scene, targets, progress)
     settings = suit(settings, question, scene.search)
-    give = 0.0 if budget is None else budget.give(len(targets))
-    question, radius, start, choice = choose_tube(question, settings, progress, give)
+    question, radius, start, choice = choose_tube(question, settings, progress, budget)
     problem = question.problem
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
@@ -263,12 +262,15 @@ def add_work(result: SearchResult, earlier: SearchResult) -> None:
 
 
 def choose_tube(
-    question: Question, settings: SearchSettings, progress: Progress, give: float = 0.0
+    question: Question,
+    settings: SearchSettings,
+    progress: Progress,
+    budget: Budget | None = None,
 ) -> tuple[Question, float, Start, RadiusChoice | None]:
     """The tube's radius, mm, the one that the scene gives or the best, and the start with it.
 
     Args:
-        give: as for `choose_radius`.
+        budget: as for `choose_radius`.
 
     Returns:
         The question with the depth that this radius leaves and the start takes, radius, start, and how the
@@ -292,7 +294,9 @@ def choose_tube(
     if isinstance(piece.tube_radius_mm, str):
         with progress.stage("radius"):
             _tell_scene(progress, question, None)
-            choice = choose_radius(question, settings, knots, progress.update, progress.show, give)
+            choice = choose_radius(
+                question, settings, knots, progress.update, progress.show, budget
+            )
         radius = choice.radius_mm
     else:
         radius = piece.tube_radius_mm

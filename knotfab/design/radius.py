@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from knotfab.design.budget import Budget
 from knotfab.design.candidates import drawing_radius, line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Report, Start, Watch
 from knotfab.scene.require import require_radius
@@ -22,6 +25,7 @@ __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 
 _NOTHING = 0.5  # IoU below which there is no picture
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
+_LONGER = 1.4  # times its template: a knot of some depth, as those of 6 pictures were (1.3 to 1.5)
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 
 
@@ -76,6 +80,11 @@ class _Trials:
         flat = self.question.scene.piece.depth == "flat"
         return template_iou(as_bent(template, bend, flat), polygon)
 
+    def vertices(self, radius: float) -> int:
+        """About how many the knots of this radius will have, by its template."""
+        length = sum(arc_lengths(curve)[-1] for curve in self.templates[radius].curves)
+        return int(_LONGER * length / (self.settings.settle_edge_radii * radius))
+
     def begin(self, radius: float) -> float:
         """The IoU of a start, in the view that it draws worst; 0 where there is none."""
         problem = self.question.with_depth(radius).problem  # as the search will be asked
@@ -101,7 +110,7 @@ def choose_radius(
     knots: int | None = None,
     report: Report | None = None,
     watch: Watch | None = None,
-    give: float = 0.0,
+    budget: Budget | None = None,
 ) -> RadiusChoice:
     """The largest tube radius that draws the pictures nearly as well as the best one.
 
@@ -115,7 +124,7 @@ def choose_radius(
         knots: as for `fill`.
         report: called with (share done, best IoU).
         watch: called with each filling that is tried.
-        give: at least so much IoU for a thicker tube, which is sooner searched and verified.
+        budget: where it is short, IoU is given for a thicker tube, which is sooner searched and verified.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
@@ -123,7 +132,7 @@ def choose_radius(
     views = question.views
     trials = _Trials(question, settings, knots, watch=watch)
     span = range_of(len(views))
-    give = max(give, span.give)
+    give = max(span.give, 0.0 if budget is None else budget.give(len(views)))
     thinnest = question.scene.printer.min_tube_radius_mm
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
@@ -147,6 +156,8 @@ def choose_radius(
     found: dict[float, float] = {}
     if trials.one_view:
         _require_picture(question, scores)
+        if budget is not None:
+            give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
         well = max(scores.values()) - give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too
         for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
@@ -167,7 +178,7 @@ def choose_radius(
     top = max(found.values())
     if top == 0 and trials.failures:
         raise trials.failures[0]
-    chosen = max(r for r, iou in found.items() if iou >= top - give)
+    chosen = _thickest(found, give)
     drawn = {} if trials.one_view else found
     return RadiusChoice(
         chosen,
@@ -175,6 +186,11 @@ def choose_radius(
         trials.templates.get(chosen),
         trials.starts.get(chosen),
     )
+
+
+def _thickest(scores: Mapping[float, float], give: float) -> float:
+    """The largest radius whose score is at most `give` below the best."""
+    return max(radius for radius, score in scores.items() if score >= max(scores.values()) - give)
 
 
 def _require_picture(question: Question, scores: dict[float, float]) -> None:

@@ -15,7 +15,7 @@ from knotfab.search.state import SearchState, run_phase
 __all__ = ["Pace"]
 
 _TRIED = 6  # iterations by which a phase is timed before it begins; they are taken back
-_LEAST = (8, 8, 12)  # iterations of the phases, that a verified part needs
+_LEAST = (20, 16, 12)  # iterations of the phases, that a verified part needs
 _MOST = 5.0  # times what the settings ask for: more has nothing to gain
 _OVERHEAD = 0.5  # of an iteration that a picture of no pixels would still cost
 _MENDING = 0.4  # of the last phase: what its closer vertices take more, and repairs

@@ -55,6 +55,21 @@ def test_what_follows_the_search_is_kept_back() -> None:
     assert budget.search_s(2000) == pytest.approx(14.0, abs=0.5)
 
 
+def test_more_is_given_only_while_what_follows_does_not_fit() -> None:
+    def vertices(give: float) -> int:  # a thicker tube has fewer
+        return int(4000 * (1.0 - 40.0 * give))
+
+    asked = []
+    for left in (30.0, 5.0, 2.6, 0.0):
+        budget = Budget(time.perf_counter() + left, after_s=1.0, after_vertex_s=0.001)
+        given = budget.thicker(0.0, vertices)
+        count = vertices(given)
+        asked.append(given)
+        assert given == 0.016 or budget.search_s(count) > 0.0
+        assert budget.thicker(0.03, vertices) == 0.03  # never less than what is given anyway
+    assert asked == sorted(asked) and asked[0] == 0.0 and asked[-1] == 0.016
+
+
 def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
     monkeypatch.setattr(design, "price_limits", lambda *_: asked.append(True) or ())

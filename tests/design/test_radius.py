@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from knotfab.design import radius as module
+from knotfab.design.budget import Budget
 from knotfab.design.candidates import line_radius, line_width, range_of
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
@@ -35,6 +37,19 @@ def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> 
     well = max(drawn.values()) - range_of(1).give
     assert len(drawn) > 4 and choice.radius_mm == max(r for r, iou in drawn.items() if iou >= well)
     assert choice.template is not None and choice.template.radius == choice.radius_mm
+
+
+@pytest.mark.slow
+def test_a_spent_budget_takes_a_thicker_tube_and_gives_no_more_than_it_may(
+    question: Question,
+) -> None:
+    free = choose_radius(question, DRAFT)
+    unhurried = choose_radius(question, DRAFT, budget=Budget(time.perf_counter() + 1000.0))
+    assert unhurried.radius_mm == free.radius_mm
+    spent = choose_radius(question, DRAFT, budget=Budget(time.perf_counter() - 1.0))
+    drawn = {trial.radius_mm: trial.template_iou for trial in free.trials}
+    assert spent.radius_mm > free.radius_mm
+    assert drawn[spent.radius_mm] >= max(drawn.values()) - 0.016
 
 
 @pytest.mark.slow

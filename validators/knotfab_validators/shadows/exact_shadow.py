@@ -34,26 +34,24 @@ class ShadowError(ValueError):
 
 
 def _cut(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints]:
-    """The part of faces (m, 3) with w < `limit`, as triangles; new corners are appended.
+    """The part with w < `limit` of faces (m, 3) that have corners on both sides, as triangles.
 
-    `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight.
+    `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight; new corners are
+    appended, one for each edge that is cut.
     """
-    corners, triangles = list(homogeneous), []
-    made: dict[tuple[int, int], int] = {}
-    for face in faces:
-        kept: list[int] = []
-        for a, b in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
-            if homogeneous[a, 2] < limit:
-                kept.append(a)
-            if (homogeneous[a, 2] < limit) != (homogeneous[b, 2] < limit):
-                key = (min(a, b), max(a, b))
-                if key not in made:
-                    p, q = homogeneous[key[0]], homogeneous[key[1]]
-                    made[key] = len(corners)
-                    corners.append(p + (limit - p[2]) / (q[2] - p[2]) * (q - p))
-                kept.append(made[key])
-        triangles += [(kept[0], kept[i], kept[i + 1]) for i in range(1, len(kept) - 1)]
-    return np.array(corners), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    inside = (homogeneous[:, 2] < limit)[faces]
+    single = inside.sum(axis=1) == 1  # one corner is kept, else two
+    alone = np.argmax(inside == single[:, None], axis=1)  # the corner without another on its side
+    a, b, c = np.take_along_axis(faces, (alone[:, None] + np.arange(3)) % 3, axis=1).T
+    cut = np.sort(np.concatenate([np.stack([a, b], axis=1), np.stack([c, a], axis=1)]), axis=1)
+    key, place = np.unique(cut[:, 0] * len(homogeneous) + cut[:, 1], return_inverse=True)
+    p, q = homogeneous[key // len(homogeneous)], homogeneous[key % len(homogeneous)]
+    share = (limit - p[:, 2]) / (q[:, 2] - p[:, 2])
+    corners = np.concatenate([homogeneous, p + share[:, None] * (q - p)])
+    ab, ca = (len(homogeneous) + place).reshape(2, -1)
+    kept = np.stack([a, ab, ca], axis=1)[single]
+    first, second = np.stack([ab, b, c], axis=1)[~single], np.stack([ab, c, ca], axis=1)[~single]
+    return corners, np.concatenate([kept, first, second])
 
 
 class EdgeTable:
