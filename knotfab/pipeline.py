@@ -63,7 +63,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.slicer.run import SlicerQueue
 
             left = request.budget(progress.total)
-            if request.printing and request.scene.mount.kind in ("wall", "stand"):
+            if request.printing and request.scene.mount.asked:
                 prefetch_modeller()
             made = design_knots(request.scene, targets, request.device, progress, left)
             if request.printing:

@@ -163,7 +163,7 @@ def _read_call(
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:
     """Whether the piece is to be printed: a mount is, whoever asked for it."""
-    return options.print_ or scene.piece.printed or scene.mount.kind in ("wall", "stand")
+    return options.print_ or scene.piece.printed or scene.mount.asked
 
 
 def check_names(scene: Scene) -> None:

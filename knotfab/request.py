@@ -47,9 +47,7 @@ class Request:
             return None
         after = _AFTER_S
         if self.printing:
-            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * (
-                self.scene.mount.kind in ("wall", "stand")
-            )
+            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * self.scene.mount.asked
         began = time.perf_counter() - spent_s
         return Budget(
             began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began

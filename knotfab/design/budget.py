@@ -17,15 +17,13 @@ _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
 _SHORT_S = 6.0  # for the design of a view, below which it takes the draft's pictures and trials
 _SHORTEST_S = 3.0  # below which it takes the sketch's
 _GIVE = 0.012
-_MORE = (0.012, 0.016)  # where the knots that follow from less could not be verified in time
+_MORE = (_GIVE, 0.016)  # where the knots that follow from less could not be verified in time
 _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
-_SPARED = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
-_RADII = 8  # fewer miss the thicker tube that saves more than their trials: a knight's 9.9 s became 5.2 s
-_COARSE_EDGE_RADII = (
-    0.6  # the part's vertex spacing in the shortest; the outline's limit may ask for less
-)
+_SPARED = ("coarse_px", "fine_px", "depth_candidates", "mesh_sides")
+# the part's vertex spacing in the shortest; the outline's limit may ask for less
+_COARSE_EDGE_RADII = 0.6
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
@@ -84,12 +82,12 @@ class Budget:
         Args:
             vertices: of the knots that some IoU given leads to.
         """
-        given = give
-        for given in (give, *(more for more in _MORE if more > give)):
-            count = vertices(given)
+        for more in _MORE:
+            count = vertices(give)
             if self.search_s(count) >= _SEARCH_VERTEX_S * count:
                 break
-        return given
+            give = max(give, more)
+        return give
 
     def _slower(self) -> float:
         """How many times longer what needs a core for a second has taken so far, beside others."""
@@ -107,14 +105,13 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
     if seconds >= _SHORT_S:
         return settings
     fewer = PRESETS["draft" if seconds >= _SHORTEST_S else "sketch"]
-    less = {
-        key: min(getattr(settings, key), getattr(fewer, key)) for key in _SPARED if key not in given
-    }
-    if "radius_candidates" in less:
-        less["radius_candidates"] = min(settings.radius_candidates, _RADII)
-    if seconds < _SHORTEST_S and "settle_edge_radii" not in given:
+    less = {key: min(getattr(settings, key), getattr(fewer, key)) for key in _SPARED}
+    # a sketch's few radii miss the thicker tube, which saves more than their trials
+    radii = PRESETS["draft"].radius_candidates
+    less["radius_candidates"] = min(settings.radius_candidates, radii)
+    if seconds < _SHORTEST_S:
         less["settle_edge_radii"] = max(settings.settle_edge_radii, _COARSE_EDGE_RADII)
-    return settings.model_copy(update=less)
+    return settings.model_copy(update={k: v for k, v in less.items() if k not in given})
 
 
 def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:

@@ -25,7 +25,7 @@ __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 
 _NOTHING = 0.5  # IoU below which there is no picture
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
-_LONGER = 1.4  # times its template: a knot of some depth, as those of 6 pictures were (1.3 to 1.5)
+_LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
 
 

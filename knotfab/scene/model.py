@@ -268,6 +268,11 @@ class Mount(_Table):
     max_sag_mm: Positive = 0.2
     pegs: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
 
+    @property
+    def asked(self) -> bool:
+        """Whether somebody asks for a mount, whatever the pieces."""
+        return self.kind in ("wall", "stand")
+
 
 class Plate(_Table):
     """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.

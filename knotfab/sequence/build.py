@@ -53,7 +53,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     require_device(request.device)
     require_sequence(request.scene)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
-    if request.printing and request.scene.mount.kind in ("wall", "stand"):
+    if request.printing and request.scene.mount.asked:
         prefetch_modeller()
     with OutputFolder(request.out) as folder:
         for line in request.preview:

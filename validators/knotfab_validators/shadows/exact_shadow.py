@@ -33,13 +33,12 @@ class ShadowError(ValueError):
     """The mesh has no shadow that makes sense here, such as one that reaches the light."""
 
 
-def _cut(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, Ints]:
+def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[Array, Ints]:
     """The part with w < `limit` of faces (m, 3) that have corners on both sides, as triangles.
 
     `homogeneous` (n, 3) holds (u w, v w, w), in which a straight edge stays straight; new corners are
-    appended, one for each edge that is cut.
+    appended, one for each edge that is cut. `inside` (m, 3): which corners are on this side.
     """
-    inside = (homogeneous[:, 2] < limit)[faces]
     single = inside.sum(axis=1) == 1  # one corner is kept, else two
     alone = np.argmax(inside == single[:, None], axis=1)  # the corner without another on its side
     a, b, c = np.take_along_axis(faces, (alone[:, None] + np.arange(3)) % 3, axis=1).T
@@ -122,7 +121,7 @@ def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, In
     crossing, kept = inside.any(axis=1) & ~whole, faces[whole]
     if not crossing.any():
         return homogeneous, kept
-    corners, pieces = _cut(homogeneous, faces[crossing], limit)
+    corners, pieces = _cut(homogeneous, faces[crossing], inside[crossing], limit)
     return corners, np.concatenate([kept, pieces])
 
 
