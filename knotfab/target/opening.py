@@ -28,7 +28,7 @@ _COARSE = 0.02  # radii that an outline may move by before it is opened
 _SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
 _EDGE_ON = 0.01  # of a ring seen from its edge: its width over its length
 _CORNERS = 64  # of a ring
-_STEPS = 14  # of the search for a radius: 0.05 % of it where the range is a thousandfold
+_WITHIN = 1.002  # of the largest radius: the ratio to one that is too large
 
 
 def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
@@ -121,7 +121,7 @@ def _largest(holds: Callable[[float], bool], low: float, high: float) -> float |
         return None
     if holds(high):
         return high
-    for _ in range(_STEPS):
+    while high > _WITHIN * low:
         middle = float(np.sqrt(low * high))
         if holds(middle):
             low = middle

@@ -48,8 +48,10 @@ class ShadowCaster(Renderer):
         h, faces = geometry.lift(self._vertices), self._faces
         limit = np.inf if behind else geometry.w_of_receiver
         seen = (h[:, 2] > NEAREST) & (h[:, 2] < limit)
-        whole = np.asarray(seen[faces].all(axis=1))
-        lines = self._find_table(whole).find_silhouette(on_page(h))
+        every = bool(seen.all())
+        whole = np.ones(len(faces), dtype=bool) if every else np.asarray(seen[faces].all(axis=1))
+        table = self._table if every else self._find_table(whole)
+        lines = table.find_silhouette(on_page(h))
         if not whole.all():  # winding numbers add up, and the edges between the two cancel
             pieces = faces[~whole]
             # what is nearer to the light is clipped away, as by a camera
