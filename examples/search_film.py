@@ -15,15 +15,14 @@ if __package__ in (None, ""):
 
 import numpy as np
 from PIL import Image
-from torch import Tensor
 
 from examples.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.limits.base import State
+from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem
-from knotfab.render.picture import picture_at, seen_in
+from knotfab.render.picture import image_at
 from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of
@@ -54,11 +53,11 @@ class Watch(Term):
         self.every, self.calls = every, 0
         self.seen: list[Array] = []
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
+    def __call__(self, state: State, weights: Weights) -> Felt:
         if self.calls % self.every == 0:
-            self.seen.append(state.points.detach().numpy().copy())
+            self.seen.append(state.points.copy())
         self.calls += 1
-        return state.points.new_zeros(())
+        return 0.0, np.zeros_like(state.points)
 
 
 def watch_search(
@@ -77,12 +76,12 @@ def film(problem: Problem, radius: float, every: int = EVERY) -> list[Image.Imag
     """The pictures of a search: to the left the shadow, to the right the tube turned by 60 degrees."""
     stages, rings = watch_search(problem, radius, every)
     (view,) = problem.views
-    frame, target, _ = picture_at(view.view, view.mask, PANEL)
+    image = image_at(view.view, view.mask, radius, PANEL)
     reach = 1.05 * max(float(np.linalg.norm(p, axis=1).max()) for p in stages) + radius
-    wanted = target.numpy() > 0.5
+    wanted = image.target > 0.5
     found = []
     for points in stages:
-        cast = seen_in(points, rings, frame, target, radius).numpy()
+        cast = image.seen(points, rings, radius)
         left = Image.fromarray(paint_comparison(cast, wanted))
         right = side_view(rings.split(points), radius, reach, left.height, TURN_DEG)
         found.append(beside(left, right))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knotfab.errors import InputError
 
-__all__ = ["Knot", "Knots", "read_start"]
+__all__ = ["Knot", "Knots", "count_in_words", "read_start"]
 
 _FEWEST = 8  # vertices of a knot that a search goes on from
 
@@ -79,6 +79,11 @@ class Knots:
     def dump_start(self) -> str:
         """The text of a start, for knots in the scene: at full precision, a search can go on from them."""
         return json.dumps({**self.to_dict(), "coordinates": "scene"})
+
+
+def count_in_words(count: int) -> str:
+    """ "one knot", or how many."""
+    return "one knot" if count == 1 else f"{count} knots"
 
 
 def read_start(path: Path) -> Knots:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Group, Parameter
+from cyclopts import Group, Parameter, Token
 
 from knotfab.errors import InputError
 from knotfab.progress import Mode
@@ -26,6 +26,7 @@ __all__ = [
     "Flag",
     "Names",
     "PictureOptions",
+    "Whole",
     "options_from",
 ]
 
@@ -35,6 +36,18 @@ _PRINT = Group.create_ordered("Print")
 _SEARCH = Group.create_ordered("Search")
 OUTPUT = Group.create_ordered("Output")
 
+
+def _read_whole(_: object, tokens: Sequence[Token]) -> int:
+    """A whole number, which cyclopts by itself would round others to."""
+    value = tokens[0].value
+    try:
+        return int(value)
+    except ValueError:
+        raise ValueError(f"{value} is no whole number") from None
+
+
+_WHOLE = Parameter(converter=_read_whole)
+Whole = Annotated[int, _WHOLE]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -128,9 +141,9 @@ class PictureOptions:
     """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
-    keep_largest: Annotated[int | None, Parameter(group=_PICTURE)] = None
+    keep_largest: Annotated[int | None, Parameter(group=_PICTURE), _WHOLE] = None
     """Draw only so many pieces of the picture, the largest."""
-    specks: Annotated[int | None, Parameter(group=_PICTURE)] = None
+    specks: Annotated[int | None, Parameter(group=_PICTURE), _WHOLE] = None
     """Leave out pieces, and fill holes, of fewer pixels than this."""
     smooth: Annotated[float | None, Parameter(group=_PICTURE)] = None
     """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with the
@@ -213,7 +226,7 @@ class BuildOptions(PictureOptions):
     such as penumbra=off; may be repeated."""
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
     """Go on from the knots in this file: the start.json of a build of the studio, or of one with --start."""
-    seed: Annotated[int | None, Parameter(group=_SEARCH)] = None
+    seed: Annotated[int | None, Parameter(group=_SEARCH), _WHOLE] = None
     """Seed of the random depth profiles: another one gives another piece."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""

@@ -56,7 +56,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
         with Verifier(skip) as verifier:
-            # only now: torch is loaded while the validators load what they need
+            # only now: the search is loaded while the validators load what they need
             from knotfab.design.design import design_knots
             from knotfab.piece import finish_build, report_piece, write_piece
             from knotfab.slicer.profile import write_profile

@@ -39,7 +39,7 @@ __all__ = ["check_names", "check_options", "prepare_build", "survey_pictures"]
 def prepare_build(
     pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
 ) -> Request:
-    """Check a call and read its pictures: what can be refused is, before torch is loaded.
+    """Check a call and read its pictures: what can be refused is, before the search is loaded.
 
     Args:
         pictures: files, SVGs or `text:…`; none: those that the scene names.
@@ -178,6 +178,11 @@ def check_names(scene: Scene) -> None:
 
 def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:
     """The pictures of the call, or those of the scene's views."""
+    for name in pictures:
+        if Path(name).suffix.lower() == ".toml" and Path(name).is_file():
+            raise InputError(
+                name, "it is a scene, not a picture", f"Give it by its name: --scene {name}"
+            )
     named = tuple(pictures) or tuple(view.picture for view in scene.views)
     if all(named):
         return named

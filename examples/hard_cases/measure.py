@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from knotfab.render.capsule import BEHIND, capsule_distance
-from knotfab.render.clip import NEAREST_RADII, cut_before_light
-from knotfab.render.silhouette import render as render_compiled
+from knotfab.render.clip import cut_before_light
+from knotfab.render.silhouette import NEAREST_RADII
+from knotfab.render.tensors import render as render_compiled
 from knotfab.render.tiled import render_tiled
 
 from .oracle import signed_distance_px

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mpmath
 
-from knotfab.render.clip import NEAREST_RADII
+from knotfab.render.silhouette import NEAREST_RADII
 
 _ZERO = mpmath.mpf(0)
 Vector = list[mpmath.mpf]

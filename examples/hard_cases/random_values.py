@@ -19,12 +19,11 @@ from examples.paper.losses import (
     squared_curvature,
 )
 from knotfab.arrays import Array
-from knotfab.limits.region import outside
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 
 from .measure import EPSILONS
-from .values import ValueCase, network_case
+from .values import ValueCase, network_case, spill
 
 KINDS = ("length", "budget", "Moebius", "curvature", "bending", "box", "ball", "region")
 
@@ -89,7 +88,7 @@ def random_loss(rng: np.random.Generator) -> ValueCase:
             return occupancy_loss(k, size, box(tuple(low.tolist()), tuple(high.tolist())))
         if kind == "ball":
             return occupancy_loss(k, size, ball(tuple(middle.tolist()), size))
-        return outside(k.reshape(-1, 3), region, size).clamp_min(0).sum()
+        return spill(k.reshape(-1, 3), region, size)
 
     return ValueCase(kind, "random polygons", (knots,), f, smooth=False)
 

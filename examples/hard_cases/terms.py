@@ -19,6 +19,7 @@ from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import bend, clearance, length
 from knotfab.limits.base import Limits, State
+from knotfab.render.known import known
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Weights
@@ -106,13 +107,12 @@ def _of_length(length_mm: float) -> Array:
 
 def _value(kind: str, spacing: float, points: Tensor) -> Tensor:
     rings = polylines_of_sizes((len(points),))
-    near = find_neighbours(points.detach().numpy(), rings, 1e3, 2)
-    state = replace(State.at(points, torch.as_tensor(rings.next), rings, near), spacing=spacing)
-    if kind == "grace":
-        return Grace(RADIUS, 1.0)(state, Weights())
-    return {"bend": bend.term, "clearance": clearance.term, "length": length.term}[kind](
-        state, LIMITS
-    )
+    plain = points.detach().numpy().astype(np.float64)
+    near = find_neighbours(plain, rings, 1e3, 2)
+    state = replace(State.at(plain, rings, near), spacing=spacing)
+    terms = {"bend": bend.term, "clearance": clearance.term, "length": length.term}
+    found = Grace(RADIUS, 1.0)(state, Weights()) if kind == "grace" else terms[kind](state, LIMITS)
+    return known(found[0], (points, found[1]))
 
 
 def _edges(points: Array) -> tuple[Array, Array]:

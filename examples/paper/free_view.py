@@ -16,8 +16,9 @@ from examples.pictures import pictures
 from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.render.posed_frame import Sheet, posed_frame
-from knotfab.render.silhouette import render
+from knotfab.render.frame import Sheet
+from knotfab.render.posed_frame import posed_frame
+from knotfab.render.tensors import render
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view

@@ -63,7 +63,7 @@ def trial(samples: int = 120, pixels: int = 72, bend_mm: float = 12.0, seed: int
     astray = waves @ (rng.normal(size=(5, 3)) * [1.0, 1.0, 3.0])
     astray *= bend_mm / np.linalg.norm(astray, axis=1).max()
     view = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0)
-    frame = frame_of(camera_of(view, pixels, pixels), torch.float64)
+    frame = frame_of(camera_of(view, pixels, pixels)).tensors(torch.float64)
     return Trial(truth, truth + astray, polylines_of_sizes((samples,)), frame)
 
 
@@ -121,7 +121,7 @@ def main(*, out: Path = Path("shaded-out"), pixels: int = 72) -> None:
     axes = figure.subplots(2, len(shown))
     print("                          off by (mm, rms)   along the view's axis")
     side = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0, azimuth_deg=90.0)
-    beside = frame_of(camera_of(side, 256, 256), torch.float64)
+    beside = frame_of(camera_of(side, 256, 256)).tensors(torch.float64)
     ahead = frame_of(
         camera_of(side.model_copy(update={"azimuth_deg": 0.0}), 256, 256), torch.float64
     )

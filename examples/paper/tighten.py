@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from knotfab.arrays import Array
 from knotfab.errors import SceneError
@@ -13,10 +12,9 @@ from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
-from knotfab.limits.base import Limits, State
+from knotfab.limits.base import Felt, Limits, State, follow_edges
 from knotfab.limits.bend import BEND
 from knotfab.limits.clearance import CLEARANCE
-from knotfab.render.threads import one_thread
 from knotfab.scene.model import Region
 from knotfab.search.flow import FlowSettings, flow
 
@@ -59,27 +57,32 @@ def tighten(points: Array) -> Tight:
         points, rings, verdict = resample(points, rings, edge)
         if not verdict.valid:
             points, rings = subdivide(points, rings, edge)
-        following = torch.as_tensor(rings.next)
 
-        def objective(p: torch.Tensor, near: Neighbours, _: float) -> torch.Tensor:
-            state = State.at(p, following, rings, near)
-            loss: torch.Tensor = pull * state.edge.norm(dim=-1).sum()
-            return loss + 3.0 * clearance(state, limits) + 0.5 * bend(state, limits)
+        def objective(p: Array, near: Neighbours, _: float) -> Felt:
+            state = State.at(p, rings, near)
+            edge = np.linalg.norm(state.edge, axis=1)
+            shorter = follow_edges(state.edge / edge[:, None], rings)
+            parts = (
+                (pull, (float(edge.sum()), shorter)),
+                (3.0, clearance(state, limits)),
+                (0.5, bend(state, limits)),
+            )
+            values = sum(weight * value for weight, (value, _) in parts)
+            return values, np.sum([weight * slope for weight, (_, slope) in parts], axis=0)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
         found = flow(points, rings, objective, 1.0, walk, separation=limits.separation)
         points = found.points
         return float(np.linalg.norm(points[rings.next] - points, axis=1).sum())
 
-    with one_thread():
-        before = np.inf
-        for _ in range(_MOST_ROUNDS):
-            length = shorten(200, 0.15, 0.1, 0.6, _PULL)
-            if length > (1.0 - _SLOWING) * before:
-                break
-            before = length
-        for settings in _LAST:
-            length = shorten(*settings)
+    before = np.inf
+    for _ in range(_MOST_ROUNDS):
+        length = shorten(200, 0.15, 0.1, 0.6, _PULL)
+        if length > (1.0 - _SLOWING) * before:
+            break
+        before = length
+    for settings in _LAST:
+        length = shorten(*settings)
     gap = strand_gap(points, rings, limits.separation, 4.0).gap
     tightest = float(bend_radii(points, rings).min())
     if gap < 2.0 or tightest < 1.0:

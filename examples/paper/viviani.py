@@ -19,7 +19,7 @@ from examples.paper.two_views import draw_case
 from knotfab.arrays import Array
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
-from knotfab.render.silhouette import render
+from knotfab.render.tensors import render
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
@@ -53,7 +53,7 @@ def views_of_viviani() -> tuple[ResolvedView, ...]:
 
 def draw(points: Array, view: ResolvedView, path: Path) -> None:
     """The tube's shadow in a view, black on white."""
-    frame = frame_of(camera_of(view, _PIXELS, _PIXELS), torch.float64)
+    frame = frame_of(camera_of(view, _PIXELS, _PIXELS)).tensors(torch.float64)
     p = torch.as_tensor(points)
     seen = render(p, p.roll(-1, 0), frame, RADIUS_MM, 20.0, 5.0) > 0.5
     Image.fromarray(np.where(seen.numpy(), 0, 255).astype(np.uint8)).save(path)

@@ -39,7 +39,7 @@ from knotfab.arrays import Array
 from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.render.frame import frame_of
-from knotfab.render.silhouette import render
+from knotfab.render.tensors import render
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
@@ -227,7 +227,7 @@ def _scenes() -> Iterator[Line]:
 def _shadow(made: Design, target: Target) -> Array:
     """(H, W) the knots' own shadow on the picture's frame."""
     camera = camera_of(made.scene.views[0], target.width, target.height)
-    frame = frame_of(camera, torch.float64)
+    frame = frame_of(camera).tensors(torch.float64)
     shadow = torch.zeros(target.height, target.width, dtype=torch.float64)
     for knot in made.knots.knots:
         p = torch.as_tensor(knot.points)

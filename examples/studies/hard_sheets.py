@@ -126,7 +126,7 @@ def draw_tube(place: Axes, points: Array, radius: float) -> None:
     scale = 62.0 / (float(np.abs(points).max()) + radius)
     seen = torch.as_tensor(scale * points @ _TILT.T)
     view = ResolvedView(frame_width_mm=150.0, frame_height_mm=150.0)
-    frame = frame_of(camera_of(view, 150, 150), torch.float64)
+    frame = frame_of(camera_of(view, 150, 150)).tensors(torch.float64)
     shading = Shading(lamp_mm=(-150.0, 250.0, 400.0), background=1.0)
     image = render_shaded(seen, seen.roll(-1, 0), frame, max(scale * radius, 0.8), 2.0, shading)
     place.imshow(image.numpy(), cmap="gray", vmin=0, vmax=1)

@@ -18,7 +18,7 @@ from torch import Tensor
 from examples.measurement import Stopwatch, run_study
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame, frame_of
-from knotfab.render.silhouette import render, squared_error, winners
+from knotfab.render.tensors import render, squared_error, winners
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
@@ -64,7 +64,7 @@ def _floor_s(points: Tensor, frame: Frame, cut: float) -> float:
     p = points.detach()
     coloured = len(winners(p, p.roll(-1, 0), frame, RADIUS, cut / TAU)[0])
     # one tile under very many equal capsules: nothing is pruned, everything is in cache
-    small = frame_of(camera_of(VIEW, 8, 8), torch.float32)
+    small = frame_of(camera_of(VIEW, 8, 8)).tensors(torch.float32)
     many = torch.zeros(20_000, 3)
     won = winners(many, many, small, 60.0, cut / TAU)
     tests, evaluations = [], []
@@ -86,7 +86,7 @@ def _floor_s(points: Tensor, frame: Frame, cut: float) -> float:
 def main(*, pixels: int = 256, capsules: int = 1000, cut: float = 16.0, runs: int = 3) -> None:
     """Print medians and their ratios, and how far the forms agree."""
     points = curve(capsules, torch.float32).requires_grad_()
-    frame = frame_of(camera_of(VIEW, pixels, pixels), torch.float32)
+    frame = frame_of(camera_of(VIEW, pixels, pixels)).tensors(torch.float32)
     target = torch.rand(pixels, pixels, generator=torch.Generator().manual_seed(1))
     # the dense formula at its own best chunk, found first
     chunks = {
@@ -117,7 +117,7 @@ def main(*, pixels: int = 256, capsules: int = 1000, cut: float = 16.0, runs: in
         for f in (render_tiled, render)
     ]
     print(f"float32: images differ by {float((seen[0] - seen[1]).abs().max()):.1e}")
-    small = frame_of(camera_of(VIEW, 96, 96), torch.float64)
+    small = frame_of(camera_of(VIEW, 96, 96)).tensors(torch.float64)
     exact = curve(capsules, torch.float64).requires_grad_()
     found = [
         (float(e.detach()), torch.autograd.grad(e, exact)[0])

@@ -23,7 +23,6 @@ from examples.measurement import run_study
 from knotfab.arrays import Array
 from knotfab.design.question import Question, ask
 from knotfab.problem import Start
-from knotfab.render.threads import one_thread
 from knotfab.scene.model import Scene, View
 from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
@@ -112,7 +111,6 @@ def _question(load: Load, target: Target) -> Question:
     return ask(scene, [target] * load.views)
 
 
-@one_thread()
 def _measure(load: Load, question: Question) -> Cost:
     curves, radius = wind(load.knots, load.vertices, FILLED * load.frame_mm)
     settings = PRESETS["standard"]

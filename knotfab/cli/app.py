@@ -33,6 +33,7 @@ from knotfab.options import (
     Flag,
     Names,
     PictureOptions,
+    Whole,
 )
 
 __all__ = ["app", "main"]
@@ -157,7 +158,7 @@ def preview(
 def batch(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
-    jobs: int | None = None,
+    jobs: Whole | None = None,
     cluster: str | None = None,
 ) -> int:
     """Build many pictures, each into a folder of its own in --out; skip those that are built already.
@@ -183,7 +184,7 @@ def batch(
 
 
 @app.command(help_epilogue=STUDIO_EXAMPLES)
-def studio(*, port: int = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
+def studio(*, port: Whole = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
     """Open a local page: drop a picture on it, set the scene, and watch the knot grow.
 
     Parameters
@@ -330,9 +331,9 @@ def tradeoff(
     scene: Path | None = None,
     accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
-    repeats: int = 1,
-    jobs: int = 1,
-    combinations: int = 16,
+    repeats: Whole = 1,
+    jobs: Whole = 1,
+    combinations: Whole = 16,
     time_limit: str | None = None,
     device: Literal["cpu", "cuda"] = "cpu",
     quiet: Flag = False,

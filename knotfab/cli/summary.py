@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from knotfab.knots import count_in_words
 from knotfab.verify.checks import mark_of
 
 if TYPE_CHECKING:
@@ -113,8 +114,8 @@ def print_summary(outcome: Outcome) -> None:
     size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
     count = f"{len(knots)} knot{'s' if len(knots) > 1 else ''}"
     if "parts" in piece:  # a sequence: the same knots in all of them
-        each = len(knots) // piece["parts"]
-        count = f"{'one knot' if each == 1 else f'{each} knots'} in {piece['parts']} frames"
+        each = count_in_words(len(knots) // piece["parts"])
+        count = f"{each} in {piece['parts']} frames"
     console.print(
         f"  {count}, tube radius "
         f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.fineness import fine_enough
@@ -35,11 +36,13 @@ from knotfab.scene.settings import SearchSettings, search_settings
 from knotfab.search.history import History
 from knotfab.search.pace import Pace
 from knotfab.search.phases import plan_of
-from knotfab.search.pose import Pose
 from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
 from knotfab.target.data_uri import silhouette_uri
 from knotfab.target.read import Target
+
+if TYPE_CHECKING:
+    from knotfab.search.pose import Pose
 
 __all__ = [
     "START_FILE",

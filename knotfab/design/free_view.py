@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from knotfab.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Material, Scene
 from knotfab.scene.settings import SearchSettings
-from knotfab.search.pose import ALL, Bounds, Pose
+
+if TYPE_CHECKING:
+    from knotfab.search.pose import Pose
 
 __all__ = ["place_start", "start_pose"]
 
@@ -56,6 +60,8 @@ def start_pose(
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
+    from knotfab.search.pose import ALL, Bounds, Pose  # it loads torch, which few searches need
+
     scene = resolve(scene)
     given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
     free = ALL if not given else tuple(name for name in ALL if name != "radius")

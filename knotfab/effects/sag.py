@@ -96,19 +96,19 @@ def measure_sag(
     falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by
     the area that it stands for on the round one, as light is straight.
     """
-    from knotfab.render.picture import image_at, seen_in
+    from knotfab.render.picture import image_at
 
     image = image_at(view, mask, radius, VERIFIED_PX)
     shift = shifts_mm(Shadows.of(view, points), moves[None], 0.0).max()
     widest = float(shift) / (view.longer_mm / VERIFIED_PX)
-    wanted = np.asarray(image.target) > 0.5
+    wanted = image.target > 0.5
     pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
     areas = np.ones(columns)
     if wall is not None:
         areas = wall.areas((np.arange(columns) - 0.5 * (columns - 1)) * pixel_mm, 0.5 * pixel_mm)
 
     def iou(points: Array) -> float:
-        seen = np.asarray(seen_in(points, rings, image.frame, image.target, radius))
+        seen = image.seen(points, rings, radius)
         return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
 
     return {"widest_px": widest, "iou": iou(points + moves), "iou_designed": iou(points)}

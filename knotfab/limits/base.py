@@ -7,14 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion
 
-__all__ = ["Guard", "Limit", "Limits", "State"]
+__all__ = ["Felt", "Guard", "Limit", "Limits", "State", "follow_edges"]
+
+Felt = tuple[float, Array]  # a value, and its gradient (N, 3) in the vertices
 
 
 @dataclass(frozen=True)
@@ -37,30 +38,33 @@ class Limits:
 class State:
     """One iteration of the search, as the terms see it."""
 
-    points: Tensor  # [N, 3] mm
-    edge: Tensor  # [N, 3] to the next vertex
-    after: Tensor  # [N, 3] the next vertex's edge
-    following: Tensor  # [N] index of the next vertex
+    points: Array  # (N, 3) mm
+    edge: Array  # (N, 3) to the next vertex
     rings: Polylines
     near: Neighbours
     spacing: float  # mean edge, mm
 
     @classmethod
-    def at(cls, points: Tensor, following: Tensor, rings: Polylines, near: Neighbours) -> State:
-        """The state of closed polylines whose vertices are `points` [N, 3]."""
-        edge = points[following] - points
-        spacing = float(edge.detach().norm(dim=-1).mean())
-        return cls(points, edge, edge[following], following, rings, near, spacing)
+    def at(cls, points: Array, rings: Polylines, near: Neighbours) -> State:
+        """The state of closed polylines whose vertices are `points` (N, 3)."""
+        edge = points[rings.next] - points
+        spacing = float(np.sqrt((edge * edge).sum(axis=1)).mean())
+        return cls(points, edge, rings, near, spacing)
 
 
-Term = Callable[[State, Limits], Tensor]
+def follow_edges(slope: Array, rings: Polylines) -> Array:
+    """The gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
+    return np.asarray(slope[rings.previous] - slope)
+
+
+Term = Callable[[State, Limits], Felt]
 # (vertices, polylines, limits) -> mm that every vertex may go before the term is more than nothing
 Slack = Callable[[Array, Polylines, Limits], float]
 
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit: its term, a hinge that knows its own gradient, and how far it is from being felt.
+    """One limit: its term, a hinge with its gradient, and how far it is from being felt.
 
     Without a `slack` it is felt always: strands of a filling lie side by side, and every curve turns.
     """
@@ -84,8 +88,8 @@ class Guard:
     _seen: tuple[Array, Limits] | None = field(default=None, repr=False)
     _slack: float = 0.0
 
-    def term(self, state: State, limits: Limits) -> Tensor | None:
-        """The limit's term, differentiable; None where it cannot be felt."""
+    def term(self, state: State, limits: Limits) -> Felt | None:
+        """The limit's term and its gradient; None where it cannot be felt."""
         begun = time.perf_counter()
         found = None
         if self._felt(state, limits):
@@ -102,7 +106,7 @@ class Guard:
     def _felt(self, state: State, limits: Limits) -> bool:
         if self.limit.slack is None:
             return True
-        points = state.points.detach().cpu().numpy()
+        points = state.points
         if self._seen is not None and self._seen[1] == limits:
             before = self._seen[0]
             if before.shape == points.shape:

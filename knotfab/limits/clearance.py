@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from knotfab.geometry.kernels import gap_hinge
-from knotfab.limits.base import Limit, Limits, State
-from knotfab.render.known import known
+from knotfab.limits.base import Felt, Limit, Limits, State
 
 __all__ = ["CLEARANCE"]
 
 _OVERSHOOT = 1.02  # aim a little wider than required, so the end is on the safe side
 
 
-def term(state: State, limits: Limits) -> Tensor:
+def term(state: State, limits: Limits) -> Felt:
     """Squared hinge over segment pairs whose arc distance exceeds pi (r + c/2), in squared radii.
 
     (2r + c - d)+^2, with exact distances d between segments; 2 % are added to aim a little wide.
     """
     distance = limits.separation * _OVERSHOOT
     total, gradient = gap_hinge(
-        state.points.detach().cpu().numpy(),
+        state.points,
         state.rings.next,
         state.rings.start,
         state.rings.size,
@@ -32,7 +30,7 @@ def term(state: State, limits: Limits) -> Tensor:
         distance,
     )
     scale = state.spacing / limits.radius**3
-    return known(scale * total, (state.points, scale * gradient))
+    return scale * total, scale * gradient
 
 
 CLEARANCE = Limit("clearance", term)

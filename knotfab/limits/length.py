@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Limit, Limits, State
-from knotfab.render.known import known
+from knotfab.limits.base import Felt, Limit, Limits, State, follow_edges
 
 __all__ = ["LENGTH"]
 
 _AIM = 0.99  # share of the budget, so the end is on the safe side
 
 
-def term(state: State, limits: Limits) -> Tensor:
+def term(state: State, limits: Limits) -> Felt:
     """Squared hinge of the excess in tube radii (paper, length loss)."""
-    edge = state.edge.detach().cpu().numpy()
+    edge = state.edge
     length = np.linalg.norm(edge, axis=1)
     excess = max(0.0, float(length.sum()) - _AIM * limits.length) / limits.radius
     along = edge / np.maximum(length, 1e-300)[:, None]
-    slope = (2 * excess / limits.radius) * (along[state.rings.previous] - along)
-    return known(excess**2, (state.points, slope))
+    return excess**2, (2 * excess / limits.radius) * follow_edges(along, state.rings)
 
 
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:

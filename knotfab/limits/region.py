@@ -5,41 +5,51 @@ from __future__ import annotations
 from math import hypot
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Limit, Limits, State
+from knotfab.limits.base import Felt, Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh
-from knotfab.render.known import known
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
 
 
-def outside(points: Tensor, region: ResolvedRegion, radius: float) -> Tensor:
-    """[N] how far a ball of `radius` about each point sticks out, mm (negative inside).
+def outside(points: Array, region: ResolvedRegion, radius: float) -> tuple[Array, Array]:
+    """How far a ball of `radius` about each point sticks out, mm (N,), negative inside; its gradient (N, 3).
 
-    For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends.
+    For a box the largest excess over its faces; cylinder (its own axis y): over mantle and ends. In the
+    precision of the points.
     """
     if region.kind == "mesh":
         assert region.file is not None
-        return beyond(points, region_mesh(region.file, region.center_mm)) + radius
-    center = torch.tensor(region.center_mm, dtype=points.dtype, device=points.device)
-    half = 0.5 * torch.tensor(region.size_mm, dtype=points.dtype, device=points.device)
-    p = points - center
+        excess, away = beyond(points, region_mesh(region.file, region.center_mm))
+        return excess + radius, away
+    half = np.array([0.5 * side for side in region.size_mm], dtype=points.dtype)
+    p, axes = points - np.array(region.center_mm, dtype=points.dtype), None
     if region.azimuth_deg or region.elevation_deg:
-        p = p @ torch.as_tensor(view_axes(region).T, dtype=points.dtype, device=points.device)
+        axes = view_axes(region).astype(points.dtype)
+        p = p @ axes.T
+    slope = np.zeros_like(p)
+    rows = np.arange(len(p))
     if region.kind == "box":
-        excess: Tensor = (p.abs() - half + radius).amax(-1)
-        return excess
-    if region.kind == "sphere":
-        from_middle: Tensor = p.norm(dim=-1) - half[0] + radius
-        return from_middle
-    around = (p[:, 0] ** 2 + p[:, 2] ** 2).clamp_min(1e-12).sqrt() - half[0]
-    return torch.maximum(around, p[:, 1].abs() - half[1]) + radius
+        over = np.abs(p) - half
+        face = over.argmax(axis=1)
+        excess = over[rows, face] + radius
+        slope[rows, face] = np.sign(p[rows, face])
+    elif region.kind == "sphere":
+        length = np.sqrt((p * p).sum(axis=1))
+        excess = length - half[0] + radius
+        slope = p / np.where(length > 0, length, 1)[:, None]
+    else:
+        around = np.sqrt(np.maximum(p[:, 0] ** 2 + p[:, 2] ** 2, 1e-12))
+        mantle, ends = around - half[0], np.abs(p[:, 1]) - half[1]
+        out = mantle >= ends
+        excess = np.where(out, mantle, ends) + radius
+        slope[:, 0::2] = np.where(out, 1 / around, 0)[:, None] * p[:, 0::2]
+        slope[:, 1] = np.where(out, 0, np.sign(p[:, 1]))
+    return excess, slope if axes is None else slope @ axes
 
 
 def tube_outside(
@@ -53,20 +63,19 @@ def tube_outside(
     so, by 0.6 % at edges of 0.45 radii.
     """
     if region.kind != "mesh":
-        return points, outside(torch.as_tensor(points), region, radius).numpy()
+        return points, outside(points, region, radius)[0]
     longest = float(np.linalg.norm(ahead - points, axis=1).max())
     some = np.concatenate([points, (points + ahead) / 2])
-    return some, outside(torch.as_tensor(some), region, hypot(radius, longest / 4)).numpy()
+    return some, outside(some, region, hypot(radius, longest / 4))[0]
 
 
-def term(state: State, limits: Limits) -> Tensor:
+def term(state: State, limits: Limits) -> Felt:
     """Squared hinge of what sticks out, in squared tube radii (paper, occupancy loss)."""
-    points = state.points.detach().requires_grad_()
-    radius = _felt_radius(limits, state.spacing)
-    hinge = (outside(points, limits.region, radius) / limits.radius).clamp_min(0)
-    total = (hinge * hinge).sum() * (state.spacing / limits.radius)
-    (slope,) = torch.autograd.grad(total, points)
-    return known(float(total.detach()), (state.points, slope.cpu().numpy()))
+    excess, away = outside(state.points, limits.region, _felt_radius(limits, state.spacing))
+    hinge = np.maximum(excess / limits.radius, 0.0)
+    scale = state.spacing / limits.radius
+    slope = (2.0 * scale / limits.radius * hinge)[:, None] * away
+    return scale * float(hinge @ hinge), slope
 
 
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:
@@ -77,7 +86,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     """
     spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
     radius = _felt_radius(limits, spacing)
-    room = -float(outside(torch.as_tensor(points), limits.region, radius).max())
+    room = -float(outside(points, limits.region, radius)[0].max())
     return room / 2 if limits.region.kind == "mesh" else room
 
 

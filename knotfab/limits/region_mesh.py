@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from knotfab.arrays import Array, Indices
 from knotfab.errors import InputError
@@ -61,12 +59,12 @@ class RegionMesh:
         return np.asarray(foot), np.where(outwards > 0, 1.0, -1.0)
 
 
-def beyond(points: Tensor, mesh: RegionMesh) -> Tensor:
-    """[N] how far each point [N, 3] is outside the surface, mm (negative inside); differentiable."""
-    foot, sign = mesh.nearest(points.detach().cpu().numpy().astype(np.float64))
-    gap = points - torch.as_tensor(foot, dtype=points.dtype, device=points.device)
-    distance: Tensor = (gap * gap).sum(-1).clamp_min(1e-18).sqrt()
-    return distance * torch.as_tensor(sign, dtype=points.dtype, device=points.device)
+def beyond(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
+    """How far points (N, 3) are outside the surface, mm (N,), negative inside; and its gradient (N, 3)."""
+    foot, sign = mesh.nearest(points)
+    gap = points - foot.astype(points.dtype)
+    distance = np.sqrt(np.maximum((gap * gap).sum(axis=1), 1e-18))
+    return sign * distance, (sign / distance)[:, None] * gap
 
 
 @lru_cache(maxsize=2)

@@ -10,7 +10,7 @@ __all__ = ["prefetch_modeller"]
 
 
 def prefetch_modeller() -> threading.Thread:
-    """Import cadquery in a thread of its own: seconds that the search, mostly in torch, need not wait for.
+    """Import cadquery in a thread of its own: seconds that a search, mostly compiled, need not wait for.
 
     What goes wrong there is met again, and told, where a fixture is made. The thread is waited for
     when the program ends, since OpenCascade must not be torn down half-loaded.

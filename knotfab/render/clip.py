@@ -5,12 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["NEAREST_RADII", "cut_before_light"]
+from knotfab.render.silhouette import LEAST_MM, NEAREST_RADII
 
-NEAREST_RADII = (
-    2.5  # centre lines nearer to the light's plane than this many tube radii are cut away
-)
-_LEAST_MM = 1e-9
+__all__ = ["cut_before_light"]
 
 
 def cut_before_light(
@@ -26,7 +23,7 @@ def cut_before_light(
     first: places between are found from the first, and a rounding of the far one would be much.
     Differentiable with respect to `a` and `b`.
     """
-    least = max(NEAREST_RADII * radius, _LEAST_MM)
+    least = max(NEAREST_RADII * radius, LEAST_MM)
     with torch.no_grad():
         # most often nothing is near the light, and all is about as deep
         low, high = torch.stack([a[:, 2], b[:, 2]]).aminmax() if len(a) else (least, least)

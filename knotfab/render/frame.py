@@ -1,23 +1,26 @@
-"""The view of one light in torch: points become (x, y, depth) in the receiver's own axes."""
+"""The view of one light: points become (x, y, depth) in the receiver's own axes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from knotfab.scene.camera import Camera
 
-__all__ = ["Frame", "Number", "frame_of", "number"]
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
 
-Number = float | Tensor  # a tensor [] where it has a gradient
+__all__ = ["Frame", "Number", "Sheet", "frame_of", "number"]
+
+Number: TypeAlias = "float | Tensor"  # a tensor [] where it has a gradient
 
 
 def number(value: Number) -> float:
     """The value without its gradient."""
-    return float(value.detach()) if isinstance(value, Tensor) else value
+    return float(value if isinstance(value, float | int) else value.detach())
 
 
 @dataclass(frozen=True)
@@ -25,12 +28,13 @@ class Frame:
     """A pinhole whose axes are those of its receiver plane: x right, y down, z away from the light.
 
     A pixel (u, v) has the ray direction ((u + u0) * step, (v + v0) * step, 1); `focal_px` turns
-    a length at depth 1 into pixels. Pixels are square. The numbers may be tensors [] with a gradient, where
-    the view itself is an unknown.
+    a length at depth 1 into pixels. Pixels are square. Axes and eye are arrays, and take arrays of points, or
+    tensors, and take tensors; then the numbers may be tensors [] with a gradient, where the view itself is an
+    unknown.
     """
 
-    axes: Tensor  # [3, 3] rows x, y, z
-    eye: Tensor  # [3]
+    axes: Any  # (3, 3) rows x, y, z
+    eye: Any  # (3,)
     u0: Number
     v0: Number
     step: Number
@@ -42,25 +46,49 @@ class Frame:
         """Pixels per unit of x/z."""
         return 1.0 / self.step
 
-    def local(self, points: Tensor) -> Tensor:
-        """[..., 3] scene mm -> [..., 3] receiver axes, mm from the light."""
-        return (points - self.eye) @ self.axes.T
+    def local(self, points: Any) -> Any:
+        """(..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
+        x, y, z = ((points - self.eye)[..., k : k + 1] for k in range(3))
+        across, along, away = self.axes.T
+        # no product of matrices: every library rounds that in its own way
+        return x * across + y * along + z * away
 
-    def pixels(self, local: Tensor) -> Tensor:
-        """[..., 3] receiver axes -> [..., 2] pixel coordinates."""
+    def pixels(self, local: Any) -> Any:
+        """(..., 3) receiver axes -> (..., 2) pixel coordinates."""
         uv = local[..., :2] / local[..., 2:] * self.focal_px
-        return uv - torch.tensor([self.u0, self.v0], dtype=uv.dtype, device=uv.device)
+        corner = [number(self.u0), number(self.v0)]
+        if isinstance(uv, np.ndarray):
+            return uv - np.array(corner, dtype=uv.dtype)
+        return uv - uv.new_tensor(corner)
 
-    def fixed(self) -> Frame:
-        """The same view with its present numbers, without gradient."""
-        if not isinstance(self.step, Tensor):
+    def tensors(self, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
+        """The same view for tensors."""
+        import torch
+
+        axes, eye = (torch.as_tensor(x, dtype=dtype, device=device) for x in (self.axes, self.eye))
+        return replace(self, axes=axes, eye=eye)
+
+    def arrays(self) -> Frame:
+        """The same view for arrays: its present numbers, without gradient."""
+        if isinstance(self.axes, np.ndarray):
             return self
+        axes, eye = (x.detach().cpu().numpy() for x in (self.axes, self.eye))
         u0, v0, step = (number(n) for n in (self.u0, self.v0, self.step))
-        return Frame(self.axes.detach(), self.eye.detach(), u0, v0, step, self.width, self.height)
+        return Frame(axes, eye, u0, v0, step, self.width, self.height)
 
 
-def frame_of(camera: Camera, dtype: torch.dtype, device: str | torch.device = "cpu") -> Frame:
-    """The torch frame of a camera with square pixels.
+@dataclass(frozen=True)
+class Sheet:
+    """What stays fixed of a view: the raster on the receiver, and the receiver's tilt."""
+
+    width: int
+    height: int
+    pixel_mm: float  # of the (square) pixels, on the receiver
+    wall_tilt_deg: float = 0.0
+
+
+def frame_of(camera: Camera, dtype: type[np.floating[Any]] = np.float64) -> Frame:
+    """The frame, of arrays, of a camera with square pixels.
 
     Raises:
         ValueError: when the camera's pixels are not square (to a part in a million).
@@ -73,8 +101,8 @@ def frame_of(camera: Camera, dtype: torch.dtype, device: str | torch.device = "c
     corner = axes @ (camera.corner - camera.eye)
     distance = float(corner[2])
     return Frame(
-        torch.as_tensor(axes, dtype=dtype, device=device),
-        torch.as_tensor(camera.eye, dtype=dtype, device=device),
+        axes.astype(dtype),
+        np.asarray(camera.eye, dtype=dtype),
         float(corner[0] / pitch),
         float(corner[1] / pitch),
         float(pitch / distance),

@@ -3,50 +3,117 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from knotfab.arrays import Array, Mask
 from knotfab.geometry.polylines import Polylines
-from knotfab.render.frame import Frame, frame_of
-from knotfab.render.posed_frame import Sheet
-from knotfab.render.silhouette import render
+from knotfab.render import silhouette
+from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
 
-__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "iou_of", "picture_at", "seen_in"]
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "picture_at"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
+_HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
 
 
 @dataclass(frozen=True)
 class ViewImage:
-    """One view's picture at the resolution of a phase: `target` [H, W] is the coverage of `frame`."""
+    """One view's picture at the resolution of a phase: `target` (H, W) is the coverage of `frame`.
+
+    On the CPU it is seen by compiled loops, on another `device` by torch.
+    """
 
     frame: Frame
-    target: torch.Tensor
+    target: NDArray[np.float32]
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
+    device: str = "cpu"
 
-    def iou(self, points: NDArray[np.float64], rings: Polylines, radius: float) -> float:
-        """IoU of the tube's hard silhouette about points (N, 3) with the target's; `radius` in mm."""
-        return iou_of(points, rings, self.frame, self.target, radius)
+    @cached_property
+    def tensor(self) -> torch.Tensor:
+        """The target on the device."""
+        import torch
+
+        return torch.as_tensor(self.target, device=self.device)
+
+    def squared_error(
+        self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None
+    ) -> tuple[float, Array]:
+        """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
+        p = points.astype(self.target.dtype)
+        if self.device == "cpu":
+            given = (self.frame, radius, tau, self.target, CUTOFF, won)
+            total, one, two = silhouette.squared_error(p, p[rings.next], *given)
+            return total, one + two[rings.previous]
+        import torch
+
+        from knotfab.render import tensors
+
+        x = torch.as_tensor(p, device=self.device).requires_grad_()
+        frame = self.frame.tensors(x.dtype, self.device)
+        error = tensors.squared_error(
+            x, x[rings.next], frame, radius, tau, self.tensor, CUTOFF, won
+        )
+        (slope,) = torch.autograd.grad(error, x)
+        return float(error.detach()), slope.cpu().numpy().astype(np.float64)
+
+    def find_winners(self, points: Array, rings: Polylines, radius: float, reach_px: float) -> Any:
+        """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
+        p = points.astype(self.target.dtype)
+        if self.device == "cpu":
+            return silhouette.winners(p, p[rings.next], self.frame, radius, reach_px)
+        import torch
+
+        from knotfab.render import tensors
+
+        x = torch.as_tensor(p, device=self.device)
+        frame = self.frame.tensors(x.dtype, self.device)
+        return tensors.winners(x, x[rings.next], frame, radius, reach_px)
+
+    def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
+        """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
+        p = points.astype(self.target.dtype)
+        if self.device == "cpu":
+            return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
+        import torch
+
+        from knotfab.render import tensors
+
+        x = torch.as_tensor(p, device=self.device)
+        frame = self.frame.tensors(x.dtype, self.device)
+        with torch.no_grad():
+            image = tensors.render(x, x[rings.next], frame, radius, _HARD, CUTOFF)
+        return np.asarray((image > 0.5).cpu().numpy())
+
+    def iou(self, points: Array, rings: Polylines, radius: float) -> float:
+        """IoU of `seen` with the target's half coverage; `radius` in mm."""
+        seen, wanted = self.seen(points, rings, radius), self.target > 0.5
+        union = np.count_nonzero(seen | wanted)
+        return np.count_nonzero(seen & wanted) / union if union > 0 else 1.0
 
 
 def image_at(
-    view: ResolvedView, mask: NDArray[np.bool_], radius: float, pixels: int, device: str = "cpu"
+    view: ResolvedView, mask: Mask, radius: float, pixels: int, device: str = "cpu"
 ) -> ViewImage:
     """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm."""
-    frame, target, pixel_mm = picture_at(view, mask, pixels, device)
+    frame, target, pixel_mm = picture_at(view, mask, pixels)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
-    return ViewImage(frame, target, sheet, radius * view.magnification / pixel_mm)
+    return ViewImage(frame, target, sheet, radius * view.magnification / pixel_mm, device)
 
 
 def picture_at(
-    view: ResolvedView, mask: NDArray[np.bool_], pixels: int, device: str = "cpu"
-) -> tuple[Frame, torch.Tensor, float]:
+    view: ResolvedView, mask: Mask, pixels: int
+) -> tuple[Frame, NDArray[np.float32], float]:
     """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side, and a margin.
 
     The target is the exact share of each pixel that the mask covers. Pixels need not fit the frame's
@@ -59,7 +126,7 @@ def picture_at(
     exact = view.model_copy(
         update={"frame_width_mm": width * pixel, "frame_height_mm": height * pixel}
     )
-    frame = frame_of(camera_of(exact, width, height), torch.float32, device)
+    frame = frame_of(camera_of(exact, width, height), np.float32)
     rows, columns = mask.shape
     # the grown frame in the mask's own pixels, and the mask padded to hold it
     wide, high = width * pixel / width_mm * columns, height * pixel / height_mm * rows
@@ -68,13 +135,12 @@ def picture_at(
     padded = np.pad(mask.astype(np.float32), ((pad_v, pad_v), (pad_u, pad_u)))
     box = (left + pad_u, top + pad_v, left + pad_u + wide, top + pad_v + high)
     coverage = Image.fromarray(padded).resize((width, height), Image.Resampling.BOX, box=box)
-    target = torch.as_tensor(np.array(coverage), dtype=torch.float32, device=device)
-    return frame, target, pixel
+    return frame, np.array(coverage, dtype=np.float32), pixel
 
 
 def grid_at(
-    view: ResolvedView, mask: NDArray[np.bool_], cell_mm: float, margin: float, more: int = 0
-) -> tuple[NDArray[np.bool_], Camera]:
+    view: ResolvedView, mask: Mask, cell_mm: float, margin: float, more: int = 0
+) -> tuple[Mask, Camera]:
     """The mask looked up on about square cells, and the camera whose pixels they are.
 
     Args:
@@ -88,23 +154,3 @@ def grid_at(
     pad_u, pad_v = int(margin * w) + more, int(margin * h) + more
     wanted = np.pad(mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
     return wanted, camera_of(view, w, h).padded(pad_u, pad_v)
-
-
-def seen_in(
-    points: NDArray[np.float64], rings: Polylines, frame: Frame, target: torch.Tensor, radius: float
-) -> torch.Tensor:
-    """[H, W] bool the tube's hard silhouette about points (N, 3), of the target's type and device."""
-    p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
-    q = p[torch.as_tensor(rings.next, device=target.device)]
-    with torch.no_grad():
-        return render(p, q, frame, radius, 10.0, CUTOFF) > 0.5
-
-
-def iou_of(
-    points: NDArray[np.float64], rings: Polylines, frame: Frame, target: torch.Tensor, radius: float
-) -> float:
-    """IoU of the tube's hard silhouette with the target's, both at half coverage."""
-    seen = seen_in(points, rings, frame, target, radius)
-    wanted = target > 0.5
-    union = (seen | wanted).sum()
-    return float((seen & wanted).sum() / union) if union > 0 else 1.0

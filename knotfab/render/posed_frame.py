@@ -5,24 +5,12 @@ The paper names this as future work (section 7: the viewer's configuration is fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
-from knotfab.render.frame import Frame
+from knotfab.render.frame import Frame, Sheet
 
-__all__ = ["Sheet", "posed_frame", "turn_matrix"]
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """What stays fixed of a view: the raster on the receiver, and the receiver's tilt."""
-
-    width: int
-    height: int
-    pixel_mm: float  # of the (square) pixels, on the receiver
-    wall_tilt_deg: float = 0.0
+__all__ = ["posed_frame", "turn_matrix"]
 
 
 def turn_matrix(turn_deg: Tensor) -> Tensor:

@@ -1,104 +1,165 @@
-"""The soft silhouette of capsules and its squared error: compiled on the CPU, in torch on other devices.
+"""The soft silhouette of capsules and its squared error, by compiled loops, with gradients in closed form.
 
-The torch form (`render.tiled`) is what the compiled one is held against, and the one that has slopes in the
-view's own numbers.
+`render.tensors` has the same for tensors, on any device; the torch form (`render.tiled`) is what this one is
+held against.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.autograd.function import once_differentiable
+from numpy.typing import NDArray
 
 from knotfab.arrays import Array
-from knotfab.render.clip import cut_before_light
-from knotfab.render.frame import Frame, Number, number
+from knotfab.render.frame import Frame, number
 from knotfab.render.kernels import Places, Real, evaluate, find_winners
-from knotfab.render.known import known
-from knotfab.render.tiled import CUTOFF, render_tiled
-from knotfab.render.tiled import winners as torch_winners
 
-__all__ = ["Winners", "render", "squared_error", "winners"]
+__all__ = [
+    "CUTOFF",
+    "LEAST_MM",
+    "NEAREST_RADII",
+    "Scene",
+    "Winners",
+    "render",
+    "squared_error",
+    "winners",
+]
 
-Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
+CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is 4e-18
+NEAREST_RADII = 2.5  # centre lines nearer to the light's plane than so many tube radii are cut away
+LEAST_MM = 1e-9
+
+Winners = tuple[Places, Places]  # flat indices of pixels, and the capsule that colours each
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """Segments a-b (n, 3) in receiver axes, deeper than the light's plane, and which have such a part.
+
+    `ends`: the segments as they were; `near` (2, n) which end of each was cut. `swapped`: whose ends changed
+    places. None: nothing was.
+    """
+
+    a: Real
+    b: Real
+    seen: NDArray[np.bool_]
+    ends: tuple[Real, Real] | None = None
+    near: NDArray[np.bool_] | None = None
+    swapped: NDArray[np.bool_] | None = None
+
+    def pull(self, slopes: Array, least: float) -> tuple[Array, Array]:
+        """A gradient (n, 6) in a and b as gradients (n, 3) in the ends that were cut."""
+        one, two = slopes[:, :3], slopes[:, 3:]
+        if self.swapped is not None:
+            other = self.swapped[:, None]
+            one, two = np.where(other, two, one), np.where(other, one, two)
+        if self.ends is None or self.near is None:
+            return one, two
+        a, b = (end.astype(np.float64) for end in self.ends)
+        change = np.where(self.near.any(axis=0), (b - a)[:, 2], 1.0)
+        t = (least - a[:, 2]) / change
+        found = [one.copy(), two.copy()]
+        for end, slope in enumerate((one, two)):
+            # a cut end lies at (1 - t) a + t b, whose depth is known
+            here = self.near[end]
+            aside = slope[:, :2]
+            along = (aside * (b - a)[:, :2]).sum(axis=1) / change
+            to_a = np.column_stack([(1.0 - t)[:, None] * aside, (t - 1.0) * along])
+            to_b = np.column_stack([t[:, None] * aside, -t * along])
+            found[end][here] = 0.0
+            found[0][here] += to_a[here]
+            found[1][here] += to_b[here]
+        return found[0], found[1]
+
+
+@np.errstate(all="ignore")  # what is no number is left out by comparisons
+def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
+    """In receiver axes, cut as `render.clip.cut_before_light` does it, which says why."""
+    a, b = frame.local(starts), frame.local(ends)
+    least = _least(radius)
+    low = min(a[:, 2].min(initial=np.inf), b[:, 2].min(initial=np.inf))
+    high = max(a[:, 2].max(initial=-np.inf), b[:, 2].max(initial=-np.inf))
+    if low >= least and high <= 2 * low:
+        return _Cut(a, b, np.ones(len(a), dtype=bool))
+    near_a, near_b = a[:, 2] < least, b[:, 2] < least
+    seen = ~(near_a & near_b)
+    before: tuple[Real, Real] | None = None
+    near: NDArray[np.bool_] | None = None
+    if (near_a | near_b).any():
+        before, crossing = (a, b), near_a ^ near_b
+        t = (a.dtype.type(least) - a[:, 2]) / np.where(crossing, b[:, 2] - a[:, 2], 1)
+        at = np.empty_like(a)
+        at[:, :2] = a[:, :2] + t[:, None] * (b - a)[:, :2]
+        # its depth is known: interpolated, it would be off by a rounding of a far end's
+        at[:, 2] = least
+        near = np.stack([near_a & crossing, near_b & crossing])
+        a, b = (np.where(n[:, None], at, p) for n, p in zip(near, (a, b), strict=True))
+    uneven = (b[:, 2] < 0.5 * a[:, 2]) | (a[:, 2] < 0.5 * b[:, 2])
+    # across and along count alike: an end near the light may lie far to the side
+    size_a, size_b = (np.abs(p[:, :2]).max(axis=1) * p[:, 2] for p in (a, b))
+    swapped = seen & uneven & (size_b < size_a)
+    if not swapped.any():
+        return _Cut(a, b, seen, before, near)
+    other = swapped[:, None]
+    return _Cut(np.where(other, b, a), np.where(other, a, b), seen, before, near, swapped)
+
+
+def _least(radius: float) -> float:
+    return max(NEAREST_RADII * radius, LEAST_MM)
 
 
 def winners(
-    starts: Tensor,  # [n, 3] scene mm
-    ends: Tensor,  # [n, 3]
+    starts: Real,  # (n, 3) scene mm
+    ends: Real,  # (n, 3)
     frame: Frame,
     radius: float,
     reach_px: float,
 ) -> Winners:
-    """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s.
-
-    Not differentiable.
-    """
-    with torch.no_grad():
-        frame = frame.fixed()
-        a, b = frame.local(starts), frame.local(ends)
-        if a.device.type != "cpu":
-            return torch_winners(a, b, frame, radius, reach_px)
-        a, b, seen = cut_before_light(a, b, radius)
-    numbers, size = _numbers(frame, radius), (frame.width, frame.height)
-    pixel, capsule = find_winners(_rows(a), _rows(b), seen.numpy(), numbers, *size, reach_px)
-    return torch.from_numpy(pixel), torch.from_numpy(capsule)
+    """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
+    cut = _place(starts, ends, frame, radius)
+    size = (frame.width, frame.height)
+    return find_winners(cut.a, cut.b, cut.seen, _numbers(frame, radius), *size, reach_px)
 
 
 def render(
-    starts: Tensor,  # [n, 3] scene mm
-    ends: Tensor,  # [n, 3]
+    starts: Real,  # (n, 3) scene mm
+    ends: Real,  # (n, 3)
     frame: Frame,
-    radius: Number,
+    radius: float,
     tau: float,
     cutoff: float = CUTOFF,
     won: Winners | None = None,
-) -> Tensor:
-    """Image [height, width] of sigmoid(tau * max over capsules of the signed distance in px).
+) -> Real:
+    """Image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
 
-    The image and gradient of `dense.render_dense`, up to sigmoid(-cutoff). Differentiable in the points, and
-    in the frame's numbers and the radius where these are tensors. `won` takes the winners of an
-    earlier call: a lower bound of the image, exact for small motions wherever the winner did not change.
+    The image of `dense.render_dense`, up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
+    lower bound of the image, exact for small motions wherever the winner did not change.
     """
-    won = won or winners(starts, ends, frame, number(radius), cutoff / tau)
-    if _torch_alone(starts, frame, radius):
-        return render_tiled(starts, ends, frame, radius, tau, cutoff, won)
-    scene = _Scene.of(starts, ends, frame, number(radius), tau, won)
-    image: Tensor = _Image.apply(*scene.ends, scene)  # type: ignore[no-untyped-call]
+    image = Scene.of(starts, ends, frame, radius, tau, cutoff, won).image()
     return image.reshape(frame.height, frame.width)
 
 
 def squared_error(
-    starts: Tensor,
-    ends: Tensor,
+    starts: Real,
+    ends: Real,
     frame: Frame,
-    radius: Number,
+    radius: float,
     tau: float,
-    target: Tensor,  # [height, width]
+    target: Real,  # (height, width)
     cutoff: float = CUTOFF,
     won: Winners | None = None,
-) -> Tensor:
-    """Scalar: the squared difference of `render` and the target, summed over the pixels."""
-    if _torch_alone(starts, frame, radius):
-        return ((render(starts, ends, frame, radius, tau, cutoff, won) - target) ** 2).sum()
-    won = won or winners(starts, ends, frame, number(radius), cutoff / tau)
-    scene = _Scene.of(starts, ends, frame, number(radius), tau, won)
+) -> tuple[float, Array, Array]:
+    """The squared difference of `render` and the target, summed over the pixels.
+
+    Returns:
+        It, and its gradients (n, 3) in `starts` and `ends`.
+    """
     # (g - f)^2 is g^2 - 2 g f where a pixel is coloured, and f^2 everywhere
-    field = target.contiguous().numpy().ravel()
-    total, slopes = scene.evaluate(field, 2.0, -2.0)
-    a, b = scene.ends
-    return known(total + float(field @ field), (a, slopes[:, :3]), (b, slopes[:, 3:]))
-
-
-def _torch_alone(starts: Tensor, frame: Frame, radius: Number) -> bool:
-    """Whether only torch's form serves: on other devices, and for slopes in the view's own numbers."""
-    numbers = (frame.u0, frame.v0, frame.step, radius)
-    free = any(isinstance(n, Tensor) and n.requires_grad for n in numbers)
-    return free or starts.device.type != "cpu"
+    field = np.ascontiguousarray(target).ravel()
+    scene = Scene.of(starts, ends, frame, radius, tau, cutoff, won)
+    total, one, two = scene.evaluate(field, 2.0, -2.0)
+    return total + float(field @ field), one, two
 
 
 def _numbers(frame: Frame, radius: float) -> Array:
@@ -106,60 +167,55 @@ def _numbers(frame: Frame, radius: float) -> Array:
     return np.array([number(frame.u0), number(frame.v0), number(frame.step), radius])
 
 
-def _rows(points: Tensor) -> Real:
-    """[n, 3] as the kernels take them."""
-    return points.detach().contiguous().numpy()
-
-
 @dataclass(frozen=True)
-class _Scene:
-    """What is rendered: the ends [n, 3] each in receiver axes with their graph, who wins, and the numbers."""
+class Scene:
+    """What is rendered: segments in receiver axes, who wins each pixel, the radius and the sharpness."""
 
-    ends: tuple[Tensor, Tensor]
-    pixel: Places
-    capsule: Places
-    numbers: Array
-    size: tuple[int, int]  # width, height
+    cut: _Cut
+    won: Winners
+    frame: Frame
+    radius: float
     tau: float
 
     @classmethod
     def of(
-        cls, starts: Tensor, ends: Tensor, frame: Frame, radius: float, tau: float, won: Winners
-    ) -> _Scene:
-        a, b, _ = cut_before_light(frame.local(starts), frame.local(ends), radius)
-        pixel, capsule = (x.numpy().astype(np.int32, copy=False) for x in won)
-        size = (frame.width, frame.height)
+        cls,
+        starts: Real,
+        ends: Real,
+        frame: Frame,
+        radius: float,
+        tau: float,
+        cutoff: float = CUTOFF,
+        won: Winners | None = None,
+    ) -> Scene:
+        """Raises IndexError: the winners are those of another scene."""
+        cut = _place(starts, ends, frame, radius)
+        if won is None:
+            size = (frame.width, frame.height)
+            reach = cutoff / tau
+            won = find_winners(cut.a, cut.b, cut.seen, _numbers(frame, radius), *size, reach)
         # the kernels look up what they are told to
-        for found, count in ((pixel, frame.width * frame.height), (capsule, len(a))):
+        for found, count in zip(won, (frame.width * frame.height, len(starts)), strict=True):
             if len(found) and not 0 <= found.min() <= found.max() < count:
                 raise IndexError(f"winners of another scene: {found.max()} of {count}")
-        return cls((a, b), pixel, capsule, _numbers(frame, radius), size, tau)
+        return cls(cut, won, frame, radius, tau)
 
-    def evaluate(
-        self, field: Real, own: float, other: float, image: Real | None = None
-    ) -> tuple[float, Array]:
-        """`kernels.evaluate` here: the sum, and its gradient [n, 6]."""
-        a, b = (_rows(x) for x in self.ends)
+    def image(self) -> Real:
+        """(height * width,) the silhouette."""
+        image = np.zeros(self.frame.width * self.frame.height, self.cut.a.dtype)
+        self._evaluate(image, 0.0, 0.0, image)
+        return image
+
+    def evaluate(self, field: Real, own: float, other: float) -> tuple[float, Array, Array]:
+        """The sum of `kernels.evaluate`, and its gradients (n, 3) in starts and ends, in the scene."""
+        total, slopes = self._evaluate(field, own, other, np.empty(0, self.cut.a.dtype))
+        one, two = self.cut.pull(slopes, _least(self.radius))
+        axes = self.frame.axes.astype(np.float64)
+        return total, one @ axes, two @ axes
+
+    def _evaluate(self, field: Real, own: float, other: float, image: Real) -> tuple[float, Array]:
+        a, b = (np.ascontiguousarray(p) for p in (self.cut.a, self.cut.b))
         slopes = np.zeros((len(a), 6))
-        image = np.empty(0, a.dtype) if image is None else image
-        places = (self.pixel, self.capsule, self.numbers, self.size[0], self.tau)
-        total = evaluate(a, b, *places, field, own, other, slopes, image)
-        return total, slopes
-
-
-class _Image(torch.autograd.Function):
-    """The flat image; its gradient works the distances out once more, which is cheaper than keeping them."""
-
-    @staticmethod
-    def forward(ctx: Any, a: Tensor, b: Tensor, scene: _Scene) -> Tensor:
-        ctx.scene = scene
-        image = np.zeros(scene.size[0] * scene.size[1], _rows(a).dtype)
-        scene.evaluate(image, 0.0, 0.0, image)
-        return torch.from_numpy(image)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
-        _, slopes = ctx.scene.evaluate(slope.contiguous().numpy(), 0.0, 1.0)
-        both = torch.from_numpy(slopes).to(slope.dtype)
-        return both[:, :3], both[:, 3:], None
+        numbers = _numbers(self.frame, self.radius)
+        places = (*self.won, numbers, self.frame.width, self.tau)
+        return evaluate(a, b, *places, field, own, other, slopes, image), slopes

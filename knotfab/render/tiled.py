@@ -14,10 +14,10 @@ from torch import Tensor
 from knotfab.render.capsule import BEHIND, capsule_distance, ray_miss
 from knotfab.render.clip import cut_before_light
 from knotfab.render.frame import Frame, Number, number
+from knotfab.render.silhouette import CUTOFF
 
-__all__ = ["CUTOFF", "render_tiled", "winners"]
+__all__ = ["render_tiled", "winners"]
 
-CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is 4e-18
 _TILE = 4  # pixels; pairs are found on tiles of twice that
 _COARSE = 2 * _TILE
 _LEAST_REACH_PX = 0.1  # the squared distances of the tiles lose the last few hundredths of a pixel
@@ -302,7 +302,8 @@ def render_tiled(
     a, b = frame.local(starts), frame.local(ends)
     thick = number(radius)
     if won is None:
-        won = winners(a.detach(), b.detach(), frame.fixed(), thick, cutoff / tau)
+        fixed = frame.arrays().tensors(a.dtype, a.device)
+        won = winners(a.detach(), b.detach(), fixed, thick, cutoff / tau)
     pixel, capsule = won
     a, b, _ = cut_before_light(a, b, thick)
     row = pixel // frame.width

@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.limits.base import State
+from knotfab.geometry.projection import project
+from knotfab.limits.base import Felt, State, follow_edges
 from knotfab.problem import TargetView
 from knotfab.scene.camera import camera_of
 from knotfab.search.objective import Term, Weights
@@ -33,7 +32,7 @@ TENSION = 3.0
 class _Side:
     """One view: its projection (3, 4) to mm on the receiver, and samples (k, 2) there, with their tree."""
 
-    projection: Tensor
+    projection: Array
     samples: Array
     tree: cKDTree
 
@@ -46,7 +45,7 @@ class Chamfer(Term):
     radius: float
 
     @classmethod
-    def of(cls, views: Sequence[TargetView], radius: float, device: str = "cpu") -> Chamfer:
+    def of(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
         """The term of all views, their silhouettes thinned by a tube radius where they can be."""
         sides = []
         for target in views:
@@ -59,23 +58,24 @@ class Chamfer(Term):
             at = at[np.linspace(0, len(at) - 1, min(_SAMPLES, len(at))).astype(int)]
             samples = pixel * at[:, ::-1].astype(np.float64)
             scale = np.diag([pixel, pixel, 1.0])
-            projection = torch.as_tensor(scale @ camera.projection, device=device)
-            sides.append(_Side(projection, samples, cKDTree(samples)))
+            sides.append(_Side(scale @ camera.projection, samples, cKDTree(samples)))
         return cls(tuple(sides), radius)
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        points = state.points
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        points, edge = state.points, state.edge
         # tension: what is pulled from many sides at once would crumple
-        square = (state.edge * state.edge).sum()
-        loss: Tensor = TENSION * square / (state.spacing * self.radius)
+        taut = TENSION / (state.spacing * self.radius)
+        total = taut * float((edge * edge).sum())
+        slope = follow_edges(2.0 * taut * edge, state.rings)
+        scale = 1.0 / self.radius**2
         for side in self.sides:
-            h = points @ side.projection[:, :3].T + side.projection[:, 3]
-            seen = h[:, :2] / h[:, 2:]
-            flat = seen.detach().cpu().numpy()
-            _, to = side.tree.query(flat)
-            _, of = cKDTree(flat).query(side.samples)
-            goal = torch.as_tensor(side.samples[to], device=points.device)
-            pull = torch.as_tensor(side.samples, device=points.device)
-            loss = loss + ((seen - goal) ** 2).sum(-1).mean() / self.radius**2 * len(points)
-            loss = loss + ((seen[of] - pull) ** 2).sum(-1).mean() / self.radius**2 * len(points)
-        return loss
+            seen = project(points, side.projection)
+            _, to = side.tree.query(seen.places)
+            _, of = cKDTree(seen.places).query(side.samples)
+            here, there = seen.places - side.samples[to], seen.places[of] - side.samples
+            more = scale * len(points) / len(side.samples)
+            total += scale * float((here * here).sum()) + more * float((there * there).sum())
+            pull = 2.0 * scale * here
+            np.add.at(pull, of, 2.0 * more * there)
+            slope += seen.pull(pull)
+        return total, slope

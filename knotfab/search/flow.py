@@ -6,17 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
+from knotfab.limits.base import Felt
 
 __all__ = ["Between", "FlowResult", "FlowSettings", "flow"]
 
-Loss = Callable[[Tensor, Neighbours, float], Tensor]  # (points, near, progress) -> loss
+Loss = Callable[[Array, Neighbours, float], Felt]  # (points, near, progress) -> (loss, gradient)
 Between = Callable[[Array, Neighbours, int, float], None]  # (points, near, iteration, progress)
 
 
@@ -71,7 +70,6 @@ def flow(
     objective: Loss,
     radius: float,
     settings: FlowSettings,
-    device: str = "cpu",
     report: Callable[[float, Array], None] | None = None,
     done: Callable[[Array], bool] | None = None,
     separation: float = 0.0,
@@ -99,12 +97,10 @@ def flow(
             near = find_neighbours(x, rings, max(settings.reach * radius, felt), skip)
         if between is not None:
             between(x, near, iteration, progress)
-        variable = torch.tensor(x, dtype=torch.float64, device=device, requires_grad=True)
-        loss = objective(variable, near, progress)
-        (gradient,) = torch.autograd.grad(loss, variable)
-        result.losses.append(float(loss.detach()))
+        loss, gradient = objective(x, near, progress)
+        result.losses.append(loss)
         spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
-        g = _precondition(gradient.cpu().numpy(), rings, settings.smoothing * radius / spacing)
+        g = _precondition(gradient, rings, settings.smoothing * radius / spacing)
         scale = max(0.9 * scale + 0.1 * float(dot(g, g).mean()), 1e-300)
         if iteration == 0:
             scale = max(float(dot(g, g).mean()), 1e-300)

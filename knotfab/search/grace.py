@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
+import numpy as np
 
-from knotfab.limits.base import State
+from knotfab.arrays import Array
+from knotfab.limits.base import Felt, State, follow_edges
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Grace"]
@@ -44,28 +44,45 @@ class Grace(Term):
     weight: float
     bends: bool = False
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        one, two = state.edge.norm(dim=-1), state.after.norm(dim=-1)
-        turn = state.after / _divisor(two)[:, None] - state.edge / _divisor(one)[:, None]
-        length, turned = _divisor(0.5 * (one + two)), (turn * turn).sum(-1)
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        following, previous = state.rings.next, state.rings.previous
+        one = np.sqrt((state.edge * state.edge).sum(axis=1))
+        unit = state.edge / _divisor(one)[:, None]
+        turn = unit[following] - unit
+        between = 0.5 * (one + one[following])
+        length, turned = _divisor(between), (turn * turn).sum(axis=1)
+        # each vertex's share, and its slopes in the square of its turn and in the length that is its own
         if self.bends:
             lengths = length / self.radius_mm
-            bending = (lengths * _count_bends(turned / lengths / lengths)).sum()
+            counted, slope = _count_bends(turned / lengths / lengths)
+            shares, by_turn = lengths * counted, slope / lengths
+            by_length = (counted - 2.0 * slope * turned / lengths / lengths) / self.radius_mm
         else:
-            bending = self.radius_mm * (turned / length).sum()
-        stretched = one.sum() / self.radius_mm
-        loss: Tensor = self.weight * weights.grace * (bending + _TENSION * stretched)
-        return loss
+            by_turn = self.radius_mm / length
+            shares = by_turn * turned
+            by_length = -shares / length
+        by_length = np.where(between > 0, by_length, 0.0)
+        pull = 2.0 * by_turn[:, None] * turn
+        pull = pull[previous] - pull  # in the unit edges
+        along = (pull * unit).sum(axis=1)
+        stretch = 0.5 * (by_length + by_length[previous]) + _TENSION / self.radius_mm
+        edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
+        scale = self.weight * weights.grace
+        total = float(shares.sum()) + _TENSION * float(one.sum()) / self.radius_mm
+        return scale * total, scale * follow_edges(edges, state.rings)
 
 
-def _count_bends(squares: Tensor) -> Tensor:
-    """From squared curvature, in tube radii, its root, smooth where there is none; at `_BENT` that square."""
+def _count_bends(squares: Array) -> tuple[Array, Array]:
+    """From squared curvature, in tube radii, its root, smooth where there is none; and the slope of that.
+
+    At `_BENT` it is that square.
+    """
     least = _STRAIGHT**0.5
     scale = _BENT**2 / ((_BENT**2 + _STRAIGHT**2) ** 0.25 - least)
-    counted: Tensor = scale * ((squares + _STRAIGHT**2) ** 0.25 - least)
-    return counted
+    root = (squares + _STRAIGHT**2) ** 0.25
+    return scale * (root - least), 0.25 * scale * root / (squares + _STRAIGHT**2)
 
 
-def _divisor(lengths: Tensor) -> Tensor:
+def _divisor(lengths: Array) -> Array:
     """Lengths, 1 where there is none: an edge without length turns by no angle that is known."""
-    return torch.where(lengths > 0, lengths, torch.ones_like(lengths))
+    return np.where(lengths > 0, lengths, 1.0)

@@ -22,6 +22,7 @@ from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot, polylines_of
 from knotfab.limits.base import Limits
 from knotfab.problem import Report
+from knotfab.render.threads import one_thread
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
 from knotfab.search.state import SearchState
@@ -59,6 +60,7 @@ class _Map:
         return np.split(self(np.concatenate(start)), ends)
 
 
+@one_thread()
 def search_network(state: SearchState, report: Report | None = None) -> None:
     """Search the network's weights so that the images of the state's polylines draw the pictures.
 
@@ -145,7 +147,8 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         if state.watch is not None:  # nothing is certified before the end
             state.watch(partial(state.knots_at, x, state.rings), False)
         adam.zero_grad()
-        torch.autograd.backward(objective(images, near, progress))
+        _, slope = objective(x, near, progress)
+        images.backward(torch.as_tensor(slope, dtype=images.dtype, device=images.device))
         for group in adam.param_groups:
             group["lr"] = rate
         adam.step()

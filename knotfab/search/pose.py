@@ -19,10 +19,13 @@ from knotfab.arrays import Array
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
+from knotfab.limits.base import Felt
 from knotfab.problem import Problem, ViewNumbers
-from knotfab.render.frame import Frame
-from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
-from knotfab.render.silhouette import render
+from knotfab.render.frame import Frame, Sheet
+from knotfab.render.known import known
+from knotfab.render.posed_frame import posed_frame, turn_matrix
+from knotfab.render.tensors import render, squared_error
+from knotfab.render.threads import one_thread
 from knotfab.scene.model import LIGHT_SHARE, WALL_SHARE
 from knotfab.search.objective import Objective
 from knotfab.search.phases import SETTLE
@@ -34,11 +37,8 @@ __all__ = [
     "Name",
     "Pose",
     "ViewNumbers",
-    "descend_pose",
     "fit_view",
-    "look_from",
     "projected_radius",
-    "settle_pose",
 ]
 
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
@@ -179,74 +179,84 @@ class Pose:
             if "wall" in b.free:
                 self.logs[1] -= self.logs[0]
 
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Move one step against the objective at vertices (N, 3), and let the objective look from there.
 
-def descend_pose(
-    pose: Pose,
-    objective: Objective,
-    problem: Problem,
-    points: Array,
-    near: Neighbours,
-    progress: float,
-) -> None:
-    """Move the pose one step against the objective at vertices (N, 3), and let the objective look from there.
+        A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
+        to a sharp one, and to the limits as they weigh at the end.
+        """
+        with one_thread():
+            seen, radius = self.picture_term(objective, points), self.radius_mm
+            turn_of = turn_matrix(self.turn_deg)
+            turn = turn_of.detach().cpu().numpy()
 
-    A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
-    to a sharp one, and to the limits as they weigh at the end.
-    """
-    image = objective.images[0]
-    fixed = torch.tensor(points, device=image.target.device)
-    dtype = image.target.dtype
-    seen = objective.image_term(
-        0,
-        fixed,
-        _SHARP / image.radius_px,
-        pose.frame(image.sheet, dtype),
-        pose.lengths[2].to(dtype),
-    )
+            def limits_at(radius: float) -> Felt:
+                limits = problem.limits(radius)
+                return objective.limit_terms(points, near, limits, SETTLE, turn)
 
-    def limits_at(radius: float) -> Tensor:
-        turn = turn_matrix(pose.turn_deg)
-        return objective.limit_terms(fixed, near, problem.limits(radius), SETTLE, turn)
+            value, slope = limits_at(radius)
+            limits = known(value, (turn_of, points.T @ (slope @ turn)))
+            turned, logs = torch.autograd.grad(seen + limits, self.tensors)
+            change = limits_at(radius * (1 + _CHANGE))[0] - limits_at(radius * (1 - _CHANGE))[0]
+            steeper = logs.new_tensor([0.0, 0.0, change / (2 * _CHANGE)])
+            self.move((turned, logs + steeper), points, progress)
+        self.show(objective, problem)
 
-    radius = pose.radius_mm
-    turn, logs = torch.autograd.grad(seen + limits_at(radius), pose.tensors)
-    with torch.no_grad():
-        change = limits_at(radius * (1 + _CHANGE)) - limits_at(radius * (1 - _CHANGE))
-    slope = logs.new_tensor([0.0, 0.0, float(change) / (2 * _CHANGE)])
-    pose.move((turn, logs + slope), points, progress)
-    look_from(pose, objective, problem)
+    def picture_term(self, objective: Objective, points: Array) -> Tensor:
+        """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
+        image = objective.images[0]
+        target, won = image.tensor, objective.won[0]
+        p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
+        if won is not None:
+            won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
+        error = squared_error(
+            p,
+            p[torch.as_tensor(objective.rings.next, device=target.device)],
+            self.frame(image.sheet, target.dtype),
+            self.lengths[2].to(target.dtype),
+            _SHARP / image.radius_px,
+            target,
+            _CUTOFF,
+            won,
+        )
+        return (error / image.radius_px**2).to(self.logs.dtype)
 
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its one view from here."""
+        image = objective.images[0]
+        frame = self.frame(image.sheet, image.tensor.dtype).arrays()
+        turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
+        objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
-def look_from(pose: Pose, objective: Objective, problem: Problem) -> None:
-    """Let the objective see its one view from the present pose."""
-    image = objective.images[0]
-    frame = pose.frame(image.sheet, image.target.dtype).fixed()
-    turn = turn_matrix(pose.turn_deg.detach())
-    objective.look_from(frame, problem.limits(pose.radius_mm), turn)
+    def settle(self, problem: Problem) -> tuple[Problem, ViewNumbers]:
+        """The problem with its view here, its lengths rounded as a scene file would have them.
 
-
-def settle_pose(pose: Pose, problem: Problem) -> tuple[Problem, ViewNumbers]:
-    """The problem with its view where the pose is, its lengths rounded as a scene file would have them.
-
-    The knots are to be turned into the view's axes (`points @ numbers.turn`): a scene with one view
-    looks along z.
-    """
-    n = pose.numbers()
-    numbers = ViewNumbers(
-        round(n.light_distance_mm, 2),
-        round(n.wall_distance_mm, 2),
-        round(n.radius_mm, 4),
-        n.azimuth_deg,
-        n.elevation_deg,
-        n.roll_deg,
-    )
-    lengths = {
-        "light_distance_mm": numbers.light_distance_mm,
-        "wall_distance_mm": numbers.wall_distance_mm,
-    }
-    one = problem.views[0]
-    view = replace(one, view=one.view.model_copy(update=lengths))
-    return replace(problem, views=(view,)), numbers
+        The knots are to be turned into the view's axes (`points @ numbers.turn`): a scene with one view
+        looks along z.
+        """
+        n = self.numbers()
+        numbers = ViewNumbers(
+            round(n.light_distance_mm, 2),
+            round(n.wall_distance_mm, 2),
+            round(n.radius_mm, 4),
+            n.azimuth_deg,
+            n.elevation_deg,
+            n.roll_deg,
+        )
+        lengths = {
+            "light_distance_mm": numbers.light_distance_mm,
+            "wall_distance_mm": numbers.wall_distance_mm,
+        }
+        one = problem.views[0]
+        view = replace(one, view=one.view.model_copy(update=lengths))
+        return replace(problem, views=(view,)), numbers
 
 
 @dataclass(frozen=True)

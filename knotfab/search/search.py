@@ -8,19 +8,20 @@ differs from the flow in what moves.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
-from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.chamfer import Chamfer
 from knotfab.search.flow import FlowSettings
-from knotfab.search.network_search import search_network
 from knotfab.search.objective import Term, Weights
 from knotfab.search.pace import Pace
 from knotfab.search.phases import Phase, Plan, plan_of
-from knotfab.search.pose import Pose, settle_pose
 from knotfab.search.repair import repair
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
+
+if TYPE_CHECKING:
+    from knotfab.search.pose import Pose
 
 __all__ = ["search"]
 
@@ -30,7 +31,6 @@ _APPROACH_ITERATIONS = 80
 _APPROACH_RATES = (0.25, 0.2, 0.12)  # of the phases that bring a far start near, in tube radii
 
 
-@one_thread()
 def search(
     problem: Problem,
     start: Start,
@@ -75,6 +75,8 @@ def search(
     if plan.network:
         network = settings.network_iterations
         done = network / (network + sum(phase.iterations for phase in plan.phases))
+        from knotfab.search.network_search import search_network
+
         search_network(
             state, None if report is None else lambda part, iou: report(done * part, iou)
         )
@@ -142,7 +144,7 @@ def _settle_pose(state: SearchState) -> None:
     """End the search for the pose: from here on the knots stand in the axes of the view found."""
     if state.pose is None:
         return
-    state.problem, state.numbers = settle_pose(state.pose, state.problem)
+    state.problem, state.numbers = state.pose.settle(state.problem)
     state.radius = state.numbers.radius_mm
     state.points = state.points @ state.numbers.turn
     state.pose = None
@@ -152,7 +154,7 @@ def _approach(state: SearchState) -> None:
     """Bring a start that is far from the pictures near, by the chamfer distance, certified as ever."""
     weights = Weights(image=0.0, clearance=60.0, bend=30.0)
     kept = state.terms
-    state.terms += (Chamfer.of(state.problem.views, state.radius, state.device),)
+    state.terms += (Chamfer.of(state.problem.views, state.radius),)
     for rate in _APPROACH_RATES:
         walk = FlowSettings(
             iterations=_APPROACH_ITERATIONS,

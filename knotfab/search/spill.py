@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from scipy.ndimage import distance_transform_edt
-from torch import Tensor
 
-from knotfab.limits.base import State
+from knotfab.arrays import Array
+from knotfab.geometry.projection import project
+from knotfab.limits.base import Felt, State
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
 from knotfab.search.objective import Term, Weights
@@ -29,32 +30,35 @@ _WEIGHT = 0.5
 class Spill(Term):
     """Length times distance outside a silhouette, in squared tube radii.
 
-    `field` [1, 1, H, W] is the distance to the silhouette in tube radii, `projection` [3, 4] leads to it.
+    `field` (H, W) is the distance to the silhouette in tube radii, `projection` (3, 4) leads to it.
     """
 
-    projection: Tensor
-    field: Tensor
+    projection: Array
+    field: Array
     radius: float
 
     @classmethod
-    def of(cls, target: TargetView, radius: float, device: str = "cpu") -> Spill:
+    def of(cls, target: TargetView, radius: float) -> Spill:
         """The term of one view; the tube's radius in mm."""
         view = target.view
         cell = view.longer_mm / _CELLS
         wanted, camera = grid_at(view, target.mask, cell, _MARGIN)
         far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
-        return cls(
-            torch.as_tensor(camera.projection, device=device),
-            torch.as_tensor(far, dtype=torch.float64, device=device)[None, None],
-            radius,
-        )
+        return cls(camera.projection, far, radius)
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        h = state.points @ self.projection[:, :3].T + self.projection[:, 3]
-        height, width = self.field.shape[2:]
-        last = torch.tensor([width - 1, height - 1], dtype=h.dtype, device=h.device)
-        at = 2.0 * h[:, :2] / h[:, 2:] / last - 1.0
-        out = torch.nn.functional.grid_sample(
-            self.field, at[None, None], padding_mode="border", align_corners=True
-        )
-        return out.sum() * (_WEIGHT * weights.image * state.spacing / self.radius)
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        seen = project(state.points, self.projection)
+        last = np.array(self.field.shape[::-1]) - 1
+        at = np.clip(seen.places, 0.0, last)
+        cell = np.minimum(at.astype(np.int64), last - 1)
+        share = at - cell
+        # bilinear between the middles of four cells
+        (u, v), (x, y) = cell.T, share.T
+        f = self.field
+        upper, lower = f[v, u], f[v + 1, u]
+        rise, fall = f[v, u + 1] - upper, f[v + 1, u + 1] - lower
+        upper, lower = upper + x * rise, lower + x * fall
+        slope = np.column_stack([(1.0 - y) * rise + y * fall, lower - upper])
+        slope[at != seen.places] = 0.0  # beyond the edge it stays what it is there
+        scale = _WEIGHT * weights.image * state.spacing / self.radius
+        return scale * float(((1.0 - y) * upper + y * lower).sum()), scale * seen.pull(slope)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility, measure_feasibility
 from knotfab.limits.guards import guard_limits
-from knotfab.problem import CertificateLog, Problem, Start, Watch
+from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
 from knotfab.render.picture import ViewImage
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.balance import Balance
@@ -26,8 +27,10 @@ from knotfab.search.flow import Between, flow
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Objective, Term
 from knotfab.search.phases import Phase
-from knotfab.search.pose import Pose, ViewNumbers, descend_pose, look_from
 from knotfab.search.spill import Spill
+
+if TYPE_CHECKING:
+    from knotfab.search.pose import Pose
 
 __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
@@ -102,7 +105,7 @@ class SearchState:
         """The objective of a phase on the polylines as they are; `loose` (N,): the vertices that may move."""
         terms = self.terms
         if phase.spill:
-            terms += tuple(Spill.of(v, self.radius, self.device) for v in self.problem.views)
+            terms += tuple(Spill.of(v, self.radius) for v in self.problem.views)
         objective = Objective(
             self._images(phase.pixels),
             self.rings,
@@ -114,7 +117,7 @@ class SearchState:
             loose,
         )
         if self.pose is not None:
-            look_from(self.pose, objective, self.problem)
+            self.pose.show(objective, self.problem)
         return objective
 
     def between(self, objective: Objective, phase: Phase) -> Between:
@@ -125,7 +128,7 @@ class SearchState:
             if iteration % self.settings.winners_every == 0:
                 objective.find_winners(points, progress)
             if self.pose is not None:
-                descend_pose(self.pose, objective, self.problem, points, near, progress)
+                self.pose.descend(objective, self.problem, points, near, progress)
                 self.radius = self.pose.radius_mm
             if balance is not None and iteration % _BALANCED_EVERY == 0:
                 objective.shares = balance.update(objective.ious(points))
@@ -210,7 +213,6 @@ def run_phase(
         objective,
         limits.radius,
         phase.walk,
-        state.device,
         tell,
         (lambda x: not state.wanting(x)) if until_kept else None,
         limits.separation,

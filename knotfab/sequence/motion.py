@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-import torch
 from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon, Polygon
-from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.limits.base import State
+from knotfab.limits.base import Felt, State, follow_edges
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion", "pair_pieces"]
@@ -79,13 +77,13 @@ class Anchor(Term):
     limit_mm: float
     radius_mm: float  # of the tube
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        points = state.points
-        away = points - torch.as_tensor(self.points, dtype=points.dtype, device=points.device)
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        away = state.points - self.points
         # the root's slope has no limit at 0, where the hinge is far from touching
-        length = torch.sqrt((away * away).sum(-1) + 1e-12)
-        beyond = torch.relu(length - _KEEP * self.limit_mm) / self.radius_mm
-        return weights.hold * (beyond * beyond).sum()
+        length = np.sqrt((away * away).sum(axis=1) + 1e-12)
+        beyond = np.maximum(length - _KEEP * self.limit_mm, 0.0) / self.radius_mm
+        slope = (2.0 * weights.hold / self.radius_mm * beyond / length)[:, None] * away
+        return weights.hold * float((beyond * beyond).sum()), slope
 
     def kept(self, points: Array) -> bool:
         return self.beyond(points) <= 0
@@ -102,10 +100,12 @@ class Tautness(Term):
     length_mm: float
     radius_mm: float
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        excess = (state.edge.norm(dim=-1).sum() - self.length_mm).clamp_min(0) / self.radius_mm
-        taut: Tensor = _TAUT * excess**2
-        return taut
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        length = np.linalg.norm(state.edge, axis=1)
+        excess = max(0.0, float(length.sum()) - self.length_mm) / self.radius_mm
+        along = state.edge / np.maximum(length, 1e-300)[:, None]
+        slope = 2.0 * _TAUT * excess / self.radius_mm * follow_edges(along, state.rings)
+        return _TAUT * excess**2, slope
 
 
 @dataclass(frozen=True)

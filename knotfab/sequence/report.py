@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from knotfab.knots import count_in_words
 from knotfab.piece import WrittenPiece
 from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
@@ -157,6 +158,7 @@ def sequence_report(
         "closing": _motion(motions[-1]),
         "verification_s": round(sum(sum(p.verdict["seconds"].values()) for p in pieces), 2),
     }
+    knotted = count_in_words(len(pieces[0].made.knots.knots))
     report = assemble(
         views=views,
         checks=[*_together([r["checks"] for r in reports]), *checks],
@@ -167,7 +169,7 @@ def sequence_report(
         print_=print_,
         settings=settings,
         notes=[
-            f"{len(reports)} frames of {_name_count(pieces[0])}, each a part of its own (part-NN.stl); the "
+            f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
             "picture that moves is sequence.gif.",
             *advise(views, pieces[0].made.knots.radius_mm),
             *_gather_notes(reports),
@@ -179,11 +181,6 @@ def sequence_report(
         for price in frame.get("binding", ())
     ]
     return {**report, "binding": prices} if any("binding" in r for r in reports) else report
-
-
-def _name_count(piece: WrittenPiece) -> str:
-    count = len(piece.made.knots.knots)
-    return "one knot" if count == 1 else f"{count} knots"
 
 
 def advise(views: Sequence[Record], radius: float) -> list[str]:

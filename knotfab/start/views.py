@@ -14,7 +14,6 @@ from knotfab.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.render.threads import one_thread
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.deep import deep_curves
 from knotfab.start.filling import fill, simple_curves, smooth_closed
@@ -30,7 +29,6 @@ _REACH = 1.2  # how deep strands may go, against how far from the axes silhouett
 _BETWEEN = "simple and disjoint seen from between two views: an unlink of unknots, by inspection"
 
 
-@one_thread()
 def start_between_views(
     problem: Problem, radius: float, settings: SearchSettings, facing_only: bool = False
 ) -> Start:

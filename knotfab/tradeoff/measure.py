@@ -26,7 +26,6 @@ from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.progress import Progress
-from knotfab.render.picture import seen_in
 from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
@@ -113,8 +112,8 @@ def find_shadows(
     found = []
     for view in problem.views:
         image = view.image_at(knots.radius_mm, pixels, device)
-        seen = seen_in(knots.points, rings, image.frame, image.target, knots.radius_mm)
-        found.append((seen.cpu().numpy(), (image.target > 0.5).cpu().numpy()))
+        seen = image.seen(knots.points, rings, knots.radius_mm)
+        found.append((seen, image.target > 0.5))
     return found
 
 

@@ -241,6 +241,20 @@ def test_no_picture_and_two_pictures(bad: Path, tmp_path: Path) -> None:
     assert "several views" in refuse(2, *call)
 
 
+def test_a_scene_that_is_given_as_a_picture_is_told_from_one(bad: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[[views]]\n")
+    assert f"--scene {scene}" in refuse(2, "build", scene, "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize("option", ["--seed", "--specks", "--keep-largest"])
+def test_a_count_is_a_whole_number(bad: Path, tmp_path: Path, option: str) -> None:
+    for value in ("1.5", "many"):
+        call = ("build", bad / "good.png", "--out", tmp_path / "out", option, value)
+        said = refuse(2, *call)
+        assert f"{value} is no whole number" in said and option in said
+
+
 def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:
     call = ["build", bad / "good.png", "--out", tmp_path / "out", "--tube-radius", "0.1"]
     assert "at least 0.8 mm" in refuse(1, *call)

@@ -16,8 +16,8 @@ from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, Start
-from knotfab.render.frame import Frame, frame_of
-from knotfab.render.posed_frame import Sheet, posed_frame, turn_matrix
+from knotfab.render.frame import Frame, Sheet, frame_of
+from knotfab.render.posed_frame import posed_frame, turn_matrix
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Piece, ResolvedView, Scene
@@ -30,9 +30,7 @@ from knotfab.search.pose import (
     Bounds,
     Pose,
     ViewNumbers,
-    descend_pose,
     fit_view,
-    projected_radius,
 )
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
@@ -75,8 +73,8 @@ def test_without_elevation_and_roll_it_is_the_camera_of_the_scene() -> None:
         wall_tilt_deg=20.0,
         azimuth_deg=35.0,
     )
-    known = frame_of(camera_of(view, 48, 40), torch.float64)
-    free = _frame(_numbers(35.0, 0.0, 0.0, 420.0, 90.0)).fixed()
+    known = frame_of(camera_of(view, 48, 40)).tensors(torch.float64)
+    free = _frame(_numbers(35.0, 0.0, 0.0, 420.0, 90.0)).arrays().tensors(torch.float64)
     torch.testing.assert_close(free.axes, known.axes)
     torch.testing.assert_close(free.eye, known.eye)
     assert (free.u0, free.v0, free.step) == pytest.approx((known.u0, known.v0, known.step))
@@ -213,10 +211,7 @@ def _objective(state: SearchState) -> Objective:
 
 
 def _value_and_slope(objective: Objective, points: np.ndarray) -> tuple[float, np.ndarray]:
-    variable = torch.tensor(points, requires_grad=True)
-    loss = objective(variable, NEAR, 0.0)
-    (gradient,) = torch.autograd.grad(loss, variable)
-    return float(loss.detach()), np.asarray(gradient.numpy())
+    return objective(points, NEAR, 0.0)
 
 
 @pytest.mark.slow
@@ -244,7 +239,7 @@ def test_looking_moves_no_pose_and_descending_moves_it_alone(problem: Problem) -
     again = _value_and_slope(objective, TIGHT)
     assert before[0] == again[0] and (before[1] == again[1]).all()
     points = TIGHT.copy()
-    descend_pose(pose, objective, problem, points, NEAR, 0.0)
+    pose.descend(objective, problem, points, NEAR, 0.0)
     assert (points == TIGHT).all()
     moved = pose.numbers()
     for name in ("azimuth_deg", "elevation_deg", "light_distance_mm", "radius_mm"):
@@ -268,18 +263,13 @@ def test_a_thicker_tube_costs_clearance_and_bends(problem: Problem) -> None:
     # the trefoil's strands come within 2 radii of each other, and its bends below one
     pose = _Watched(ViewNumbers(500.0, 100.0, 4.0), Bounds())
     objective = _objective(_state(problem, TIGHT, pose))
-    points, image = torch.as_tensor(TIGHT), objective.images[0]
 
     def limits_at(radius: float) -> float:
-        with torch.no_grad():
-            return float(objective.limit_terms(points, NEAR, problem.limits(radius), SETTLE))
+        return objective.limit_terms(TIGHT, NEAR, problem.limits(radius), SETTLE)[0]
 
     slope = (limits_at(4.04) - limits_at(3.96)) / 0.02  # of the radius's logarithm
-    sharp = 12.0 / projected_radius(pose.start, image.sheet)
-    frame, radius = pose.frame(image.sheet, torch.float32), pose.lengths[2].float()
-    seen = objective.image_term(0, points, sharp, frame, radius)
-    (picture,) = torch.autograd.grad(seen, pose.logs)
-    descend_pose(pose, objective, problem, TIGHT, NEAR, 0.0)
+    (picture,) = torch.autograd.grad(pose.picture_term(objective, TIGHT), pose.logs)
+    pose.descend(objective, problem, TIGHT, NEAR, 0.0)
     assert slope > 1.0
     assert float(pose.slopes[1][2] - picture[2]) == pytest.approx(slope, rel=0.01)
 

@@ -13,11 +13,15 @@ import numba.core.caching
 import numpy as np
 import pytest
 import torch
+from slopes import assert_slope
 from torch import Tensor
 
-from knotfab.render import silhouette
+from knotfab.arrays import Array
+from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.render import silhouette, tensors
 from knotfab.render.frame import Frame, frame_of
-from knotfab.render.silhouette import render, squared_error
+from knotfab.render.picture import image_at
+from knotfab.render.tensors import render, squared_error
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
@@ -29,7 +33,7 @@ RADIUS = 3.0
 def frame_at(dtype: torch.dtype, width: int = 92, height: int = 69, tilt: float = 20.0) -> Frame:
     """An oblique view whose sides are no whole number of tiles."""
     view = VIEW.model_copy(update={"wall_tilt_deg": tilt})
-    return frame_of(camera_of(view, width, height), dtype)
+    return frame_of(camera_of(view, width, height)).tensors(dtype)
 
 
 def tangle(count: int, seed: int, dtype: torch.dtype) -> Tensor:
@@ -99,7 +103,7 @@ def test_gradient_against_finite_differences() -> None:
 
 def test_winners_of_before_give_what_they_give_in_torch() -> None:
     p, frame = tangle(50, 7, torch.float64), frame_at(torch.float64)
-    won = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, 10.0)
+    won = tensors.winners(p, p.roll(-1, 0), frame, RADIUS, 10.0)
     moved = (p + 0.5 * torch.randn(p.shape, dtype=torch.float64)).requires_grad_()
     target = target_at(frame, torch.float64)
     ours = squared_error(moved, moved.roll(-1, 0), frame, RADIUS, 1.0, target, 10.0, won)
@@ -115,7 +119,7 @@ def test_winners_of_before_give_what_they_give_in_torch() -> None:
 def test_winners_are_those_within_reach() -> None:
     p, frame = tangle(30, 8, torch.float64), frame_at(torch.float64, 200, 150)
     for reach in (0.0, 1.0, 12.0):
-        pixel, capsule = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, reach)
+        pixel, capsule = tensors.winners(p, p.roll(-1, 0), frame, RADIUS, reach)
         assert len(pixel.unique()) == len(pixel) > 1000
         assert int(capsule.min()) >= 0 and int(capsule.max()) < len(p)
         # at a sharpness of 1 the image tells the distance
@@ -153,6 +157,58 @@ def test_what_is_far_out_or_no_number_colours_nothing_and_harms_nothing() -> Non
         assert torch.equal(seen, plain)
 
 
+def test_slopes_of_what_is_cut_before_the_light_are_those_of_finite_differences() -> None:
+    """Strands that come from behind the light, or lie far behind each other: ends are cut and exchanged."""
+    frame = frame_of(camera_of(VIEW, 92, 69))
+    generator = np.random.default_rng(5)
+    p = generator.uniform([-40, -30, -60], [40, 30, 60], (24, 3))
+    p[::3, 2] += frame.eye[2]  # before and behind it
+    target = generator.uniform(size=(69, 92))
+
+    def value(q: Array) -> tuple[float, Array]:
+        total, one, two = silhouette.squared_error(q, np.roll(q, -1, 0), frame, RADIUS, 0.3, target)
+        return total, one + np.roll(two, 1, 0)
+
+    local = frame.local(p)
+    assert (local[:, 2] < 2.5 * RADIUS).any() and (local[:, 2] > 2.5 * RADIUS).any()
+    assert_slope(value, p, rel=1e-4, step=1e-6)
+    of_tensors = tensors.squared_error(
+        torch.as_tensor(p),
+        torch.as_tensor(np.roll(p, -1, 0)),
+        frame.tensors(torch.float64),
+        RADIUS,
+        0.3,
+        torch.as_tensor(target),
+    )
+    assert float(of_tensors) == pytest.approx(value(p)[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_view_looks_the_same_on_another_device(
+    alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the code that knows of no device, here on the CPU by another name; alone: by torch's own form."""
+    if alone:
+        monkeypatch.setattr(tensors, "_torch_alone", lambda *_: True)
+    t = 2 * np.pi * np.arange(120) / 120
+    points = np.column_stack([30 * np.cos(t), 24 * np.sin(t), 8 * np.cos(3 * t)])
+    rings = polylines_of_sizes((120,))
+    y, x = np.mgrid[:60, :80]
+    mask = np.hypot(x - 40, y - 30) < 25
+    here = image_at(VIEW, mask, RADIUS, 96)
+    there = image_at(VIEW, mask, RADIUS, 96, "cpu:0")
+    won = [image.find_winners(points, rings, RADIUS, 4.0) for image in (here, there)]
+    assert all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(*won, strict=True))
+    found = [
+        image.squared_error(points, rings, RADIUS, 1.0, w)
+        for image, w in zip((here, there), won, strict=True)
+    ]
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-5)
+    assert found[0][1] == pytest.approx(found[1][1], abs=1e-4 * np.abs(found[0][1]).max())
+    assert (here.seen(points, rings, RADIUS) == there.seen(points, rings, RADIUS)).all()
+    assert here.iou(points, rings, RADIUS) == there.iou(points, rings, RADIUS) > 0.1
+
+
 def test_no_capsules_give_an_empty_image() -> None:
     frame = frame_at(torch.float32)
     none = torch.zeros(0, 3, requires_grad=True)
@@ -164,7 +220,7 @@ def test_no_capsules_give_an_empty_image() -> None:
 
 def test_winners_of_another_scene_are_refused() -> None:
     p, frame = tangle(20, 4, torch.float32), frame_at(torch.float32)
-    won = silhouette.winners(p, p.roll(-1, 0), frame, RADIUS, 5.0)
+    won = tensors.winners(p, p.roll(-1, 0), frame, RADIUS, 5.0)
     for few, small in ((p[:5], frame), (p, frame_at(torch.float32, 20, 15))):
         with pytest.raises(IndexError, match="another scene"):
             render(few, few.roll(-1, 0), small, RADIUS, 1.0, 5.0, won)

@@ -20,7 +20,7 @@ TILTED = VIEW.model_copy(update={"wall_tilt_deg": 25.0})
 def _frame(
     view: ResolvedView = VIEW, width: int = 48, height: int = 36, dtype: torch.dtype = torch.float64
 ):
-    return frame_of(camera_of(view, width, height), dtype)
+    return frame_of(camera_of(view, width, height)).tensors(dtype)
 
 
 def _tangle(count: int, seed: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -121,7 +121,7 @@ def test_single_precision_keeps_its_digits() -> None:
 def test_oblong_pixels_are_refused() -> None:
     camera = camera_of(VIEW, 48, 48)
     with pytest.raises(ValueError, match="square"):
-        frame_of(camera, torch.float64)
+        frame_of(camera).tensors(torch.float64)
 
 
 def test_projection_of_the_frame_agrees_with_the_camera() -> None:

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 from questions import ask_views
 from shapely import MultiPolygon, Point
-from torch import Tensor
 
 from knotfab.arrays import Array
-from knotfab.limits.base import State
+from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.scene.model import ResolvedRegion
 from knotfab.scene.settings import PRESETS
@@ -43,16 +42,18 @@ def ring(kink_mm: float) -> Array:
 class Stiffness(Term):
     """Smooths a kink, and shrinks a circle if it is let."""
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        bent = state.points.roll(-1, 0) - 2 * state.points + state.points.roll(1, 0)
-        return 10.0 * (bent**2).sum()
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        p = state.points
+        bent = np.roll(p, -1, 0) - 2 * p + np.roll(p, 1, 0)
+        slope = 20.0 * (np.roll(bent, 1, 0) - 2 * bent + np.roll(bent, -1, 0))
+        return 10.0 * float((bent**2).sum()), slope
 
 
 class Nothing(Term):
     """A slope of zero everywhere."""
 
-    def __call__(self, state: State, weights: Weights) -> Tensor:
-        return 0.0 * state.points.sum()
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        return 0.0, np.zeros_like(state.points)
 
 
 WITHOUT_LIMITS = Weights(image=0.0, clearance=0.0, bend=0.0, region=0.0, length=0.0)

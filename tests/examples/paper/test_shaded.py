@@ -20,7 +20,7 @@ RADIUS = 6.0
 
 
 def _frame(pixels: int = 48) -> Frame:
-    return frame_of(camera_of(VIEW, pixels, pixels), torch.float64)
+    return frame_of(camera_of(VIEW, pixels, pixels)).tensors(torch.float64)
 
 
 def _strip(*points: tuple[float, float, float]) -> torch.Tensor:

@@ -1,0 +1,116 @@
+"""The silhouette of tensors: compiled on the CPU, in torch elsewhere and for slopes in the view itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from knotfab.render import silhouette
+from knotfab.render.frame import Frame, Number, number
+from knotfab.render.known import known
+from knotfab.render.silhouette import CUTOFF, Scene
+from knotfab.render.tiled import render_tiled
+from knotfab.render.tiled import winners as torch_winners
+
+__all__ = ["Winners", "render", "squared_error", "winners"]
+
+Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
+
+
+def winners(
+    starts: Tensor,  # [n, 3] scene mm
+    ends: Tensor,  # [n, 3]
+    frame: Frame,
+    radius: float,
+    reach_px: float,
+) -> Winners:
+    """`silhouette.winners` of tensors. Not differentiable."""
+    if starts.device.type == "cpu":
+        found = silhouette.winners(_rows(starts), _rows(ends), frame.arrays(), radius, reach_px)
+        pixel, capsule = (torch.from_numpy(x).long() for x in found)
+        return pixel, capsule
+    with torch.no_grad():
+        fixed = frame.arrays().tensors(starts.dtype, starts.device)
+        return torch_winners(fixed.local(starts), fixed.local(ends), fixed, radius, reach_px)
+
+
+def render(
+    starts: Tensor,  # [n, 3] scene mm
+    ends: Tensor,  # [n, 3]
+    frame: Frame,
+    radius: Number,
+    tau: float,
+    cutoff: float = CUTOFF,
+    won: Winners | None = None,
+) -> Tensor:
+    """`silhouette.render` of tensors: the image and gradient of `dense.render_dense`, up to sigmoid(-cutoff).
+
+    Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
+    takes the winners of an earlier call.
+    """
+    if _torch_alone(starts, frame, radius):
+        won = won or winners(starts, ends, frame, number(radius), cutoff / tau)
+        return render_tiled(starts, ends, frame, radius, tau, cutoff, won)
+    image: Tensor = _Image.apply(  # type: ignore[no-untyped-call]
+        starts, ends, frame.arrays(), number(radius), tau, cutoff, won
+    )
+    return image.reshape(frame.height, frame.width)
+
+
+def squared_error(
+    starts: Tensor,
+    ends: Tensor,
+    frame: Frame,
+    radius: Number,
+    tau: float,
+    target: Tensor,  # [height, width]
+    cutoff: float = CUTOFF,
+    won: Winners | None = None,
+) -> Tensor:
+    """Scalar: the squared difference of `render` and the target, summed over the pixels."""
+    if _torch_alone(starts, frame, radius):
+        return ((render(starts, ends, frame, radius, tau, cutoff, won) - target) ** 2).sum()
+    given = (frame.arrays(), number(radius), tau, _rows(target), cutoff, _places(won))
+    total, one, two = silhouette.squared_error(_rows(starts), _rows(ends), *given)
+    return known(total, (starts, one), (ends, two))
+
+
+def _torch_alone(starts: Tensor, frame: Frame, radius: Number) -> bool:
+    """Whether only torch's form serves: on other devices, and for slopes in the view's own numbers."""
+    numbers = (frame.u0, frame.v0, frame.step, radius)
+    free = any(isinstance(n, Tensor) and n.requires_grad for n in numbers)
+    return free or starts.device.type != "cpu"
+
+
+def _rows(points: Tensor) -> Any:
+    """As the kernels take them."""
+    return points.detach().contiguous().numpy()
+
+
+def _places(won: Winners | None) -> silhouette.Winners | None:
+    if won is None:
+        return None
+    pixel, capsule = (x.numpy().astype(np.int32) for x in won)
+    return pixel, capsule
+
+
+class _Image(torch.autograd.Function):
+    """The flat image; its gradient works the distances out once more, which is cheaper than keeping them."""
+
+    @staticmethod
+    def forward(ctx: Any, starts: Tensor, ends: Tensor, frame: Frame, *rest: Any) -> Tensor:
+        radius, tau, cutoff, won = rest
+        given = (frame, radius, tau, cutoff, _places(won))
+        ctx.scene = Scene.of(_rows(starts), _rows(ends), *given)
+        return torch.from_numpy(ctx.scene.image())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
+        _, one, two = ctx.scene.evaluate(_rows(slope), 0.0, 1.0)
+        both = (torch.from_numpy(x).to(slope.dtype) for x in (one, two))
+        return (*both, None, None, None, None, None)

@@ -1,0 +1,25 @@
+"""Gradients against central differences, in double precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from knotfab.arrays import Array
+from knotfab.limits.base import Felt
+
+
+def assert_slope(
+    call: Callable[[Array], Felt], points: Array, rel: float = 1e-5, step: float = 1e-6
+) -> None:
+    """That the gradient (n, 3) of `call` is what its number changes by, along five random ways."""
+    draw = np.random.default_rng(4)
+    _, slope = call(points)
+    assert slope.shape == points.shape
+    for _ in range(5):
+        way = draw.normal(size=points.shape)
+        change = (call(points + step * way)[0] - call(points - step * way)[0]) / (2 * step)
+        size = float(np.linalg.norm(slope) * np.linalg.norm(way))
+        assert float((slope * way).sum()) == pytest.approx(change, rel=rel, abs=1e-7 * size)
