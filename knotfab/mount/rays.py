@@ -7,16 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
-from knotfab.geometry.sampling import arc_lengths, sample_evenly
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knots
-from knotfab.mount.struts import beside_on_rings, off_segments, opens_slowly, tangents
+from knotfab.mount.struts import (
+    SAMPLE_RADII,
+    beside_on_rings,
+    off_segments,
+    opens_slowly,
+    sample_strands,
+    tangents,
+)
 
 __all__ = ["Rays", "free_rays"]
 
 
 LEAST_SINE = 0.6  # between tube and ray: a peg that leaves along its tube would graze it
 JOINT_RADII = 3.0  # of arc on each side of a peg's top that belong to its joint
-SAMPLE_RADII = 0.35  # between samples of the centre lines
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ def _clear(
     """
     from scipy.spatial import cKDTree
 
-    samples, owner, arc, perimeter = _samples(knots)
+    samples, owner, arc, perimeter = sample_strands(knots)
     arc_of_vertex = np.concatenate([arc_lengths(k.points)[:-1] for k in knots.knots])
     distance_of = np.linalg.norm(samples - light, axis=1)
     unit = (foot - light) / np.linalg.norm(foot - light, axis=1)[:, None]
@@ -125,16 +131,3 @@ def _clear(
     contact = knots.radius_mm + width[joint]
     clear[ray[opens_slowly(distance[joint], there, pace, contact, clearance)]] = False
     return clear
-
-
-def _samples(knots: Knots) -> tuple[Array, Indices, Array, Array]:
-    """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
-    points, owner, arcs, lengths = [], [], [], []
-    for i, k in enumerate(knots.knots):
-        even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
-        whole = arc_lengths(k.points)[-1]
-        points.append(even)
-        owner.append(np.full(len(even), i))
-        arcs.append(np.arange(len(even)) * whole / len(even))
-        lengths.append(whole)
-    return np.concatenate(points), np.concatenate(owner), np.concatenate(arcs), np.array(lengths)

@@ -9,7 +9,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.geometry.neighbours import segment_distance
-from knotfab.geometry.sampling import arc_lengths, number_runs
+from knotfab.geometry.sampling import arc_lengths, number_runs, sample_evenly
 from knotfab.knots import Knots
 
 __all__ = [
@@ -173,6 +173,19 @@ def struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) -> Ca
     return Candidates(a, b, sites.point[a], sites.point[b], np.full(len(a), radius_mm))
 
 
+def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
+    """Points (m, 3) along all knots, whose they are, their arc length, and each knot's length."""
+    points, owner, arcs, lengths = [], [], [], []
+    for i, k in enumerate(knots.knots):
+        even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
+        whole = arc_lengths(k.points)[-1]
+        points.append(even)
+        owner.append(np.full(len(even), i))
+        arcs.append(np.arange(len(even)) * whole / len(even))
+        lengths.append(whole)
+    return np.concatenate(points), np.concatenate(owner), np.concatenate(arcs), np.array(lengths)
+
+
 class Obstacles:
     """What members must keep clear of: all tubes but at their own joints, and members that are there."""
 
@@ -180,20 +193,11 @@ class Obstacles:
         from scipy.spatial import cKDTree
 
         self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
-        step = SAMPLE_RADII * knots.radius_mm
-        points, owner, arcs = [], [], []
-        for k, curve in enumerate(knots.knots):
-            closed = np.concatenate([curve.points, curve.points[:1]])
-            arc = arc_lengths(curve.points)
-            at = np.arange(0.0, arc[-1], step)
-            points.append(np.column_stack([np.interp(at, arc, closed[:, i]) for i in range(3)]))
-            owner.append(np.full(len(at), k))
-            arcs.append(at)
-        self.points, self.owner, self.arc = (np.concatenate(x) for x in (points, owner, arcs))
-        self.beside = beside_on_rings(np.array([len(a) for a in arcs]))
+        self.points, self.owner, self.arc, _ = sample_strands(knots)
+        self.beside = beside_on_rings(np.bincount(self.owner))
         self.tree = cKDTree(self.points)
         # between two samples a strand comes nearer by no more than this
-        self.slack = step**2 / (8 * (knots.radius_mm + clearance_mm))
+        self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
         self.members = nothing()
 
     def add(self, some: Candidates) -> None:

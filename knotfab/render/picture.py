@@ -16,9 +16,10 @@ from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
+from knotfab.target.masks import mask_iou, sample_mask
 
 if TYPE_CHECKING:
-    import torch
+    from knotfab.render.tensors import DeviceImage
 
 __all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "picture_at"]
 
@@ -40,66 +41,40 @@ class ViewImage:
     device: str = "cpu"
 
     @cached_property
-    def tensor(self) -> torch.Tensor:
-        """The target on the device."""
-        import torch
+    def elsewhere(self) -> DeviceImage:
+        """The same for tensors, on the device."""
+        from knotfab.render.tensors import DeviceImage
 
-        return torch.as_tensor(self.target, device=self.device)
+        return DeviceImage.of(self.frame, self.target, self.device)
 
     def squared_error(
         self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None
     ) -> tuple[float, Array]:
         """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
         p = points.astype(self.target.dtype)
-        if self.device == "cpu":
-            given = (self.frame, radius, tau, self.target, CUTOFF, won)
-            total, one, two = silhouette.squared_error(p, p[rings.next], *given)
-            return total, one + two[rings.previous]
-        import torch
-
-        from knotfab.render import tensors
-
-        x = torch.as_tensor(p, device=self.device).requires_grad_()
-        frame = self.frame.tensors(x.dtype, self.device)
-        error = tensors.squared_error(
-            x, x[rings.next], frame, radius, tau, self.tensor, CUTOFF, won
-        )
-        (slope,) = torch.autograd.grad(error, x)
-        return float(error.detach()), slope.cpu().numpy().astype(np.float64)
+        if self.device != "cpu":
+            return self.elsewhere.squared_error(p, rings, radius, tau, CUTOFF, won)
+        given = (self.frame, radius, tau, self.target, CUTOFF, won)
+        total, one, two = silhouette.squared_error(p, p[rings.next], *given)
+        return total, one + two[rings.previous]
 
     def find_winners(self, points: Array, rings: Polylines, radius: float, reach_px: float) -> Any:
         """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
         p = points.astype(self.target.dtype)
-        if self.device == "cpu":
-            return silhouette.winners(p, p[rings.next], self.frame, radius, reach_px)
-        import torch
-
-        from knotfab.render import tensors
-
-        x = torch.as_tensor(p, device=self.device)
-        frame = self.frame.tensors(x.dtype, self.device)
-        return tensors.winners(x, x[rings.next], frame, radius, reach_px)
+        if self.device != "cpu":
+            return self.elsewhere.find_winners(p, rings, radius, reach_px)
+        return silhouette.winners(p, p[rings.next], self.frame, radius, reach_px)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
         """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
         p = points.astype(self.target.dtype)
-        if self.device == "cpu":
-            return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
-        import torch
-
-        from knotfab.render import tensors
-
-        x = torch.as_tensor(p, device=self.device)
-        frame = self.frame.tensors(x.dtype, self.device)
-        with torch.no_grad():
-            image = tensors.render(x, x[rings.next], frame, radius, _HARD, CUTOFF)
-        return np.asarray((image > 0.5).cpu().numpy())
+        if self.device != "cpu":
+            return self.elsewhere.render(p, rings, radius, _HARD, CUTOFF) > 0.5
+        return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:
         """IoU of `seen` with the target's half coverage; `radius` in mm."""
-        seen, wanted = self.seen(points, rings, radius), self.target > 0.5
-        union = np.count_nonzero(seen | wanted)
-        return np.count_nonzero(seen & wanted) / union if union > 0 else 1.0
+        return mask_iou(self.seen(points, rings, radius), self.target > 0.5)
 
 
 def image_at(
@@ -147,10 +122,7 @@ def grid_at(
         margin: of the frame on each side, all outside the mask, and `more` cells beyond.
     """
     width_mm, height_mm = view.frame_mm
-    rows, columns = mask.shape
     w, h = max(8, round(width_mm / cell_mm)), max(8, round(height_mm / cell_mm))
-    u = np.minimum(((np.arange(w) + 0.5) / w * columns).astype(int), columns - 1)
-    v = np.minimum(((np.arange(h) + 0.5) / h * rows).astype(int), rows - 1)
     pad_u, pad_v = int(margin * w) + more, int(margin * h) + more
-    wanted = np.pad(mask[np.ix_(v, u)], ((pad_v, pad_v), (pad_u, pad_u)))
+    wanted = np.pad(sample_mask(mask, w, h), ((pad_v, pad_v), (pad_u, pad_u)))
     return wanted, camera_of(view, w, h).padded(pad_u, pad_v)

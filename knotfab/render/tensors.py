@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,17 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from knotfab.arrays import Array
+from knotfab.geometry.polylines import Polylines
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Number, number
+from knotfab.render.kernels import Real
 from knotfab.render.known import known
 from knotfab.render.silhouette import CUTOFF, Scene
 from knotfab.render.tiled import render_tiled
 from knotfab.render.tiled import winners as torch_winners
 
-__all__ = ["Winners", "render", "squared_error", "winners"]
+__all__ = ["DeviceImage", "Winners", "render", "squared_error", "winners"]
 
 Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
 
@@ -96,6 +100,49 @@ def _places(won: Winners | None) -> silhouette.Winners | None:
         return None
     pixel, capsule = (x.numpy().astype(np.int32) for x in won)
     return pixel, capsule
+
+
+@dataclass(frozen=True)
+class DeviceImage:
+    """A picture [height, width] on a device and its frame, for callers that have arrays and want arrays."""
+
+    frame: Frame
+    target: Tensor
+
+    @classmethod
+    def of(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
+        """The picture of arrays."""
+        there = torch.as_tensor(target, device=device)
+        return cls(frame.tensors(there.dtype, device), there)
+
+    def squared_error(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
+    ) -> tuple[float, Array]:
+        """`squared_error` of the tube about vertices (N, 3), and its gradient there."""
+        p, _ = self._ends(points, rings)
+        p.requires_grad_()
+        q = p[torch.as_tensor(rings.next, device=p.device)]
+        error = squared_error(p, q, self.frame, radius, tau, self.target, cutoff, won)
+        (slope,) = torch.autograd.grad(error, p)
+        return float(error.detach()), slope.cpu().numpy().astype(np.float64)
+
+    def find_winners(
+        self, points: Real, rings: Polylines, radius: float, reach_px: float
+    ) -> Winners:
+        """`winners` of the tube about vertices (N, 3)."""
+        return winners(*self._ends(points, rings), self.frame, radius, reach_px)
+
+    def render(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
+    ) -> Real:
+        """`render` of the tube about vertices (N, 3)."""
+        with torch.no_grad():
+            image = render(*self._ends(points, rings), self.frame, radius, tau, cutoff)
+        return np.asarray(image.cpu().numpy())
+
+    def _ends(self, points: Real, rings: Polylines) -> tuple[Tensor, Tensor]:
+        p = torch.as_tensor(points, dtype=self.target.dtype, device=self.target.device)
+        return p, p[torch.as_tensor(rings.next, device=p.device)]
 
 
 class _Image(torch.autograd.Function):

@@ -212,7 +212,7 @@ class Pose:
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
         """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
         image = objective.images[0]
-        target, won = image.tensor, objective.won[0]
+        target, won = image.elsewhere.target, objective.won[0]
         p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
         if won is not None:
             won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
@@ -231,7 +231,7 @@ class Pose:
     def show(self, objective: Objective, problem: Problem) -> None:
         """Let the objective see its one view from here."""
         image = objective.images[0]
-        frame = self.frame(image.sheet, image.tensor.dtype).arrays()
+        frame = self.frame(image.sheet, image.elsewhere.target.dtype).arrays()
         turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
         objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
