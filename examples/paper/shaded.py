@@ -122,9 +122,8 @@ def main(*, out: Path = Path("shaded-out"), pixels: int = 72) -> None:
     print("                          off by (mm, rms)   along the view's axis")
     side = ResolvedView(frame_width_mm=160.0, frame_height_mm=160.0, azimuth_deg=90.0)
     beside = frame_of(camera_of(side, 256, 256)).tensors(torch.float64)
-    ahead = frame_of(
-        camera_of(side.model_copy(update={"azimuth_deg": 0.0}), 256, 256), torch.float64
-    )
+    front = camera_of(side.model_copy(update={"azimuth_deg": 0.0}), 256, 256)
+    ahead = frame_of(front).tensors(torch.float64)
     for column, (name, points) in enumerate(shown.items()):
         off, deep = curve_distance(points, at.truth), float(np.abs(points - at.truth)[:, 2].mean())
         print(f"{name:<25} {off:>12.2f} {deep:>18.2f}")

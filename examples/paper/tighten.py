@@ -12,7 +12,7 @@ from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
-from knotfab.limits.base import Felt, Limits, State, follow_edges
+from knotfab.limits.base import Felt, Limits, State, total_length
 from knotfab.limits.bend import BEND
 from knotfab.limits.clearance import CLEARANCE
 from knotfab.scene.model import Region
@@ -60,10 +60,8 @@ def tighten(points: Array) -> Tight:
 
         def objective(p: Array, near: Neighbours, _: float) -> Felt:
             state = State.at(p, rings, near)
-            edge = np.linalg.norm(state.edge, axis=1)
-            shorter = follow_edges(state.edge / edge[:, None], rings)
             parts = (
-                (pull, (float(edge.sum()), shorter)),
+                (pull, total_length(state)),
                 (3.0, clearance(state, limits)),
                 (0.5, bend(state, limits)),
             )

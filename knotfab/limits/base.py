@@ -13,7 +13,7 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion
 
-__all__ = ["Felt", "Guard", "Limit", "Limits", "State", "follow_edges"]
+__all__ = ["Felt", "Guard", "Limit", "Limits", "State", "follow_edges", "total_length"]
 
 Felt = tuple[float, Array]  # a value, and its gradient (N, 3) in the vertices
 
@@ -55,6 +55,13 @@ class State:
 def follow_edges(slope: Array, rings: Polylines) -> Array:
     """The gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
     return np.asarray(slope[rings.previous] - slope)
+
+
+def total_length(state: State) -> Felt:
+    """The length of all edges, mm; one without length has no direction, and pulls nowhere."""
+    length = np.sqrt((state.edge * state.edge).sum(axis=1))
+    along = state.edge / np.maximum(length, 1e-300)[:, None]
+    return float(length.sum()), follow_edges(along, state.rings)
 
 
 Term = Callable[[State, Limits], Felt]
@@ -113,6 +120,6 @@ class Guard:
                 moved = float(np.sqrt(((points - before) ** 2).sum(axis=1).max()))
                 if moved < self._slack:
                     return False
-        self._seen = (points, limits)
+        self._seen = (points.copy(), limits)
         self._slack = self.limit.slack(points, state.rings, limits)
         return self._slack <= 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Felt, Limit, Limits, State, follow_edges
+from knotfab.limits.base import Felt, Limit, Limits, State, total_length
 
 __all__ = ["LENGTH"]
 
@@ -15,11 +15,9 @@ _AIM = 0.99  # share of the budget, so the end is on the safe side
 
 def term(state: State, limits: Limits) -> Felt:
     """Squared hinge of the excess in tube radii (paper, length loss)."""
-    edge = state.edge
-    length = np.linalg.norm(edge, axis=1)
-    excess = max(0.0, float(length.sum()) - _AIM * limits.length) / limits.radius
-    along = edge / np.maximum(length, 1e-300)[:, None]
-    return excess**2, (2 * excess / limits.radius) * follow_edges(along, state.rings)
+    length, slope = total_length(state)
+    excess = max(0.0, length - _AIM * limits.length) / limits.radius
+    return excess**2, (2 * excess / limits.radius) * slope
 
 
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from knotfab.arrays import Array, Mask
+from knotfab.geometry.projection import project
 from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
@@ -173,9 +174,8 @@ class ViewShadow:
 
     def _seen(self, points: Array, radius: Array | float) -> tuple[Array, Array]:
         """Pixels (n, 2) where points are seen, and how many pixels (n,) the radius there covers."""
-        p = self.camera.projection
-        h = points @ p[:, :3].T + p[:, 3]
-        return h[:, :2] / h[:, 2:], radius * self.magnification / h[:, 2]
+        seen = project(points, self.camera.projection)
+        return seen.places, radius * self.magnification / seen.depth
 
     def _magnification(self) -> float:
         """Pixels that a millimetre across the view covers on the receiver, at most."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from knotfab.render.silhouette import LEAST_MM, NEAREST_RADII
+from knotfab.render.silhouette import least_depth
 
 __all__ = ["cut_before_light"]
 
@@ -15,7 +15,7 @@ def cut_before_light(
     b: Tensor,  # [n, 3]
     radius: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The parts of segments a-b deeper than `NEAREST_RADII` tube radii, and [n] which have any.
+    """The parts of segments a-b deeper than `silhouette.NEAREST_RADII` tube radii, and [n] which have any.
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
     would be hit there. What is not cut comes back to the last bit; what has no part left comes back as
@@ -23,7 +23,7 @@ def cut_before_light(
     first: places between are found from the first, and a rounding of the far one would be much.
     Differentiable with respect to `a` and `b`.
     """
-    least = max(NEAREST_RADII * radius, LEAST_MM)
+    least = least_depth(radius)
     with torch.no_grad():
         # most often nothing is near the light, and all is about as deep
         low, high = torch.stack([a[:, 2], b[:, 2]]).aminmax() if len(a) else (least, least)

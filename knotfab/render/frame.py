@@ -28,9 +28,9 @@ class Frame:
     """A pinhole whose axes are those of its receiver plane: x right, y down, z away from the light.
 
     A pixel (u, v) has the ray direction ((u + u0) * step, (v + v0) * step, 1); `focal_px` turns
-    a length at depth 1 into pixels. Pixels are square. Axes and eye are arrays, and take arrays of points, or
-    tensors, and take tensors; then the numbers may be tensors [] with a gradient, where the view itself is an
-    unknown.
+    a length at depth 1 into pixels. Pixels are square. A frame of arrays takes arrays of points,
+    one of tensors (`tensors`) takes tensors; only there may the numbers be tensors [] with a gradient, where
+    the view itself is an unknown.
     """
 
     axes: Any  # (3, 3) rows x, y, z
@@ -48,10 +48,11 @@ class Frame:
 
     def local(self, points: Any) -> Any:
         """(..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
-        x, y, z = ((points - self.eye)[..., k : k + 1] for k in range(3))
-        across, along, away = self.axes.T
+        away = points - self.eye
+        x, y, z = (away[..., k : k + 1] for k in range(3))
+        across, along, deep = self.axes.T
         # no product of matrices: every library rounds that in its own way
-        return x * across + y * along + z * away
+        return x * across + y * along + z * deep
 
     def pixels(self, local: Any) -> Any:
         """(..., 3) receiver axes -> (..., 2) pixel coordinates."""

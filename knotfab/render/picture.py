@@ -41,7 +41,7 @@ class ViewImage:
     device: str = "cpu"
 
     @cached_property
-    def elsewhere(self) -> DeviceImage:
+    def _on_device(self) -> DeviceImage:
         """The same for tensors, on the device."""
         from knotfab.render.tensors import DeviceImage
 
@@ -53,23 +53,23 @@ class ViewImage:
         """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
         p = points.astype(self.target.dtype)
         if self.device != "cpu":
-            return self.elsewhere.squared_error(p, rings, radius, tau, CUTOFF, won)
+            return self._on_device.squared_error(p, rings, radius, tau, CUTOFF, won)
         given = (self.frame, radius, tau, self.target, CUTOFF, won)
         total, one, two = silhouette.squared_error(p, p[rings.next], *given)
         return total, one + two[rings.previous]
 
-    def find_winners(self, points: Array, rings: Polylines, radius: float, reach_px: float) -> Any:
+    def find_winners(self, points: Array, rings: Polylines, radius: float, tau: float) -> Any:
         """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
         p = points.astype(self.target.dtype)
         if self.device != "cpu":
-            return self.elsewhere.find_winners(p, rings, radius, reach_px)
-        return silhouette.winners(p, p[rings.next], self.frame, radius, reach_px)
+            return self._on_device.find_winners(p, rings, radius, CUTOFF / tau)
+        return silhouette.winners(p, p[rings.next], self.frame, radius, CUTOFF / tau)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
         """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
         p = points.astype(self.target.dtype)
         if self.device != "cpu":
-            return self.elsewhere.render(p, rings, radius, _HARD, CUTOFF) > 0.5
+            return self._on_device.render(p, rings, radius, _HARD, CUTOFF) > 0.5
         return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
 
     def iou(self, points: Array, rings: Polylines, radius: float) -> float:

@@ -17,10 +17,10 @@ from knotfab.render.kernels import Places, Real, evaluate, find_winners
 
 __all__ = [
     "CUTOFF",
-    "LEAST_MM",
     "NEAREST_RADII",
-    "Scene",
+    "Capsules",
     "Winners",
+    "least_depth",
     "render",
     "squared_error",
     "winners",
@@ -28,7 +28,7 @@ __all__ = [
 
 CUTOFF = 40.0  # pixels with tau * s below minus this are empty: sigmoid(-40) is 4e-18
 NEAREST_RADII = 2.5  # centre lines nearer to the light's plane than so many tube radii are cut away
-LEAST_MM = 1e-9
+_LEAST_MM = 1e-9
 
 Winners = tuple[Places, Places]  # flat indices of pixels, and the capsule that colours each
 
@@ -77,7 +77,7 @@ class _Cut:
 def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
     """In receiver axes, cut as `render.clip.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)
-    least = _least(radius)
+    least = least_depth(radius)
     low = min(a[:, 2].min(initial=np.inf), b[:, 2].min(initial=np.inf))
     high = max(a[:, 2].max(initial=-np.inf), b[:, 2].max(initial=-np.inf))
     if low >= least and high <= 2 * low:
@@ -105,8 +105,9 @@ def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
     return _Cut(np.where(other, b, a), np.where(other, a, b), seen, before, near, swapped)
 
 
-def _least(radius: float) -> float:
-    return max(NEAREST_RADII * radius, LEAST_MM)
+def least_depth(radius: float) -> float:
+    """Of what is seen, mm: what is nearer to the light's plane is cut away."""
+    return max(NEAREST_RADII * radius, _LEAST_MM)
 
 
 def winners(
@@ -136,7 +137,7 @@ def render(
     The image of `dense.render_dense`, up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
     lower bound of the image, exact for small motions wherever the winner did not change.
     """
-    image = Scene.of(starts, ends, frame, radius, tau, cutoff, won).image()
+    image = Capsules.of(starts, ends, frame, radius, tau, cutoff, won).image()
     return image.reshape(frame.height, frame.width)
 
 
@@ -157,8 +158,8 @@ def squared_error(
     """
     # (g - f)^2 is g^2 - 2 g f where a pixel is coloured, and f^2 everywhere
     field = np.ascontiguousarray(target).ravel()
-    scene = Scene.of(starts, ends, frame, radius, tau, cutoff, won)
-    total, one, two = scene.evaluate(field, 2.0, -2.0)
+    seen = Capsules.of(starts, ends, frame, radius, tau, cutoff, won)
+    total, one, two = seen.evaluate(field, 2.0, -2.0)
     return total + float(field @ field), one, two
 
 
@@ -168,7 +169,7 @@ def _numbers(frame: Frame, radius: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Capsules:
     """What is rendered: segments in receiver axes, who wins each pixel, the radius and the sharpness."""
 
     cut: _Cut
@@ -187,8 +188,12 @@ class Scene:
         tau: float,
         cutoff: float = CUTOFF,
         won: Winners | None = None,
-    ) -> Scene:
-        """Raises IndexError: the winners are those of another scene."""
+    ) -> Capsules:
+        """What is rendered of segments (n, 3) to (n, 3) in the scene.
+
+        Raises:
+            IndexError: the winners are those of other segments, or of another frame.
+        """
         cut = _place(starts, ends, frame, radius)
         if won is None:
             size = (frame.width, frame.height)
@@ -209,7 +214,7 @@ class Scene:
     def evaluate(self, field: Real, own: float, other: float) -> tuple[float, Array, Array]:
         """The sum of `kernels.evaluate`, and its gradients (n, 3) in starts and ends, in the scene."""
         total, slopes = self._evaluate(field, own, other, np.empty(0, self.cut.a.dtype))
-        one, two = self.cut.pull(slopes, _least(self.radius))
+        one, two = self.cut.pull(slopes, least_depth(self.radius))
         axes = self.frame.axes.astype(np.float64)
         return total, one @ axes, two @ axes
 

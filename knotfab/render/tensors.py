@@ -16,7 +16,7 @@ from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Number, number
 from knotfab.render.kernels import Real
 from knotfab.render.known import known
-from knotfab.render.silhouette import CUTOFF, Scene
+from knotfab.render.silhouette import CUTOFF, Capsules
 from knotfab.render.tiled import render_tiled
 from knotfab.render.tiled import winners as torch_winners
 
@@ -152,12 +152,12 @@ class _Image(torch.autograd.Function):
     def forward(ctx: Any, starts: Tensor, ends: Tensor, frame: Frame, *rest: Any) -> Tensor:
         radius, tau, cutoff, won = rest
         given = (frame, radius, tau, cutoff, _places(won))
-        ctx.scene = Scene.of(_rows(starts), _rows(ends), *given)
-        return torch.from_numpy(ctx.scene.image())
+        ctx.seen = Capsules.of(_rows(starts), _rows(ends), *given)
+        return torch.from_numpy(ctx.seen.image())
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
-        _, one, two = ctx.scene.evaluate(_rows(slope), 0.0, 1.0)
+        _, one, two = ctx.seen.evaluate(_rows(slope), 0.0, 1.0)
         both = (torch.from_numpy(x).to(slope.dtype) for x in (one, two))
         return (*both, None, None, None, None, None)

@@ -1,4 +1,4 @@
-"""Torch on one thread for the search's small arrays."""
+"""Torch on one thread for the small tensors of a free view and of the network."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["one_thread"]
 def one_thread() -> Iterator[None]:
     """Run torch on one thread inside.
 
-    Its barriers cost more than they gain on arrays this small, and many times more where the cores
+    Its barriers cost more than they gain on tensors this small, and many times more where the cores
     are shared; and sums come out the same whatever the number of cores.
     """
     before = torch.get_num_threads()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.arrays import Array
+from knotfab.geometry.projection import project
 from knotfab.scene.model import Region, ResolvedView, View
 
 __all__ = ["VERIFIED_PX", "Camera", "camera_of", "view_axes"]
@@ -71,9 +72,7 @@ class Camera:
 
     def project(self, points: Array) -> Array:
         """(n, 3) points in mm -> (n, 2) pixels."""
-        p = self.projection
-        h = points @ p[:, :3].T + p[:, 3]
-        return np.asarray(h[:, :2] / h[:, 2:])
+        return project(points, self.projection).places
 
     def resized(self, width: int, height: int) -> Camera:
         """The same frame sampled with `width` x `height` pixels."""

@@ -13,7 +13,7 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Guard, Limits, State
 from knotfab.render.frame import Frame
-from knotfab.render.picture import CUTOFF, ViewImage
+from knotfab.render.picture import ViewImage
 
 __all__ = ["Objective", "Term", "Weights", "add_limits"]
 
@@ -35,7 +35,10 @@ class Term:
     """One more part of an objective. A subclass may also be a hard limit: `kept` is then asked at the end."""
 
     def __call__(self, state: State, weights: Weights) -> Felt:
-        """A number, in the units of the other terms, and its gradient (N, 3) in the vertices."""
+        """A number, in the units of the other terms, and its gradient (N, 3) in the vertices.
+
+        `state` holds the walk's own arrays, which are not to be changed.
+        """
         raise NotImplementedError
 
     def kept(self, points: Array) -> bool:
@@ -62,13 +65,12 @@ class Objective:
     terms: tuple[Term, ...] = ()
     loose: NDArray[np.bool_] | None = None  # (N,) vertices that may move; None: all
     shares: Array = field(init=False)
-    won: list[Any] = field(
-        init=False
-    )  # of each view: who colours which pixel, as `ViewImage` finds it
+    # of each view, as `ViewImage` finds it: who colours which pixel
+    won: list[Any] = field(init=False)
+    _turn: Array | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self.shares = np.ones(len(self.images))
-        self._turn: Array | None = None
         self.won = [None] * len(self.images)
 
     def __call__(self, points: Array, near: Neighbours, progress: float) -> Felt:
@@ -120,9 +122,8 @@ class Objective:
         if self.weights.image == 0:
             return
         for number, image in enumerate(self.images):
-            reach = CUTOFF / self._tau(number, progress)
-            found = image.find_winners(points, self.rings, self.limits.radius, reach)
-            self.won[number] = found
+            tau = self._tau(number, progress)
+            self.won[number] = image.find_winners(points, self.rings, self.limits.radius, tau)
 
     def look_from(self, frame: Frame, limits: Limits, turn: Array) -> None:
         """See the one view from another pose: its frame, the limits there, and its axes (3, 3) as columns."""

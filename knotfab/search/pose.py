@@ -23,6 +23,7 @@ from knotfab.limits.base import Felt
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.frame import Frame, Sheet
 from knotfab.render.known import known
+from knotfab.render.picture import CUTOFF
 from knotfab.render.posed_frame import posed_frame, turn_matrix
 from knotfab.render.tensors import render, squared_error
 from knotfab.render.threads import one_thread
@@ -47,7 +48,6 @@ ALL: tuple[Name, ...] = ("azimuth", "elevation", "roll", "light", "wall", "radiu
 _TURN_RATE = 0.4  # degrees a step at the start
 _LENGTH_RATE = 0.008  # share of a length a step at the start
 _LAST = 0.05  # share of these rates at the end
-_CUTOFF = 5.0  # sigmoid(-5) = 0.7 %: what is further out pulls on nothing
 _SHARP = 12.0  # tau times the projected radius that the pose is judged by
 _CHANGE = 1e-4  # relative change of the radius that the limits' slope is measured over
 
@@ -179,6 +179,7 @@ class Pose:
             if "wall" in b.free:
                 self.logs[1] -= self.logs[0]
 
+    @one_thread()
     def descend(
         self,
         objective: Objective,
@@ -192,27 +193,27 @@ class Pose:
         A soft picture shows touching strands as a dark seam and so rewards a thicker tube: the pose answers
         to a sharp one, and to the limits as they weigh at the end.
         """
-        with one_thread():
-            seen, radius = self.picture_term(objective, points), self.radius_mm
-            turn_of = turn_matrix(self.turn_deg)
-            turn = turn_of.detach().cpu().numpy()
+        seen, radius = self.picture_term(objective, points), self.radius_mm
+        turn_of = turn_matrix(self.turn_deg)
+        turn = turn_of.detach().cpu().numpy()
 
-            def limits_at(radius: float) -> Felt:
-                limits = problem.limits(radius)
-                return objective.limit_terms(points, near, limits, SETTLE, turn)
+        def limits_at(radius: float) -> Felt:
+            limits = problem.limits(radius)
+            return objective.limit_terms(points, near, limits, SETTLE, turn)
 
-            value, slope = limits_at(radius)
-            limits = known(value, (turn_of, points.T @ (slope @ turn)))
-            turned, logs = torch.autograd.grad(seen + limits, self.tensors)
-            change = limits_at(radius * (1 + _CHANGE))[0] - limits_at(radius * (1 - _CHANGE))[0]
-            steeper = logs.new_tensor([0.0, 0.0, change / (2 * _CHANGE)])
-            self.move((turned, logs + steeper), points, progress)
+        value, slope = limits_at(radius)
+        limits = known(value, (turn_of, points.T @ (slope @ turn)))
+        turned, logs = torch.autograd.grad(seen + limits, self.tensors)
+        change = limits_at(radius * (1 + _CHANGE))[0] - limits_at(radius * (1 - _CHANGE))[0]
+        steeper = logs.new_tensor([0.0, 0.0, change / (2 * _CHANGE)])
+        self.move((turned, logs + steeper), points, progress)
         self.show(objective, problem)
 
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
         """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
         image = objective.images[0]
-        target, won = image.elsewhere.target, objective.won[0]
+        target = torch.as_tensor(image.target, device=self.logs.device)
+        won = objective.won[0]
         p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
         if won is not None:
             won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
@@ -223,7 +224,7 @@ class Pose:
             self.lengths[2].to(target.dtype),
             _SHARP / image.radius_px,
             target,
-            _CUTOFF,
+            CUTOFF,
             won,
         )
         return (error / image.radius_px**2).to(self.logs.dtype)
@@ -231,7 +232,7 @@ class Pose:
     def show(self, objective: Objective, problem: Problem) -> None:
         """Let the objective see its one view from here."""
         image = objective.images[0]
-        frame = self.frame(image.sheet, image.elsewhere.target.dtype).arrays()
+        frame = self.frame(image.sheet, torch.float32).arrays()
         turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
         objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
@@ -304,7 +305,7 @@ def fit_view(
 def _render(pose: Pose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) -> Tensor:
     """[height, width] the tube about segments [n, 3] at the present pose, with gradient."""
     frame, radius = pose.frame(sheet, starts.dtype), pose.lengths[2].to(starts.dtype)
-    return render(starts, ends, frame, radius, tau, _CUTOFF)
+    return render(starts, ends, frame, radius, tau, CUTOFF)
 
 
 def _polish(

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon, Polygon
 
 from knotfab.arrays import Array
-from knotfab.limits.base import Felt, State, follow_edges
+from knotfab.limits.base import Felt, State, total_length
 from knotfab.search.objective import Term, Weights
 
 __all__ = ["Anchor", "Motion", "Tautness", "measure", "outline_motion", "pair_pieces"]
@@ -101,11 +101,9 @@ class Tautness(Term):
     radius_mm: float
 
     def __call__(self, state: State, weights: Weights) -> Felt:
-        length = np.linalg.norm(state.edge, axis=1)
-        excess = max(0.0, float(length.sum()) - self.length_mm) / self.radius_mm
-        along = state.edge / np.maximum(length, 1e-300)[:, None]
-        slope = 2.0 * _TAUT * excess / self.radius_mm * follow_edges(along, state.rings)
-        return _TAUT * excess**2, slope
+        length, slope = total_length(state)
+        excess = max(0.0, length - self.length_mm) / self.radius_mm
+        return _TAUT * excess**2, 2.0 * _TAUT * excess / self.radius_mm * slope
 
 
 @dataclass(frozen=True)

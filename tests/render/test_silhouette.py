@@ -197,7 +197,7 @@ def test_a_view_looks_the_same_on_another_device(
     mask = np.hypot(x - 40, y - 30) < 25
     here = image_at(VIEW, mask, RADIUS, 96)
     there = image_at(VIEW, mask, RADIUS, 96, "cpu:0")
-    won = [image.find_winners(points, rings, RADIUS, 4.0) for image in (here, there)]
+    won = [image.find_winners(points, rings, RADIUS, 1.25) for image in (here, there)]
     assert all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(*won, strict=True))
     found = [
         image.squared_error(points, rings, RADIUS, 1.0, w)
