@@ -14,16 +14,16 @@ from knotfab.scene.settings import PRESETS, SearchSettings
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
-_SHORT_S = 6.0  # for the design of a view, below which it takes the draft's pictures and trials
+_SHORT_S = (
+    6.0  # for the design of a view, below which it takes the draft's trials, pictures and spacing
+)
 _SHORTEST_S = 3.0  # below which it takes the sketch's
 _GIVE = 0.012
 _MORE = (_GIVE, 0.016)  # where the knots that follow from less could not be verified in time
 _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
-_SPARED = ("coarse_px", "fine_px", "depth_candidates", "mesh_sides")
-# the part's vertex spacing in the shortest; the outline's limit may ask for less
-_COARSE_EDGE_RADII = 0.6
+_SPARED = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
@@ -97,7 +97,7 @@ class Budget:
 
 
 def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
-    """The settings with smaller pictures and fewer trials where the seconds for a view are few.
+    """The settings with smaller pictures, fewer trials and vertices where the seconds for a view are few.
 
     Args:
         given: keys that the scene gives, which stay.
@@ -106,11 +106,7 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
         return settings
     fewer = PRESETS["draft" if seconds >= _SHORTEST_S else "sketch"]
     less = {key: min(getattr(settings, key), getattr(fewer, key)) for key in _SPARED}
-    # a sketch's few radii miss the thicker tube, which saves more than their trials
-    radii = PRESETS["draft"].radius_candidates
-    less["radius_candidates"] = min(settings.radius_candidates, radii)
-    if seconds < _SHORTEST_S:
-        less["settle_edge_radii"] = max(settings.settle_edge_radii, _COARSE_EDGE_RADII)
+    less["settle_edge_radii"] = max(settings.settle_edge_radii, fewer.settle_edge_radii)
     return settings.model_copy(update={k: v for k, v in less.items() if k not in given})
 
 

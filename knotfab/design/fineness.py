@@ -17,13 +17,13 @@ def fine_enough(
 
     A ring of m corners stands out from the round tube by r a² / 12, a = 2 pi / m, and a mitre between
     edges e that turn by the most a bend radius R allows, tan(angle / 2) = e / 2R, by
-    r (sqrt(1 + (e / 2R)²) - 1). The first may take a quarter and the second a half; the rest is for
+    r (sqrt(1 + (e / 2R)²) - 1). The first may take a third and the second a half; the rest is for
     edges that are not quite even.
     """
     edge = 2.0 * bend_mm * float(np.sqrt((1.0 + 0.5 * allowed_mm / radius_mm) ** 2 - 1.0))
     return settings.model_copy(
         update={
-            "mesh_sides": max(settings.mesh_sides, sides_for(radius_mm, 0.25 * allowed_mm)),
+            "mesh_sides": max(settings.mesh_sides, sides_for(radius_mm, allowed_mm / 3)),
             "settle_edge_radii": min(
                 settings.settle_edge_radii, max(0.1, round(edge / radius_mm, 4))
             ),

@@ -24,15 +24,15 @@ class SearchSettings(BaseModel):
     network_width: int = Field(128, ge=1, le=65536)  # hidden units of each S and T
     network_iterations: int = Field(300, ge=1)
     network_rate_radii: float = Field(0.25, gt=0, lt=2)  # a vertex's first steps; a circle's: twice
-    coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
+    coarse_px: int = Field(128, ge=32, le=4096)  # longer side of the picture in the first phase
     fine_px: int = Field(384, ge=32, le=4096)  # in the later ones
-    coarse_iterations: int = Field(80, ge=0)
-    fine_iterations: int = Field(80, ge=0)
-    settle_iterations: int = Field(40, ge=0)  # the last phase: feasibility first
-    edge_radii: float = Field(0.6, gt=0.05, lt=0.8)  # vertex spacing in tube radii
+    coarse_iterations: int = Field(120, ge=0)
+    fine_iterations: int = Field(120, ge=0)
+    settle_iterations: int = Field(60, ge=0)  # the last phase: feasibility first
+    edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
-    winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
-    depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
+    winners_every: int = Field(1, ge=1)  # iterations between full searches for the winning capsules
+    depth_candidates: int = Field(150, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
     tolerance_px: float = Field(0.25, gt=0)
@@ -40,7 +40,7 @@ class SearchSettings(BaseModel):
         0.02, ge=0, le=10
     )  # weight of bending and length: how smoothly, and how straight, strands run
     grace_of: Literal["curves", "bends"] = "curves"  # bends: as few as can be, of a wire
-    mesh_sides: int = Field(24, ge=8)  # facets around the tube
+    mesh_sides: int = Field(20, ge=8)  # facets around the tube
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
     free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too
     free_light_mm: float = Field(0.0, ge=0)  # where they start; 0: as the scene's view has it
@@ -74,38 +74,39 @@ PRESETS: dict[str, SearchSettings] = {
     "sketch": SearchSettings(
         coarse_px=96,
         fine_px=192,
-        coarse_iterations=20,
-        fine_iterations=10,
+        coarse_iterations=30,
+        fine_iterations=20,
         settle_iterations=20,
         edge_radii=0.75,
+        settle_edge_radii=0.6,
         depth_candidates=60,
-        radius_candidates=4,
+        radius_candidates=8,
         tolerance_px=0.5,
         mesh_sides=16,
         iou_slack=0.12,
     ),
     "draft": SearchSettings(
-        coarse_px=160,
-        fine_px=256,
-        coarse_iterations=50,
+        coarse_iterations=40,
         fine_iterations=40,
-        settle_iterations=30,
-        depth_candidates=120,
+        settle_iterations=20,
+        settle_edge_radii=0.6,
+        depth_candidates=60,
         radius_candidates=8,
         tolerance_px=0.5,
-        mesh_sides=20,
+        mesh_sides=16,
         iou_slack=0.08,
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
-        edge_radii=0.45,
-        coarse_iterations=160,
-        fine_iterations=160,
-        settle_iterations=80,
+        coarse_px=192,
+        coarse_iterations=200,
+        fine_iterations=200,
+        settle_iterations=100,
+        edge_radii=0.6,
         depth_candidates=600,
         radius_candidates=16,
         tolerance_px=0.1,
-        mesh_sides=48,
+        mesh_sides=32,
         iou_slack=0.04,
     ),
 }

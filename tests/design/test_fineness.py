@@ -1,0 +1,44 @@
+"""Facets and vertices as fine as the outline's limit asks for: what a swept tube stands out by, measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knotfab.arrays import Array
+from knotfab.design.fineness import fine_enough
+from knotfab.geometry.tube import sweep
+from knotfab.scene.settings import SearchSettings
+
+COARSE = SearchSettings(mesh_sides=8, settle_edge_radii=0.79)
+
+
+def stand_out(points: Array, radius: float, sides: int) -> float:
+    """The most by which the mesh swept along a closed polyline leaves the round tube about its edges, mm."""
+    vertices, _ = sweep(points, radius, sides)
+    start, edge = points, np.roll(points, -1, axis=0) - points
+    share = np.einsum("vkj,kj->vk", vertices[:, None] - start, edge) / (edge * edge).sum(axis=1)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * edge
+    return float(np.linalg.norm(vertices[:, None] - nearest, axis=2).min(axis=1).max()) - radius
+
+
+@pytest.mark.parametrize("allowed_mm", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("radius_mm", [0.8, 1.5, 4.0])
+def test_at_the_sharpest_bend_the_mesh_stands_out_by_no_more_than_is_allowed(
+    radius_mm: float, allowed_mm: float
+) -> None:
+    bend_mm = 1.15 * radius_mm
+    fine = fine_enough(COARSE, radius_mm, bend_mm, allowed_mm)
+    # a circle on which `bend_radii` is the limit: its edges touch one of that radius from outside
+    count = int(np.ceil(np.pi / np.arctan(0.5 * fine.settle_edge_radii * radius_mm / bend_mm)))
+    turn = 2.0 * np.pi * np.arange(count) / count
+    around = bend_mm / np.cos(np.pi / count)
+    ring = around * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    found = stand_out(ring, radius_mm, fine.mesh_sides)
+    assert found <= 0.9 * allowed_mm  # some is kept for edges that are not quite even
+    assert found >= 0.3 * allowed_mm or fine.settle_edge_radii == COARSE.settle_edge_radii
+
+
+def test_what_is_fine_enough_stays() -> None:
+    fine = SearchSettings(mesh_sides=64, settle_edge_radii=0.2)
+    assert fine_enough(fine, 1.5, 1.8, 0.2) == fine
