@@ -68,7 +68,7 @@ BAD_CALLS = [
     (["--depth", "9999"], "towards the light"),
     (["--knots", "0"], "neither auto nor a number"),
     (["--seed", "-1"], "negative"),
-    (["--seed", "abc"], "unable to convert"),
+    (["--seed", "abc"], "no whole number"),
     (["--skip", "everything"], "Known: shadow-render"),
     (["--mount", "rope"], "Choose from"),
     (["--out"], "requires an argument"),

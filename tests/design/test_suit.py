@@ -65,7 +65,8 @@ def test_what_the_scene_gives_means_the_same_whatever_is_asked(what: str) -> Non
 
 def test_lines_get_finer_pictures_and_several_views_more_steps() -> None:
     lines = suit(PLAIN, ask_of(lines=True), {})
-    assert lines.fine_px >= 5 * 180 / 3.0 and lines.coarse_px >= 0.5 * lines.fine_px
+    wanted = 5 * 180 / 3.0
+    assert lines.fine_px >= wanted and lines.coarse_px >= 0.5 * wanted
     assert lines.coarse_iterations == PLAIN.coarse_iterations
     three = suit(PLAIN, ask_of(views=3), {})
     assert (three.fine_px, three.coarse_px) == (PLAIN.fine_px, PLAIN.coarse_px)

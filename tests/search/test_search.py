@@ -113,7 +113,8 @@ def test_unknown_search_keys_are_refused() -> None:
     with pytest.raises(InputError, match="fine_px"):
         search_settings("standard", {"fine_px": 3})
     assert search_settings("fine", {"seed": 7}).seed == 7
-    assert PRESETS["standard"].scaled(0.5).coarse_iterations == 40
+    standard = PRESETS["standard"]
+    assert standard.scaled(0.5).coarse_iterations == standard.coarse_iterations / 2
 
 
 @pytest.mark.slow
