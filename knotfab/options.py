@@ -46,8 +46,7 @@ def _read_whole(_: object, tokens: Sequence[Token]) -> int:
         raise ValueError(f"{value} is no whole number") from None
 
 
-_WHOLE = Parameter(converter=_read_whole)
-Whole = Annotated[int, _WHOLE]
+Whole = Annotated[int, Parameter(converter=_read_whole)]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -141,9 +140,9 @@ class PictureOptions:
     """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
-    keep_largest: Annotated[int | None, Parameter(group=_PICTURE), _WHOLE] = None
+    keep_largest: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
     """Draw only so many pieces of the picture, the largest."""
-    specks: Annotated[int | None, Parameter(group=_PICTURE), _WHOLE] = None
+    specks: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
     """Leave out pieces, and fill holes, of fewer pixels than this."""
     smooth: Annotated[float | None, Parameter(group=_PICTURE)] = None
     """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with the
@@ -226,7 +225,7 @@ class BuildOptions(PictureOptions):
     such as penumbra=off; may be repeated."""
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
     """Go on from the knots in this file: the start.json of a build of the studio, or of one with --start."""
-    seed: Annotated[int | None, Parameter(group=_SEARCH), _WHOLE] = None
+    seed: Annotated[Whole | None, Parameter(group=_SEARCH)] = None
     """Seed of the random depth profiles: another one gives another piece."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""

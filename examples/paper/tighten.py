@@ -12,7 +12,7 @@ from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample, subdivide
-from knotfab.limits.base import Felt, Limits, State, total_length
+from knotfab.limits.base import Felt, Limits, State, total_length, weigh
 from knotfab.limits.bend import BEND
 from knotfab.limits.clearance import CLEARANCE
 from knotfab.scene.model import Region
@@ -65,8 +65,7 @@ def tighten(points: Array) -> Tight:
                 (3.0, clearance(state, limits)),
                 (0.5, bend(state, limits)),
             )
-            values = sum(weight * value for weight, (value, _) in parts)
-            return values, np.sum([weight * slope for weight, (_, slope) in parts], axis=0)
+            return weigh(parts, p)
 
         walk = FlowSettings(iterations=n, rate=first, rate_end=last, reach=3.0)
         found = flow(points, rings, objective, 1.0, walk, separation=limits.separation)

@@ -14,10 +14,8 @@ from knotfab.scene.settings import PRESETS, SearchSettings
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
-_SHORT_S = (
-    6.0  # for the design of a view, below which it takes the draft's trials, pictures and spacing
-)
-_SHORTEST_S = 3.0  # below which it takes the sketch's
+# for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
+_SHORT_S, _SHORTEST_S = 6.0, 3.0
 _GIVE = 0.012
 _MORE = (_GIVE, 0.016)  # where the knots that follow from less could not be verified in time
 _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex

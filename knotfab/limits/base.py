@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,16 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion
 
-__all__ = ["Felt", "Guard", "Limit", "Limits", "State", "follow_edges", "total_length"]
+__all__ = [
+    "Felt",
+    "Guard",
+    "Limit",
+    "Limits",
+    "State",
+    "follow_edges",
+    "total_length",
+    "weigh",
+]
 
 Felt = tuple[float, Array]  # a value, and its gradient (N, 3) in the vertices
 
@@ -55,6 +64,15 @@ class State:
 def follow_edges(slope: Array, rings: Polylines) -> Array:
     """The gradient (N, 3) in the vertices of what has the gradient `slope` (N, 3) in the edges."""
     return np.asarray(slope[rings.previous] - slope)
+
+
+def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
+    """The sum of weighted terms, and its gradient, of vertices `points` (N, 3)."""
+    total, slope = 0.0, np.zeros_like(points)
+    for weight, (value, pull) in parts:
+        total += weight * value
+        slope += weight * pull
+    return total, slope
 
 
 def total_length(state: State) -> Felt:

@@ -21,7 +21,7 @@ from knotfab.target.masks import mask_iou, sample_mask
 if TYPE_CHECKING:
     from knotfab.render.tensors import DeviceImage
 
-__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at", "picture_at"]
+__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
@@ -81,12 +81,12 @@ def image_at(
     view: ResolvedView, mask: Mask, radius: float, pixels: int, device: str = "cpu"
 ) -> ViewImage:
     """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm."""
-    frame, target, pixel_mm = picture_at(view, mask, pixels)
+    frame, target, pixel_mm = _picture_at(view, mask, pixels)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     return ViewImage(frame, target, sheet, radius * view.magnification / pixel_mm, device)
 
 
-def picture_at(
+def _picture_at(
     view: ResolvedView, mask: Mask, pixels: int
 ) -> tuple[Frame, NDArray[np.float32], float]:
     """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side, and a margin.

@@ -118,7 +118,10 @@ def winners(
     reach_px: float,
 ) -> Winners:
     """(pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
-    cut = _place(starts, ends, frame, radius)
+    return _find_winners(_place(starts, ends, frame, radius), frame, radius, reach_px)
+
+
+def _find_winners(cut: _Cut, frame: Frame, radius: float, reach_px: float) -> Winners:
     size = (frame.width, frame.height)
     return find_winners(cut.a, cut.b, cut.seen, _numbers(frame, radius), *size, reach_px)
 
@@ -196,9 +199,7 @@ class Capsules:
         """
         cut = _place(starts, ends, frame, radius)
         if won is None:
-            size = (frame.width, frame.height)
-            reach = cutoff / tau
-            won = find_winners(cut.a, cut.b, cut.seen, _numbers(frame, radius), *size, reach)
+            won = _find_winners(cut, frame, radius, cutoff / tau)
         # the kernels look up what they are told to
         for found, count in zip(won, (frame.width * frame.height, len(starts)), strict=True):
             if len(found) and not 0 <= found.min() <= found.max() < count:

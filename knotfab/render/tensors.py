@@ -119,9 +119,7 @@ class DeviceImage:
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
     ) -> tuple[float, Array]:
         """`squared_error` of the tube about vertices (N, 3), and its gradient there."""
-        p, _ = self._ends(points, rings)
-        p.requires_grad_()
-        q = p[torch.as_tensor(rings.next, device=p.device)]
+        p, q = self._ends(points, rings, slopes=True)
         error = squared_error(p, q, self.frame, radius, tau, self.target, cutoff, won)
         (slope,) = torch.autograd.grad(error, p)
         return float(error.detach()), slope.cpu().numpy().astype(np.float64)
@@ -140,8 +138,9 @@ class DeviceImage:
             image = render(*self._ends(points, rings), self.frame, radius, tau, cutoff)
         return np.asarray(image.cpu().numpy())
 
-    def _ends(self, points: Real, rings: Polylines) -> tuple[Tensor, Tensor]:
+    def _ends(self, points: Real, rings: Polylines, slopes: bool = False) -> tuple[Tensor, Tensor]:
         p = torch.as_tensor(points, dtype=self.target.dtype, device=self.target.device)
+        p.requires_grad_(slopes)
         return p, p[torch.as_tensor(rings.next, device=p.device)]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
-from knotfab.limits.base import Felt, Guard, Limits, State
+from knotfab.limits.base import Felt, Guard, Limits, State, weigh
 from knotfab.render.frame import Frame
 from knotfab.render.picture import ViewImage
 
@@ -74,19 +74,18 @@ class Objective:
         self.won = [None] * len(self.images)
 
     def __call__(self, points: Array, near: Neighbours, progress: float) -> Felt:
-        total, slope = 0.0, np.zeros_like(points)
         felt: list[tuple[float, Felt]] = []
         if self.weights.image > 0:
             for number, share in enumerate(self.shares.tolist()):
                 seen = self.image_term(number, points, self._tau(number, progress))
                 felt.append((self.weights.image * share, seen))
-        felt.append((1.0, self.limit_terms(points, near, self.limits, self.weights, self._turn)))
-        if self.terms:
-            state = State.at(points, self.rings, near)
-            felt.extend((1.0, term(state, self.weights)) for term in self.terms)
-        for weight, (value, pull) in felt:
-            total += weight * value
-            slope += weight * pull
+        state = State.at(points, self.rings, near)
+        if self._turn is None:
+            held = add_limits(state, self.limits, self.guards, self.weights)
+        else:
+            held = self.limit_terms(points, near, self.limits, self.weights, self._turn)
+        felt += [(1.0, held), *((1.0, term(state, self.weights)) for term in self.terms)]
+        total, slope = weigh(felt, points)
         if self.loose is not None:
             slope[~self.loose] = 0.0
         return total, slope
@@ -110,12 +109,12 @@ class Objective:
         near: Neighbours,
         limits: Limits,
         weights: Weights,
-        turn: Array | None = None,
+        turn: Array,
     ) -> Felt:
         """The weighted terms of all limits that can be felt, in the axes of `turn` (3, 3)."""
-        turned = points if turn is None else points @ turn
-        total, slope = add_limits(State.at(turned, self.rings, near), limits, self.guards, weights)
-        return total, slope if turn is None else slope @ turn.T
+        state = State.at(points @ turn, self.rings, near)
+        total, slope = add_limits(state, limits, self.guards, weights)
+        return total, slope @ turn.T
 
     def find_winners(self, points: Array, progress: float) -> None:
         """Find each pixel's winning capsule anew; until the next call others do not colour it."""
@@ -137,11 +136,5 @@ class Objective:
 
 def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: Weights) -> Felt:
     """The weighted sum of the terms of all limits that can be felt; calls and seconds are counted."""
-    total, slope = 0.0, np.zeros_like(state.points)
-    for name, guard in guards.items():
-        found = guard.term(state, limits)
-        if found is not None:
-            weight = getattr(weights, name)
-            total += weight * found[0]
-            slope += weight * found[1]
-    return total, slope
+    found = ((getattr(weights, name), guard.term(state, limits)) for name, guard in guards.items())
+    return weigh(((weight, felt) for weight, felt in found if felt is not None), state.points)

@@ -265,7 +265,7 @@ def test_a_thicker_tube_costs_clearance_and_bends(problem: Problem) -> None:
     objective = _objective(_state(problem, TIGHT, pose))
 
     def limits_at(radius: float) -> float:
-        return objective.limit_terms(TIGHT, NEAR, problem.limits(radius), SETTLE)[0]
+        return objective.limit_terms(TIGHT, NEAR, problem.limits(radius), SETTLE, np.eye(3))[0]
 
     slope = (limits_at(4.04) - limits_at(3.96)) / 0.02  # of the radius's logarithm
     (picture,) = torch.autograd.grad(pose.picture_term(objective, TIGHT), pose.logs)
