@@ -23,6 +23,7 @@ _LOWERED = 0.5  # share of the way to the wall that strands of the outline are l
 _LOWERED_PX = 32.0  # of blur above the threshold, from which on it is that
 # tube radii from the outline: a strand there draws none of it; over which that fades
 _DRAWS = (2.0, 0.7)
+_OUTLINE_STEP = 0.05  # tube radii, between points of the outline that distances are taken to
 _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once
 # what a disc's blur b adds along an edge: b times the mean |x| in it
 _ABS_BLUR = 4 / (3 * np.pi) / 2
@@ -199,12 +200,15 @@ class Sharpening:
 
     def drawing(self, curves: tuple[Array, ...]) -> list[Array]:
         """From 0 to 1, how much points (n, 2), mm, of each evenly sampled closed curve draw the outline."""
-        boundary = self.outline.boundary
-        shapely.prepare(boundary)
+        from scipy.spatial import cKDTree
+
         reach, fade = (share * self.radius for share in _DRAWS)
+        # points of the outline so near to each other that where the share fades none is off by .001
+        outline = shapely.segmentize(self.outline.boundary, _OUTLINE_STEP * self.radius)
+        tree = cKDTree(shapely.get_coordinates(outline))
         found = []
         for curve in curves:
-            away = shapely.distance(boundary, shapely.points(curve))
+            away, _ = tree.query(curve, distance_upper_bound=reach)  # infinite beyond it
             step = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).mean())
             share = np.clip((reach - away) / fade, 0.0, 1.0)
             found.append(gaussian_filter1d(share, _SMOOTH * self.radius / step, mode="wrap"))

@@ -215,26 +215,33 @@ def _columns(
     strands: Strands, flat: Array, along: Array, level: Array, z: Array, wide: Array
 ) -> tuple[Array, Array, Array]:
     """Lower end, height of what lies below, and area, of the strips, strip after strip."""
-    some, inner = len(STRIPS) * len(z), len(STRIPS)
-    x, y, half = _strips(flat, along, level, strands.length, wide, strands.radius)
+    some = len(STRIPS) * len(z)
     cell = max(CELL_RADII * strands.radius, float(strands.length.max()))
-    ix, iy = (((v - v.min()) / cell).astype(np.int64) for v in (x, y))
-    middle = np.tile(z, inner + 2)
-    floor = _floors(ix + iy * (int(ix.max()) + 1), middle - half, middle + half)
-    weight = np.tile(2 * wide / inner * strands.length * level, inner)
-    return (middle - half)[:some], floor[:some], weight
+    cells, low, high, area = _strips(
+        flat, along, level, strands.length, z, wide, strands.radius, cell
+    )
+    return low[:some], _floors(cells, low, high)[:some], area[:some]
 
 
 @compiled
 def _strips(
-    flat: Array, along: Array, level: Array, length: Array, wide: Array, radius: float
-) -> tuple[Array, Array, Array]:
-    """Where strips of rods are, (strips * n,) twice, and half of how long a vertical line is inside there.
+    flat: Array,
+    along: Array,
+    level: Array,
+    length: Array,
+    z: Array,
+    wide: Array,
+    radius: float,
+    cell: float,
+) -> tuple[Indices, Array, Array, Array]:
+    """Of strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
 
     Two more strips at the tube's sides carry nothing, but others may stand on them.
     """
     n, inner = len(flat), len(STRIPS)
-    x, y, half = np.empty((inner + 2) * n), np.empty((inner + 2) * n), np.empty((inner + 2) * n)
+    count = (inner + 2) * n
+    x, y = np.empty(count), np.empty(count)
+    low, high, area = np.empty(count), np.empty(count), np.zeros(count)
     for k in range(inner + 2):
         for i in range(n):
             if k < inner:
@@ -245,9 +252,17 @@ def _strips(
             at = k * n + i
             x[at], y[at] = flat[i, 0] - aside * along[i, 1], flat[i, 1] + aside * along[i, 0]
             # a vertical line through a leaning tube is inside for longer; a steep one is all there is
-            high = np.sqrt(max(radius**2 - offset**2, 0.0)) / max(level[i], 0.2)
-            half[at] = max(high, 0.6 * length[i] * abs(along[i, 2]))
-    return x, y, half
+            half = np.sqrt(max(radius**2 - offset**2, 0.0)) / max(level[i], 0.2)
+            half = max(half, 0.6 * length[i] * abs(along[i, 2]))
+            low[at], high[at] = z[i] - half, z[i] + half
+            if k < inner:
+                area[at] = 2 * wide[i] / inner * length[i] * level[i]
+    left, front = x.min(), y.min()
+    across = int((x.max() - left) / cell) + 1
+    cells = np.empty(count, dtype=np.int64)
+    for at in range(count):
+        cells[at] = int((x[at] - left) / cell) + int((y[at] - front) / cell) * across
+    return cells, low, high, area
 
 
 @compiled

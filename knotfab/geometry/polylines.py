@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,9 +40,14 @@ class Polylines:
         apart = np.minimum(apart, self.size[i] - apart)
         return np.where(self.ring[i] == self.ring[j], apart, np.iinfo(np.int64).max)
 
+    @cached_property
+    def bounds(self) -> Indices:
+        """The first row of each ring, and how many rows there are."""
+        return np.cumsum([0, *self.sizes], dtype=np.int64)
+
     def split(self, rows: Array) -> list[Array]:
         """The (N, k) array cut into its rings."""
-        return np.split(rows, np.cumsum(self.sizes)[:-1])
+        return np.split(rows, self.bounds[1:-1])
 
 
 def polylines_of(curves: Iterable[Array]) -> Polylines:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from knotfab.compiled import compiled
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
@@ -15,12 +17,24 @@ if TYPE_CHECKING:
 
 __all__ = ["Frame", "Number", "Sheet", "frame_of", "number"]
 
+Real: TypeAlias = NDArray[np.floating[Any]]
 Number: TypeAlias = "float | Tensor"  # a tensor [] where it has a gradient
 
 
 def number(value: Number) -> float:
     """The value without its gradient."""
     return float(value if isinstance(value, float | int) else value.detach())
+
+
+@compiled
+def _turn_to(points: Real, axes: Real, eye: Real) -> Real:
+    """(n, 3) points about `eye` in these axes (3, 3), rounded as `Frame.local` says it."""
+    out = np.empty_like(points)
+    for n in range(len(points)):
+        x, y, z = points[n, 0] - eye[0], points[n, 1] - eye[1], points[n, 2] - eye[2]
+        for k in range(3):
+            out[n, k] = x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]
+    return out
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,8 @@ class Frame:
 
     def local(self, points: Any) -> Any:
         """(..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
+        if isinstance(points, np.ndarray) and points.ndim == 2:
+            return _turn_to(points, self.axes, self.eye)
         away = points - self.eye
         x, y, z = (away[..., k : k + 1] for k in range(3))
         across, along, deep = self.axes.T

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.compiled import compiled
 
-__all__ = ["evaluate", "find_winners"]
+__all__ = ["are_within", "evaluate", "find_winners"]
 
 Real = NDArray[np.floating[Any]]
 Places = NDArray[np.int32]
@@ -238,6 +238,15 @@ def find_winners(
                     capsule[found] = who[i]
                     found += 1
     return pixel[:found].copy(), capsule[:found].copy()
+
+
+@compiled
+def are_within(places: Places, count: int) -> bool:
+    """Whether all are numbers of `count` things."""
+    least, most = 0, -1
+    for n in range(len(places)):
+        least, most = min(least, places[n]), max(most, places[n])
+    return least >= 0 and most < count
 
 
 @compiled

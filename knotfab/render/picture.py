@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,15 @@ class ViewImage:
         from knotfab.render.tensors import DeviceImage
 
         return DeviceImage.of(self.frame, self.target, self.device)
+
+    def from_frame(self, frame: Frame) -> ViewImage:
+        """The same picture where another frame looks from; what is on a device stays there."""
+        moved = replace(self, frame=frame)
+        if self.device != "cpu":
+            there = self._on_device
+            own = replace(there, frame=frame.tensors(there.target.dtype, self.device))
+            moved.__dict__["_on_device"] = own
+        return moved
 
     def squared_error(
         self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None

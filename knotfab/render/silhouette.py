@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from knotfab.arrays import Array
 from knotfab.render.frame import Frame, number
-from knotfab.render.kernels import Places, Real, evaluate, find_winners
+from knotfab.render.kernels import Places, Real, are_within, evaluate, find_winners
 
 __all__ = [
     "CUTOFF",
@@ -202,7 +202,7 @@ class Capsules:
             won = _find_winners(cut, frame, radius, cutoff / tau)
         # the kernels look up what they are told to
         for found, count in zip(won, (frame.width * frame.height, len(starts)), strict=True):
-            if len(found) and not 0 <= found.min() <= found.max() < count:
+            if not are_within(found, count):
                 raise IndexError(f"winners of another scene: {found.max()} of {count}")
         return cls(cut, won, frame, radius, tau)
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Indices
+from knotfab.compiled import compiled
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot
@@ -45,14 +46,38 @@ class FlowResult:
     losses: list[float] = field(default_factory=list)
 
 
-def _precondition(gradient: Array, rings: Polylines, sigma: float) -> Array:
-    """H1 gradient: each ring's rows divided by 1 + (sigma omega)^2 in frequency, sigma in samples."""
-    out = []
-    for part in rings.split(gradient):
-        omega = np.fft.rfftfreq(len(part)) * 2 * np.pi
-        spectrum = np.fft.rfft(part, axis=0) / (1 + (sigma * omega) ** 2)[:, None]
-        out.append(np.fft.irfft(spectrum, len(part), axis=0))
-    return np.concatenate(out)
+@compiled
+def _precondition(gradient: Array, starts: Indices, sigma: float) -> Array:
+    """H1 gradient: of each ring the x that solves x - sigma^2 x'' = gradient, sigma in samples.
+
+    By differences the matrix is, but for a factor, (1 - r S)(1 - r S^-1), S the shift along the ring: a
+    filter forth and one back, each of which begins as it ends.
+    """
+    out = gradient.copy()
+    square = sigma * sigma
+    ahead = (1.0 + 2.0 * square) / (2.0 * square)
+    share = 1.0 / (ahead + np.sqrt(ahead * ahead - 1.0))  # r
+    scale = share / square
+    for ring in range(len(starts) - 1):
+        begin, end = starts[ring], starts[ring + 1]
+        whole = 1.0 / (1.0 - share ** (end - begin))
+        for k in range(3):
+            last = 0.0
+            for n in range(begin, end):
+                last = out[n, k] + share * last
+            last *= whole
+            for n in range(begin, end):
+                last = out[n, k] + share * last
+                out[n, k] = last
+            last = 0.0
+            for n in range(end - 1, begin - 1, -1):
+                last = out[n, k] + share * last
+            last *= whole
+            for n in range(end - 1, begin - 1, -1):
+                last = out[n, k] + share * last
+                out[n, k] = last
+    out *= scale
+    return out
 
 
 def _along(points: Array, rings: Polylines) -> Array:
@@ -100,7 +125,7 @@ def flow(
         loss, gradient = objective(x, near, progress)
         result.losses.append(loss)
         spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
-        g = _precondition(gradient, rings, settings.smoothing * radius / spacing)
+        g = _precondition(gradient, rings.bounds, settings.smoothing * radius / spacing)
         scale = max(0.9 * scale + 0.1 * float(dot(g, g).mean()), 1e-300)
         if iteration == 0:
             scale = max(float(dot(g, g).mean()), 1e-300)

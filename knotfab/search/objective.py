@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -126,7 +126,7 @@ class Objective:
 
     def look_from(self, frame: Frame, limits: Limits, turn: Array) -> None:
         """See the one view from another pose: its frame, the limits there, and its axes (3, 3) as columns."""
-        self.images = (replace(self.images[0], frame=frame),)
+        self.images = (self.images[0].from_frame(frame),)
         self.limits, self._turn = limits, turn
 
     def ious(self, points: Array) -> tuple[float, ...]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from math import floor, inf
 
 import numpy as np
-from scipy.special import erf
 
 from knotfab.arrays import Array, Indices, Mask
+from knotfab.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
@@ -23,6 +23,7 @@ from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.problem import DepthChoice
 from knotfab.start.lanes import part_sides
 from knotfab.start.legibility import about_middle, legibility_from, turns_aside
+from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
 
 __all__ = ["choose_depth", "lift", "lower"]
 
@@ -30,13 +31,9 @@ __all__ = ["choose_depth", "lift", "lower"]
 _ASIDE = {45.0: 0.75, 30.0: 0.25}  # degrees that a profile is looked at from, and their weights
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
-_WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
-_RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
-_RELIEF_WAVES = 4
 _SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
-_CHANGED = 0.5  # share of its waves that a variation changes
 _CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
 _RODS = 600  # that supports are estimated by
 _EXTENTS = 20  # that a profile is judged at where placing is careless
@@ -54,75 +51,6 @@ def lower(points: Array, light_distance: float) -> Array:
     return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))
 
 
-@dataclass(frozen=True)
-class _Profile:
-    """Per curve the cosines and sines (2, k) of its first k waves and an offset; the shortest wave, mm."""
-
-    waves: tuple[Array, ...]
-    offsets: Array
-    shortest: float
-
-    def heights(self, arcs: list[Array]) -> list[Array]:
-        """Between about -2 and 2 at arc lengths (n + 1,) of each curve, the last of which is its length."""
-        out = []
-        for (cosine, sine), offset, arc in zip(self.waves, self.offsets, arcs, strict=True):
-            length = float(arc[-1])
-            angle = 2 * np.pi * arc[:-1, None] / length * np.arange(1, len(cosine) + 1)
-            wave = (cosine * np.cos(angle) - sine * np.sin(angle)).sum(1) / np.sqrt(2 * len(cosine))
-            # a normal variable made uniform: the curve spends as much length in front as in the middle, so
-            # that neighbouring parts of the outline are far apart in depth; a curve shorter than a wave
-            # keeps its slope small and goes to a depth of its own instead
-            own = offset if length < 3 * self.shortest else 0.0
-            out.append(2.0 * erf(wave) * min(1.0, length / self.shortest) + own)
-        return out
-
-    def varied(self, rng: np.random.Generator, change: float) -> _Profile:
-        """Another of the same spread, in which about half of the waves are changed by this share."""
-
-        def mix(wave: Array) -> Array:
-            step = rng.normal(size=wave.shape) * (rng.random(wave.shape[-1]) < _CHANGED)
-            return np.asarray(np.sqrt(1.0 - change**2) * wave + change * step)
-
-        offsets = self.offsets + change * rng.normal(size=len(self.offsets))
-        return _Profile(tuple(mix(w) for w in self.waves), offsets, self.shortest)
-
-
-@dataclass(frozen=True)
-class _Relief:
-    """Plane waves over the picture: (k, 2) wave vectors, 1/mm, and the cosines and sines (2, k) of each."""
-
-    vectors: Array
-    waves: Array
-
-    def heights(self, places: list[Array]) -> list[Array]:
-        """Between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
-        out = []
-        for points in places:
-            angle = points @ self.vectors.T
-            wave = self.waves[0] * np.cos(angle) - self.waves[1] * np.sin(angle)
-            out.append(2.0 * erf(wave.sum(1) / np.sqrt(2 * len(self.vectors))))
-        return out
-
-    def varied(self, rng: np.random.Generator, change: float) -> _Relief:
-        """Another of the same wave vectors, in which each wave is changed by this share."""
-        step = rng.normal(size=self.waves.shape)
-        return _Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
-
-
-def _draw_relief(rng: np.random.Generator, shortest: float) -> _Relief:
-    turn = rng.uniform(0.0, 2 * np.pi, _RELIEF_WAVES)
-    length = shortest * rng.uniform(1.0, 2.0, _RELIEF_WAVES)
-    vectors = 2 * np.pi / length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    return _Relief(vectors, rng.normal(size=(2, _RELIEF_WAVES)))
-
-
-def _draw_profile(rng: np.random.Generator, arcs: list[Array], shortest: float) -> _Profile:
-    counts = [max(1, int(arc[-1] / shortest)) for arc in arcs]
-    return _Profile(
-        tuple(rng.normal(size=(2, n)) for n in counts), rng.normal(size=len(arcs)), shortest
-    )
-
-
 def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
     """Pairs of samples that hide each other seen from the light, so that they must differ in depth.
 
@@ -131,6 +59,18 @@ def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, In
     pairs, along = pair_nearby(samples, 1.85 * radius)
     one, other = pairs[along > 6.0 * radius].T
     return one, other
+
+
+@compiled
+def _count_close(points: Array, one: Indices, other: Indices, reach: float) -> int:
+    """How many of the pairs (p,) of points (n, 3) are closer than `reach`."""
+    found = 0
+    for p in range(len(one)):
+        square = 0.0
+        for k in range(3):
+            square += (points[one[p], k] - points[other[p], k]) ** 2
+        found += square < reach * reach
+    return found
 
 
 def _turns() -> Array:
@@ -172,21 +112,21 @@ class _Judge:
                 for arc, share, lane in zip(self.arcs, shares, self.lanes, strict=True)
             ]
 
-    def draw(self, rng: np.random.Generator, number: int, across: float) -> _Profile | _Relief:
+    def draw(self, rng: np.random.Generator, number: int, across_mm: float) -> Profile | Relief:
         """A profile by chance; a relief where strands have lanes."""
         if self.lanes is not None:
-            return _draw_relief(rng, _RELIEF[number % len(_RELIEF)] * across)
-        return _draw_profile(rng, self.arcs, _WAVELENGTHS[number % len(_WAVELENGTHS)] * across)
+            return draw_relief(rng, number, across_mm)
+        return draw_profile(rng, number, across_mm, self.arcs)
 
     def heights(
-        self, profile: _Profile | _Relief, curves: tuple[Array, ...], drawing: list[Array]
+        self, profile: Profile | Relief, curves: tuple[Array, ...], drawing: list[Array]
     ) -> list[Array]:
         """Of each vertex of the curves, lanes left out."""
-        if isinstance(profile, _Relief):
+        if isinstance(profile, Relief):
             return self.fit(profile.heights(list(curves)), drawing)
         return self.fit(profile.heights([arc_lengths(c) for c in curves]), drawing)
 
-    def place(self, profile: _Profile | _Relief) -> list[Array]:
+    def place(self, profile: Profile | Relief) -> list[Array]:
         """The samples lifted."""
         heights = self.heights(profile, self.samples, self.drawing)
         if self.beside is not None:
@@ -194,7 +134,7 @@ class _Judge:
         return [lift(s, h, self.light_distance) for s, h in zip(self.samples, heights, strict=True)]
 
     def part(
-        self, profile: _Profile | _Relief, heights: list[Array], separation: float
+        self, profile: Profile | Relief, heights: list[Array], separation: float
     ) -> tuple[list[Array], list[Array]]:
         """The curves' heights, and the samples lifted, with strands that hide each other parted."""
         own = self.heights(profile, self.samples, self.drawing)
@@ -226,7 +166,7 @@ class _Judge:
         return 0.0 if self.sharpening is None else self.sharpening.cost(parts, self.drawing)
 
     def find_extent(
-        self, profile: _Profile | _Relief, least_mm: float, steadying: Steadying
+        self, profile: Profile | Relief, least_mm: float, steadying: Steadying
     ) -> float:
         """The extent, mm, from `least_mm` to its own, at which a profile is best.
 
@@ -255,9 +195,8 @@ class _Judge:
         Of what is more than `at_most` a part that is; of most profiles the first side tells.
         """
         points = np.concatenate(parts)
-        one, other = self.pairs
-        close = np.linalg.norm(points[one] - points[other], axis=1) < 2.2 * self.radius
-        hidden = _CONFLICT * float(close.sum()) / max(len(one), 1)
+        close = _count_close(points, *self.pairs, 2.2 * self.radius)
+        hidden = _CONFLICT * close / max(len(self.pairs[0]), 1)
         centred, worst, found = about_middle(points), dict.fromkeys(_ASIDE, 0.0), hidden
         for side in tuple(self.sides):
             for angle in worst:
@@ -271,9 +210,12 @@ class _Judge:
                 break
         return found
 
-    def cost(self, parts: list[Array], other: float, at_most: float) -> float:
-        """Legibility and what else there is; of what is more than `at_most` a part that is."""
-        return self.legibility(parts, at_most - other) + other
+    def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
+        """All that is judged, with supports or without; of what is more than `at_most` a part that is."""
+        other = self.blur(parts)
+        if supported:
+            other += float(self.supports(parts).min())
+        return other + self.legibility(parts, at_most - other)
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -336,12 +278,12 @@ def choose_depth(
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius
     drawn = max(min(candidates, 2 * _KEPT), candidates // _DRAWN)
-    first: list[tuple[float, _Profile | _Relief, list[Array]]] = []
+    first: list[tuple[float, Profile | Relief, list[Array]]] = []
     for n in range(drawn):
         profile = judge.draw(rng, n, across)
         parts = judge.place(profile)
         most = first[-1][0] if len(first) == 2 * _KEPT else inf
-        first.append((judge.cost(parts, judge.blur(parts), most), profile, parts))
+        first.append((judge.cost(parts, most, supported=False), profile, parts))
         first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
     scored = [
@@ -352,9 +294,7 @@ def choose_depth(
     for n in range(drawn, candidates):
         change = begin + (end - begin) * (n - drawn) / (candidates - drawn)
         profile = best[n % len(best)][1].varied(rng, change)
-        parts = judge.place(profile)
-        other = judge.blur(parts) + float(judge.supports(parts).min())
-        cost = judge.cost(parts, other, best[-1][0])
+        cost = judge.cost(judge.place(profile), best[-1][0])
         best = sorted([*best, (cost, profile)], key=lambda one: one[0])[:_KEPT]
     profile = best[0][1]
     best_mm = extent_mm

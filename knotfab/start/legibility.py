@@ -12,7 +12,6 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.compiled import compiled
-from knotfab.target.masks import mask_iou
 
 __all__ = ["about_middle", "legibility", "legibility_from", "stretch_mask", "turns_aside"]
 
@@ -50,10 +49,25 @@ def _cover(points: Array, radius: float, grid: int) -> Mask:
     return covered
 
 
-def _silhouette(points: Array, radius: float, light_distance: float) -> Mask:
-    """Silhouette of the tube through `points` (axis view, dense samples), stretched to the grid."""
-    scale = light_distance / (light_distance - points[:, 2])
-    return _cover(points[:, :2] * scale[:, None], radius, _GRID)
+@compiled
+def _iou_aside(
+    centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
+) -> float:
+    """Of the tube through `centred` (axis view, dense samples), turned and stretched to the grid."""
+    flat = np.empty((len(centred), 2))
+    for n in range(len(centred)):
+        x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
+        deep = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+        scale = light_distance / (light_distance - deep)
+        for k in range(2):
+            flat[n, k] = scale * (turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z)
+    covered = _cover(flat, radius, len(target))
+    both, either = 0, 0
+    for row in range(len(target)):
+        for column in range(len(target)):
+            both += covered[row, column] and target[row, column]
+            either += covered[row, column] or target[row, column]
+    return both / either  # a disc covers a cell of its own box
 
 
 @lru_cache
@@ -83,11 +97,12 @@ def legibility(
 
 def about_middle(points: Array) -> Array:
     """Points (n, 3) about the middle of their box, about which a part is turned."""
-    return np.asarray(points - 0.5 * (points.min(0) + points.max(0)))
+    middle = [0.5 * (column.min() + column.max()) for column in points.T]
+    return np.asarray(points - np.array(middle))
 
 
 def legibility_from(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
     """The same of points about their middle, from one side."""
-    return mask_iou(_silhouette(centred @ turn.T, radius, light_distance), target)
+    return _iou_aside(centred, radius, light_distance, target, turn)

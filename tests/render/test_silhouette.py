@@ -207,6 +207,22 @@ def test_a_view_looks_the_same_on_another_device(
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-4 * np.abs(found[0][1]).max())
     assert (here.seen(points, rings, RADIUS) == there.seen(points, rings, RADIUS)).all()
     assert here.iou(points, rings, RADIUS) == there.iou(points, rings, RADIUS) > 0.1
+    # from elsewhere: what was brought to the device stays
+    turned = VIEW.model_copy(update={"azimuth_deg": 20.0})
+    aside = image_at(turned, mask, RADIUS, 96).frame
+    moved = [image.from_frame(aside) for image in (here, there)]
+    assert moved[1]._on_device.target is there._on_device.target
+    found = [image.squared_error(points, rings, RADIUS, 1.0) for image in moved]
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-5)
+    assert found[0][0] != pytest.approx(here.squared_error(points, rings, RADIUS, 1.0)[0], rel=1e-3)
+
+
+def test_places_are_rounded_alike_by_loops_and_by_numpy() -> None:
+    rng = np.random.default_rng(6)
+    for real in (np.float32, np.float64):
+        frame = frame_of(camera_of(VIEW.model_copy(update={"azimuth_deg": 33.0}), 92, 69), real)
+        points = rng.uniform(-90, 90, (400, 3)).astype(real)
+        assert (frame.local(points) == frame.local(points[None])[0]).all()
 
 
 def test_no_capsules_give_an_empty_image() -> None:

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from questions import ask_heart
+from scipy.ndimage import gaussian_filter1d
 
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
@@ -16,8 +18,16 @@ from knotfab.scene.model import Switch
 from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import choose_depth, lift
 from knotfab.start.filling import Template, fill
-from knotfab.start.legibility import _cover, legibility, stretch_mask
+from knotfab.start.legibility import (
+    _cover,
+    about_middle,
+    legibility,
+    legibility_from,
+    stretch_mask,
+    turns_aside,
+)
 from knotfab.start.lift import lift_template
+from knotfab.target.masks import mask_iou
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 
@@ -82,6 +92,31 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
         return min(estimate(rods, turn, Rules()).support_cm3 for turn in AXES)
 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
+
+
+def test_legibility_from_one_side_is_the_iou_of_what_is_seen_there() -> None:
+    rng = np.random.default_rng(8)
+    centred = about_middle(rng.uniform(-40, 40, (60, 3)))
+    target = rng.random((128, 128)) < 0.4
+    for turn in turns_aside(30.0):
+        at = centred @ turn.T
+        flat = at[:, :2] * (300.0 / (300.0 - at[:, 2:]))
+        seen = legibility_from(centred, 5.0, 300.0, target, turn)
+        assert seen == pytest.approx(mask_iou(_cover(flat, 5.0, 128), target), abs=2e-3)
+
+
+def test_what_draws_the_outline_is_told_by_the_distance_to_it(
+    problem: Problem, template: Template
+) -> None:
+    seen = _lit_by(problem, 20.0).views[0]
+    wide = Sharpening(Decision(PENUMBRA, 1e3, 1.0), seen.view, seen.polygon, 3.0)
+    (drawing,) = wide.drawing(template.curves[:1])
+    curve = template.curves[0]
+    away = shapely.distance(seen.polygon.boundary, shapely.points(curve))
+    share = np.clip((6.0 - away) / 2.1, 0.0, 1.0)
+    step = np.linalg.norm(np.diff(curve, axis=0), axis=1).mean()
+    exact = gaussian_filter1d(share, 12.0 / step, mode="wrap")
+    np.testing.assert_allclose(drawing, exact, atol=1e-3)
 
 
 def _lit_by(problem: Problem, diameter_mm: float, word: Switch = "auto") -> Problem:

@@ -1,0 +1,115 @@
+"""Random smooth depth profiles, and variations of them: what the depth is chosen from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erf
+
+from knotfab.arrays import Array
+from knotfab.compiled import compiled
+
+__all__ = ["Profile", "Relief", "draw_profile", "draw_relief"]
+
+_WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
+_RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it
+_RELIEF_WAVES = 4
+_CHANGED = 0.5  # share of its waves that a variation changes
+_BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
+
+
+@compiled
+def sum_waves(angles: Array, cosines: Array, sines: Array) -> Array:
+    """(n,) the sum over k of cosines[k - 1] cos(k angle) - sines[k - 1] sin(k angle), by Horner's rule.
+
+    It is the real part of a polynomial in exp(i angle), whose coefficients are cosines + i sines.
+    """
+    total = np.empty(len(angles))
+    real, imaginary = np.empty(_BLOCK), np.empty(_BLOCK)
+    for begin in range(0, len(angles), _BLOCK):
+        size = min(_BLOCK, len(angles) - begin)
+        c, s = np.cos(angles[begin : begin + size]), np.sin(angles[begin : begin + size])
+        real[:] = 0.0
+        imaginary[:] = 0.0
+        for k in range(len(cosines) - 1, -1, -1):
+            for n in range(size):
+                x, y = real[n] + cosines[k], imaginary[n] + sines[k]
+                real[n] = x * c[n] - y * s[n]
+                imaginary[n] = x * s[n] + y * c[n]
+        total[begin : begin + size] = real[:size]
+    return total
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Per curve the cosines and sines (2, k) of its first k waves and an offset; the shortest wave, mm."""
+
+    waves: tuple[Array, ...]
+    offsets: Array
+    shortest: float
+
+    def heights(self, arcs: list[Array]) -> list[Array]:
+        """Between about -2 and 2 at arc lengths (n + 1,) of each curve, the last of which is its length."""
+        out = []
+        for (cosines, sines), offset, arc in zip(self.waves, self.offsets, arcs, strict=True):
+            length = float(arc[-1])
+            wave = sum_waves(2 * np.pi / length * arc[:-1], cosines, sines)
+            # a normal variable made uniform: the curve spends as much length in front as in the middle, so
+            # that neighbouring parts of the outline are far apart in depth; a curve shorter than a wave
+            # keeps its slope small and goes to a depth of its own instead
+            own = offset if length < 3 * self.shortest else 0.0
+            spread = erf(wave / np.sqrt(2 * len(cosines)))
+            out.append(2.0 * spread * min(1.0, length / self.shortest) + own)
+        return out
+
+    def varied(self, rng: np.random.Generator, change: float) -> Profile:
+        """Another of the same spread, in which about half of the waves are changed by this share."""
+
+        def mix(wave: Array) -> Array:
+            step = rng.normal(size=wave.shape) * (rng.random(wave.shape[-1]) < _CHANGED)
+            return np.asarray(np.sqrt(1.0 - change**2) * wave + change * step)
+
+        offsets = self.offsets + change * rng.normal(size=len(self.offsets))
+        return Profile(tuple(mix(w) for w in self.waves), offsets, self.shortest)
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Plane waves over the picture: (k, 2) wave vectors, 1/mm, and the cosines and sines (2, k) of each."""
+
+    vectors: Array
+    waves: Array
+
+    def heights(self, places: list[Array]) -> list[Array]:
+        """Between about -2 and 2 at points (n, 2) of each curve: of a place, whichever strand."""
+        out = []
+        for points in places:
+            angle = points @ self.vectors.T
+            wave = self.waves[0] * np.cos(angle) - self.waves[1] * np.sin(angle)
+            out.append(2.0 * erf(wave.sum(1) / np.sqrt(2 * len(self.vectors))))
+        return out
+
+    def varied(self, rng: np.random.Generator, change: float) -> Relief:
+        """Another of the same wave vectors, in which each wave is changed by this share."""
+        step = rng.normal(size=self.waves.shape)
+        return Relief(self.vectors, np.sqrt(1.0 - change**2) * self.waves + change * step)
+
+
+def draw_relief(rng: np.random.Generator, number: int, across_mm: float) -> Relief:
+    """The relief of this number, by chance, of a piece so wide."""
+    turn = rng.uniform(0.0, 2 * np.pi, _RELIEF_WAVES)
+    length = _RELIEF[number % len(_RELIEF)] * across_mm * rng.uniform(1.0, 2.0, _RELIEF_WAVES)
+    vectors = 2 * np.pi / length[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return Relief(vectors, rng.normal(size=(2, _RELIEF_WAVES)))
+
+
+def draw_profile(
+    rng: np.random.Generator, number: int, across_mm: float, arcs: list[Array]
+) -> Profile:
+    """The profile of this number, by chance, of curves of these arc lengths (n + 1,)."""
+    shortest = _WAVELENGTHS[number % len(_WAVELENGTHS)] * across_mm
+    counts = [max(1, int(arc[-1] / shortest)) for arc in arcs]
+    return Profile(
+        tuple(rng.normal(size=(2, n)) for n in counts), rng.normal(size=len(arcs)), shortest
+    )
