@@ -26,6 +26,7 @@ __all__ = [
     "Flag",
     "Names",
     "PictureOptions",
+    "Place",
     "Whole",
     "options_from",
 ]
@@ -46,7 +47,15 @@ def _read_whole(_: object, tokens: Sequence[Token]) -> int:
         raise ValueError(f"{value} is no whole number") from None
 
 
+def _read_place(_: object, tokens: Sequence[Token]) -> Path:
+    """Where to write; of "" a path would be the folder one happens to be in: a variable was not set."""
+    if not tokens[0].value.strip():
+        raise ValueError('"" names no place')
+    return Path(tokens[0].value)
+
+
 Whole = Annotated[int, Parameter(converter=_read_whole)]
+Place = Annotated[Path, Parameter(converter=_read_place)]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -230,7 +239,7 @@ class BuildOptions(PictureOptions):
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""
 
-    out: Annotated[Path, Parameter(group=OUTPUT)] = Path("knotfab-out")
+    out: Annotated[Place, Parameter(group=OUTPUT)] = Path("knotfab-out")
     """The folder to write."""
     force: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Replace the result of another picture in the default folder; in a folder named by --out a build always

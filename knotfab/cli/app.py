@@ -33,6 +33,7 @@ from knotfab.options import (
     Flag,
     Names,
     PictureOptions,
+    Place,
     Whole,
 )
 
@@ -124,7 +125,7 @@ def build(
 def preview(
     *pictures: str,
     options: Annotated[PictureOptions, Parameter(name="*")] = _READ,
-    out: Path = Path("knotfab-preview.png"),
+    out: Place = Path("knotfab-preview.png"),
     sequence: Flag = False,
     json: Flag = False,
 ) -> int:
@@ -184,7 +185,7 @@ def batch(
 
 
 @app.command(help_epilogue=STUDIO_EXAMPLES)
-def studio(*, port: Whole = 0, no_open: Flag = False, out: Path = Path("knotfab-studio")) -> int:
+def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab-studio")) -> int:
     """Open a local page: drop a picture on it, set the scene, and watch the knot grow.
 
     Parameters
@@ -253,7 +254,7 @@ def validate(
 
 
 @app.command(help_epilogue=SHADOW_EXAMPLES)
-def shadow(part: Path, *, scene: Path, out: Path, view: str | None = None) -> int:
+def shadow(part: Path, *, scene: Path, out: Place, view: str | None = None) -> int:
     """Render the shadow that a part casts in a scene, as a picture.
 
     Parameters
@@ -283,7 +284,7 @@ def compare(
     corners: tuple[str, str, str, str] | None = None,
     click: Flag = False,
     view: str | None = None,
-    out: Path = Path("knotfab-compare.png"),
+    out: Place = Path("knotfab-compare.png"),
     json: Flag = False,
 ) -> int:
     """Compare a photograph of the real shadow with the picture, and say which way to move the lamp.
@@ -327,7 +328,7 @@ def compare(
 @app.command(help_epilogue=TRADEOFF_EXAMPLES)
 def tradeoff(
     *pictures: str,
-    out: Path = Path("knotfab-tradeoff"),
+    out: Place = Path("knotfab-tradeoff"),
     scene: Path | None = None,
     accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
