@@ -49,9 +49,13 @@ def _read_whole(_: object, tokens: Sequence[Token]) -> int:
 
 def _read_place(_: object, tokens: Sequence[Token]) -> Path:
     """Where to write; of "" a path would be the folder one happens to be in: a variable was not set."""
-    if not tokens[0].value.strip():
+    return _place_of(tokens[0].value)
+
+
+def _place_of(name: str | Path) -> Path:
+    if not str(name).strip():
         raise ValueError('"" names no place')
-    return Path(tokens[0].value)
+    return Path(name)
 
 
 Whole = Annotated[int, Parameter(converter=_read_whole)]
@@ -265,7 +269,7 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
     """The options by their names, as a library's caller gives them: numbers and paths in their own types.
 
     Raises:
-        InputError: there is no such option.
+        InputError: there is no such option, or the folder to write has no name.
     """
     known = {field.name: str(field.type) for field in fields(BuildOptions)}
     values: dict[str, Any] = {}
@@ -279,6 +283,11 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             value = str(value)
         elif value is not None and "Path" in known[key]:
             value = Path(value)
+        elif "Place" in known[key]:
+            try:
+                value = _place_of(value)
+            except ValueError as error:
+                raise InputError(f"the option {name}", str(error), "Name a folder.") from None
         elif key in ("skip", "effect"):
             value = (value,) if isinstance(value, str) else tuple(value)
         values[key] = value

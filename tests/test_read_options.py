@@ -44,6 +44,15 @@ def test_an_option_is_a_key_of_every_view_and_survives_the_file(tmp_path: Path, 
     assert [getattr(view, key) for view in again.views] == [expected] * 2
 
 
+def test_a_place_may_be_a_text_and_must_have_a_name(tmp_path: Path) -> None:
+    assert (
+        options_from({"out": str(tmp_path)}).out == tmp_path == options_from({"out": tmp_path}).out
+    )
+    for nowhere in ("", "  "):
+        with pytest.raises(InputError, match="names no place"):
+            options_from({"out": nowhere})
+
+
 def test_a_sequence_that_need_not_close_is_repeated_by_its_scene(tmp_path: Path) -> None:
     asked, _ = read_scene(options_from({"sequence": True, "no_loop": True}))
     with OutputFolder(tmp_path) as folder:

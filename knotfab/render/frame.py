@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from knotfab.arrays import Real
 from knotfab.compiled import compiled
 from knotfab.scene.camera import Camera
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Frame", "Number", "Sheet", "frame_of", "number"]
 
-Real: TypeAlias = NDArray[np.floating[Any]]
 Number: TypeAlias = "float | Tensor"  # a tensor [] where it has a gradient
 
 
@@ -62,7 +61,7 @@ class Frame:
 
     def local(self, points: Any) -> Any:
         """(..., 3) scene mm -> (..., 3) receiver axes, mm from the light."""
-        if isinstance(points, np.ndarray) and points.ndim == 2:
+        if isinstance(points, np.ndarray) and points.ndim == 2 and points.dtype == self.axes.dtype:
             return _turn_to(points, self.axes, self.eye)
         away = points - self.eye
         x, y, z = (away[..., k : k + 1] for k in range(3))

@@ -15,12 +15,11 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Real
 from knotfab.compiled import compiled
 
 __all__ = ["are_within", "evaluate", "find_winners"]
 
-Real = NDArray[np.floating[Any]]
 Places = NDArray[np.int32]
 
 _SIDE = 8  # pixels of a tile's side

@@ -19,6 +19,8 @@ from knotfab.scene.model import ResolvedView
 from knotfab.target.masks import mask_iou, sample_mask
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from knotfab.render.tensors import DeviceImage
 
 __all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at"]
@@ -50,11 +52,16 @@ class ViewImage:
     def from_frame(self, frame: Frame) -> ViewImage:
         """The same picture where another frame looks from; what is on a device stays there."""
         moved = replace(self, frame=frame)
-        if self.device != "cpu":
+        if "_on_device" in self.__dict__:  # where a cached property keeps what it found
             there = self._on_device
             own = replace(there, frame=frame.tensors(there.target.dtype, self.device))
             moved.__dict__["_on_device"] = own
         return moved
+
+    @property
+    def tensor(self) -> Tensor:
+        """The target (H, W) on the device."""
+        return self._on_device.target
 
     def squared_error(
         self, points: Array, rings: Polylines, radius: float, tau: float, won: Any = None

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Real
 from knotfab.render.frame import Frame, number
-from knotfab.render.kernels import Places, Real, are_within, evaluate, find_winners
+from knotfab.render.kernels import Places, are_within, evaluate, find_winners
 
 __all__ = [
     "CUTOFF",
@@ -202,8 +202,9 @@ class Capsules:
             won = _find_winners(cut, frame, radius, cutoff / tau)
         # the kernels look up what they are told to
         for found, count in zip(won, (frame.width * frame.height, len(starts)), strict=True):
-            if not are_within(found, count):
-                raise IndexError(f"winners of another scene: {found.max()} of {count}")
+            if not are_within(found, count) or len(found) != len(won[0]):
+                span = f"{found.min()} to {found.max()}" if len(found) else "none"
+                raise IndexError(f"winners of another scene: {span} of {count}")
         return cls(cut, won, frame, radius, tau)
 
     def image(self) -> Real:

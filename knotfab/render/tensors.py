@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Number, number
-from knotfab.render.kernels import Real
 from knotfab.render.known import known
 from knotfab.render.silhouette import CUTOFF, Capsules
 from knotfab.render.tiled import render_tiled

@@ -64,9 +64,9 @@ def _precondition(gradient: Array, starts: Indices, sigma: float) -> Array:
                 out[n, k] = 0.5 * gradient[n, k] + 0.25 * sides
             before = n
     square = sigma * sigma
-    ahead = (1.0 + 2.0 * square) / (2.0 * square)
-    share = 1.0 / (ahead + np.sqrt(ahead * ahead - 1.0))  # r
-    scale = share / square
+    half = 1.0 / (2.0 * square)
+    share = 1.0 / (1.0 + half + np.sqrt(half * (2.0 + half)))  # r
+    scale = (1.0 + share * share) / (1.0 + 2.0 * square)
     for ring in range(len(starts) - 1):
         begin, end = starts[ring], starts[ring + 1]
         whole = 1.0 / (1.0 - share ** (end - begin))

@@ -212,7 +212,7 @@ class Pose:
     def picture_term(self, objective: Objective, points: Array) -> Tensor:
         """The objective's image term of its one view at vertices (N, 3), sharp, with slopes in the pose."""
         image = objective.images[0]
-        target = torch.as_tensor(image.target, device=self.logs.device)
+        target = image.tensor
         won = objective.won[0]
         p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
         if won is not None:

@@ -67,7 +67,7 @@ def _iou_aside(
         for column in range(len(target)):
             both += covered[row, column] and target[row, column]
             either += covered[row, column] or target[row, column]
-    return both / either  # a disc covers a cell of its own box
+    return both / either if either else 1.0
 
 
 @lru_cache
@@ -104,5 +104,11 @@ def about_middle(points: Array) -> Array:
 def legibility_from(
     centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
 ) -> float:
-    """The same of points about their middle, from one side."""
+    """The same of points about their middle, from one side.
+
+    Raises:
+        ValueError: the target is none of `stretch_mask`.
+    """
+    if target.shape != (_GRID, _GRID):
+        raise ValueError(f"a target of {_GRID} x {_GRID} cells is asked for, got {target.shape}")
     return _iou_aside(centred, radius, light_distance, target, turn)

@@ -10,7 +10,7 @@ from scipy.special import erf
 from knotfab.arrays import Array
 from knotfab.compiled import compiled
 
-__all__ = ["Profile", "Relief", "draw_profile", "draw_relief"]
+__all__ = ["Profile", "Relief", "draw_profile", "draw_relief", "sum_waves"]
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, in extents across the piece
 _RELIEF = (1.0, 1.4, 2.0)  # of a relief, likewise: both passes of a stroke rise and fall with it

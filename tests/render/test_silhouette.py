@@ -240,6 +240,11 @@ def test_winners_of_another_scene_are_refused() -> None:
     for few, small in ((p[:5], frame), (p, frame_at(torch.float32, 20, 15))):
         with pytest.raises(IndexError, match="another scene"):
             render(few, few.roll(-1, 0), small, RADIUS, 1.0, 5.0, won)
+    points, here = p.numpy(), frame.arrays()
+    for pixel, capsule in (([-1, 3], [0, 1]), ([0, 3], [0, 20]), ([0, 1, 2], [0])):
+        wrong = np.array(pixel, np.int32), np.array(capsule, np.int32)
+        with pytest.raises(IndexError, match="another scene"):
+            silhouette.render(points, np.roll(points, -1, 0), here, RADIUS, 1.0, 5.0, wrong)
 
 
 def test_every_number_of_threads_gives_the_same_bits() -> None:

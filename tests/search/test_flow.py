@@ -8,10 +8,10 @@ import pytest
 from knotfab.search.flow import _precondition
 
 
-@pytest.mark.parametrize("sigma", [0.3, 2.3, 40.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.3, 2.3, 40.0])
 def test_the_h1_gradient_solves_its_equation_on_each_ring(sigma: float) -> None:
     rng = np.random.default_rng(1)
-    bounds = np.array([0, 3, 22, 119])
+    bounds = np.array([0, 1, 3, 6, 22, 119])
     gradient = rng.normal(size=(119, 3))
     found = _precondition(gradient, bounds, sigma)
     for begin, end in pairwise(bounds):

@@ -103,6 +103,8 @@ def test_legibility_from_one_side_is_the_iou_of_what_is_seen_there() -> None:
         flat = at[:, :2] * (300.0 / (300.0 - at[:, 2:]))
         seen = legibility_from(centred, 5.0, 300.0, target, turn)
         assert seen == pytest.approx(mask_iou(_cover(flat, 5.0, 128), target), abs=2e-3)
+    with pytest.raises(ValueError, match="128 x 128"):
+        legibility_from(centred, 5.0, 300.0, target[:, ::2], turn)
 
 
 def test_what_draws_the_outline_is_told_by_the_distance_to_it(
