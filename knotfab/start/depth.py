@@ -28,13 +28,15 @@ from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
 __all__ = ["choose_depth", "lift", "lower"]
 
 
-_ASIDE = {45.0: 0.75, 30.0: 0.25}  # degrees that a profile is looked at from, and their weights
+# degrees that a profile is looked at from, the farthest first, and their weights
+_ASIDE = {45.0: 0.75, 30.0: 0.25}
 _CONFLICT = 0.6  # weight of strands that hide each other at the same depth, against legibility
+_SURELY = 0.9  # of the least support so far, which the next profile needs too
 _SUPPORT = 0.02  # weight of supports in print, in volumes of the tube, against legibility
 _SAMPLE_RADII = 0.8  # between the points that a profile is judged at
 _DRAWN = 6  # one candidate in so many is drawn at random; the others vary the best so far
 _KEPT = 4  # profiles that are varied in turn
-_CHANGES = (0.6, 0.1)  # by how much of a wave's spread, at first and at last
+_CHANGES = (0.5, 0.05)  # by how much of a wave's spread, at first and at last
 _RODS = 600  # that supports are estimated by
 _EXTENTS = 20  # that a profile is judged at where placing is careless
 _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
@@ -97,6 +99,7 @@ class _Judge:
     lanes: tuple[Array, ...] | None = None
     turns: Array = field(default_factory=_turns)
     sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the one first that told last
+    least: float = inf  # weighted support so far
 
     def __post_init__(self) -> None:
         step = _SAMPLE_RADII * self.radius
@@ -179,7 +182,7 @@ class _Judge:
         for extent in extents:
             self.extent_mm = float(extent)
             parts = self.place(profile)
-            other = self.legibility(parts) + self.blur(parts) + float(self.supports(parts).min())
+            other = self.legibility(parts) + self.blur(parts) + self.support(parts)
             found.append((other, steadying.cost(parts)))
         self.extent_mm = most
         costs = np.array(found)
@@ -192,30 +195,44 @@ class _Judge:
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
         """From 45 and 30 degrees aside, and what strands hide each other.
 
-        Of what is more than `at_most` a part that is; of most profiles the first side tells.
+        Of what is more than `at_most` a part that is. From nearer the picture is read no worse, as a rule, so
+        that of most profiles a few sides at 45 degrees tell.
         """
         points = np.concatenate(parts)
         close = _count_close(points, *self.pairs, 2.2 * self.radius)
-        hidden = _CONFLICT * close / max(len(self.pairs[0]), 1)
-        centred, worst, found = about_middle(points), dict.fromkeys(_ASIDE, 0.0), hidden
-        for side in tuple(self.sides):
-            for angle in worst:
+        found = _CONFLICT * close / max(len(self.pairs[0]), 1)
+        centred, left = about_middle(points), sum(_ASIDE.values())
+        for angle, share in _ASIDE.items():
+            worst = 0.0
+            for side in tuple(self.sides):
                 turn = turns_aside(angle)[side]
                 seen = legibility_from(centred, self.radius, self.light_distance, self.target, turn)
-                worst[angle] = max(worst[angle], seen)
-            found = sum(share * worst[angle] for angle, share in _ASIDE.items()) + hidden
-            if found > at_most:
-                self.sides.remove(side)
-                self.sides.insert(0, side)
-                break
+                worst = max(worst, seen)
+                if found + left * worst > at_most:
+                    self.sides.remove(side)
+                    self.sides.insert(0, side)
+                    return found + left * worst
+            found += share * worst
+            left -= share
         return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
-        """All that is judged, with supports or without; of what is more than `at_most` a part that is."""
-        other = self.blur(parts)
-        if supported:
-            other += float(self.supports(parts).min())
-        return other + self.legibility(parts, at_most - other)
+        """All that is judged, with supports or without; of what is more than `at_most` a part that is.
+
+        Supports take as long as all else: they are worked out only where what is judged sooner leaves
+        room for `_SURELY` of the least so far.
+        """
+        cost, least = self.blur(parts), _SURELY * self.least if supported else 0.0
+        cost += self.legibility(parts, at_most - least - cost)
+        if not supported or cost + least > at_most:
+            return cost + least
+        return cost + self.support(parts)
+
+    def support(self, parts: list[Array]) -> float:
+        """The least of `supports`."""
+        found = float(self.supports(parts).min())
+        self.least = min(self.least, found)
+        return found
 
     def supports(self, parts: list[Array]) -> Array:
         """(turns,) The weighted volume of the supports, over the tube's."""
@@ -286,9 +303,7 @@ def choose_depth(
         first.append((judge.cost(parts, most, supported=False), profile, parts))
         first = sorted(first, key=lambda one: one[0])[: 2 * _KEPT]
     judge.keep_best_turns([parts for _, _, parts in first])
-    scored = [
-        (seen + float(judge.supports(parts).min()), profile) for seen, profile, parts in first
-    ]
+    scored = [(seen + judge.support(parts), profile) for seen, profile, parts in first]
     best = sorted(scored, key=lambda one: one[0])[:_KEPT]
     begin, end = _CHANGES
     for n in range(drawn, candidates):

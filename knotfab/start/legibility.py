@@ -65,8 +65,8 @@ def _iou_aside(
     both, either = 0, 0
     for row in range(len(target)):
         for column in range(len(target)):
-            both += covered[row, column] and target[row, column]
-            either += covered[row, column] or target[row, column]
+            both += covered[row, column] & target[row, column]
+            either += covered[row, column] | target[row, column]
     return both / either if either else 1.0
 
 

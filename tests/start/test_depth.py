@@ -16,7 +16,7 @@ from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Switch
 from knotfab.scene.settings import PRESETS
-from knotfab.start.depth import choose_depth, lift
+from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
 from knotfab.start.legibility import (
     _cover,
@@ -105,6 +105,23 @@ def test_legibility_from_one_side_is_the_iou_of_what_is_seen_there() -> None:
         assert seen == pytest.approx(mask_iou(_cover(flat, 5.0, 128), target), abs=2e-3)
     with pytest.raises(ValueError, match="128 x 128"):
         legibility_from(centred, 5.0, 300.0, target[:, ::2], turn)
+
+
+def test_what_a_profile_costs_is_the_same_whatever_it_may_cost(
+    problem: Problem, template: Template
+) -> None:
+    one = problem.views[0]
+    light, target = one.view.light_distance_mm, stretch_mask(one.mask)
+    judge = _Judge(template.curves, 3.0, light, 90.0, target, 45.0)
+    rng = np.random.default_rng(4)
+    for number in range(6):
+        parts = judge.place(judge.draw(rng, number, 180.0))
+        whole = judge.legibility(parts) + judge.supports(parts).min()
+        for at_most in (np.inf, 1.01 * whole):
+            assert judge.cost(parts, at_most) == pytest.approx(whole)
+        for at_most in (0.0, 0.5 * whole, 0.9 * whole):
+            assert judge.cost(parts, at_most) > at_most
+        assert judge.cost(parts, np.inf, supported=False) == judge.legibility(parts)
 
 
 def test_what_draws_the_outline_is_told_by_the_distance_to_it(
