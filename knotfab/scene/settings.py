@@ -32,7 +32,7 @@ class SearchSettings(BaseModel):
     edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
     winners_every: int = Field(1, ge=1)  # iterations between full searches for the winning capsules
-    depth_candidates: int = Field(150, ge=1)  # depth profiles tried, by descent
+    depth_candidates: int = Field(500, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
     tolerance_px: float = Field(0.25, gt=0)
@@ -103,7 +103,7 @@ PRESETS: dict[str, SearchSettings] = {
         fine_iterations=200,
         settle_iterations=100,
         edge_radii=0.6,
-        depth_candidates=600,
+        depth_candidates=1000,
         radius_candidates=16,
         tolerance_px=0.1,
         mesh_sides=32,

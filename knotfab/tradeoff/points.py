@@ -80,7 +80,7 @@ KNOBS = (
     Knob("vertex spacing", "{:g} r", ("edge_radii",), (0.6, 0.45)),
     Knob("last spacing", "{:g} r last", ("settle_edge_radii",), (0.6, 0.3)),
     Knob("winner search", "winners every {:g}", ("winners_every",), (8, 3)),
-    Knob("depth candidates", "{:g} depths", ("depth_candidates",), (60, 300)),
+    Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 250)),
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
     Knob("effect tolerance", "effects {:g} px", ("tolerance_px",), (1.0, 0.1)),
     Knob("mesh facets", "{:g} sides", ("mesh_sides",), (12, 48)),
