@@ -33,7 +33,7 @@ FEW = {
             {
                 "piece": {"tube_radius_mm": 5.0},
                 "placing": {"lamp_mm": 80.0, "turn_deg": 8.0},
-                "material": {"min_bend_radius_mm": 27.0},
+                "material": {"min_bend_radius_mm": 34.0},
             },
             False,
             True,
