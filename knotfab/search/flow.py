@@ -47,44 +47,42 @@ class FlowResult:
 
 
 @compiled
-def _precondition(gradient: Array, starts: Indices, sigma: float) -> Array:
+def _filter(ring: Array, share: float) -> None:
+    """To each of a ring's numbers (n,), in place, `share` of what the one before it has become."""
+    last = 0.0
+    for n in range(len(ring)):
+        last = ring[n] + share * last
+    last *= 1.0 / (1.0 - share ** len(ring))  # as if it had gone round for ever
+    for n in range(len(ring)):
+        last = ring[n] + share * last
+        ring[n] = last
+
+
+@compiled
+def _precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
     """H1 gradient: of each ring the x that solves x - sigma^2 x'' = smooth gradient, sigma in samples.
 
     Smoothed by (1, 2, 1) / 4: what changes sides from vertex to vertex is the pixels' noise. By differences
     the matrix is, but for a factor, (1 - r S)(1 - r S^-1), S the shift along the ring: a filter forth
-    and one back, each of which begins as it ends.
+    and one back. `bounds` are those of `Polylines`.
     """
-    out = np.empty_like(gradient)
-    for ring in range(len(starts) - 1):
-        before = starts[ring + 1] - 1
-        for n in range(starts[ring], starts[ring + 1]):
-            after = n + 1 if n + 1 < starts[ring + 1] else starts[ring]
-            for k in range(3):
-                sides = gradient[before, k] + gradient[after, k]
-                out[n, k] = 0.5 * gradient[n, k] + 0.25 * sides
-            before = n
     square = sigma * sigma
     half = 1.0 / (2.0 * square)
     share = 1.0 / (1.0 + half + np.sqrt(half * (2.0 + half)))  # r
     scale = (1.0 + share * share) / (1.0 + 2.0 * square)
-    for ring in range(len(starts) - 1):
-        begin, end = starts[ring], starts[ring + 1]
-        whole = 1.0 / (1.0 - share ** (end - begin))
+    out = np.empty_like(gradient)
+    for number in range(len(bounds) - 1):
+        begin, end = bounds[number], bounds[number + 1]
+        before = end - 1
+        for n in range(begin, end):
+            after = n + 1 if n + 1 < end else begin
+            for k in range(3):
+                sides = gradient[before, k] + gradient[after, k]
+                out[n, k] = 0.5 * gradient[n, k] + 0.25 * sides
+            before = n
         for k in range(3):
-            last = 0.0
-            for n in range(begin, end):
-                last = out[n, k] + share * last
-            last *= whole
-            for n in range(begin, end):
-                last = out[n, k] + share * last
-                out[n, k] = last
-            last = 0.0
-            for n in range(end - 1, begin - 1, -1):
-                last = out[n, k] + share * last
-            last *= whole
-            for n in range(end - 1, begin - 1, -1):
-                last = out[n, k] + share * last
-                out[n, k] = last
+            _filter(out[begin:end, k], share)
+            _filter(out[begin:end, k][::-1], share)
     out *= scale
     return out
 
