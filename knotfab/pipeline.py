@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.meshes import join_meshes
-from knotfab.mount.prefetch import prefetch_modeller
+from knotfab.mount.modeller import keep_modeller
 from knotfab.progress import Progress
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.model import ResolvedScene
@@ -62,14 +62,15 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue
 
-            left = request.budget(progress.total)
-            if request.printing and request.scene.mount.asked:
-                prefetch_modeller()
-            made = design_knots(request.scene, targets, request.device, progress, left)
-            if request.printing:
-                write_profile(folder.work, made.scene)
+            knots = request.scene.piece.knots
+            mounted = request.is_mounted(targets[0].pieces if knots == "auto" else knots)
+            left = request.budget(progress.total, mounted)
             with SlicerQueue() as slicer:
-                piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
+                with keep_modeller(mounted):
+                    made = design_knots(request.scene, targets, request.device, progress, left)
+                    if request.printing:
+                        write_profile(folder.work, made.scene)
+                    piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
                 if piece.part is not None:
                     with progress.stage("verify"):
                         _draw(piece.part, piece.scene, folder.file("part.png"))

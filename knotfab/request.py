@@ -41,13 +41,17 @@ class Request:
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # what was said of them before the build
 
-    def budget(self, spent_s: float) -> Budget | None:
+    def is_mounted(self, knots: int) -> bool:
+        """Whether so many knots are printed with a mount."""
+        return self.printing and (self.scene.mount.asked or self.scene.hangs(knots))
+
+    def budget(self, spent_s: float, mounted: bool) -> Budget | None:
         """What is left of the time budget after `spent_s`; None where there is none."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S
         if self.printing:
-            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * self.scene.mount.asked
+            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * mounted
         began = time.perf_counter() - spent_s
         return Budget(
             began + self.time_budget_s, after, _AFTER_VERTEX_S * len(self.scene.views), began

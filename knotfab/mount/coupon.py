@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
+from knotfab.mount.modeller import model
 from knotfab.mount.mount import Mounted
+from knotfab_fixtures.coupon import fit_pin, fit_strip
+from knotfab_fixtures.peg import peg
 
 __all__ = ["COUPON", "PLAYS_MM", "Coupon", "plan_coupon"]
 
@@ -42,15 +45,13 @@ class Coupon:
 
     def make_bodies(self) -> list[Mesh]:
         """The strip with its peg, and the loose pin, side by side on the bed."""
-        from knotfab_fixtures.coupon import fit_pin, fit_strip
-        from knotfab_fixtures.peg import peg
-
         room = self.peg_foot_mm + 2 * APART_MM
-        strip = as_manifold(fit_strip(self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
-        cone = peg(self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2, sink_mm=SINK_MM)
+        strip = as_manifold(model(fit_strip, self.holes_mm, _DOTS, self.thickness_mm, room_mm=room))
+        sizes = self.peg_length_mm, self.peg_top_mm / 2, self.peg_foot_mm / 2
+        cone = model(peg, *sizes, sink_mm=SINK_MM)
         standing = as_manifold(cone).translate((room / 2, 0.0, self.thickness_mm))
         vertices, faces = as_mesh(strip + standing)
-        pin, pin_faces = fit_pin(self.pin_mm, self.depth_mm, KNOB_MM)
+        pin, pin_faces = model(fit_pin, self.pin_mm, self.depth_mm, KNOB_MM)
         above = vertices[:, 1].max() - pin[:, 1].min() + APART_MM
         pin = pin + [vertices[:, 0].mean(), above, 0.0]
         low = np.minimum(vertices.min(axis=0), pin.min(axis=0))

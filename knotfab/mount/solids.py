@@ -8,6 +8,8 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.geometry.meshes import as_manifold
+from knotfab.mount.modeller import model
+from knotfab_fixtures.peg import peg
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -31,8 +33,6 @@ def place_along(
 
 def strut_solid(start: Array, end: Array, radius_mm: float) -> Manifold:
     """A round bar between two points (3,) mm."""
-    from knotfab_fixtures.peg import peg
-
     length = float(np.linalg.norm(start - end))
-    bar = as_manifold(peg(length, radius_mm, radius_mm))
+    bar = as_manifold(model(peg, length, radius_mm, radius_mm))
     return place_along(bar, (start - end) / length, end)

@@ -8,10 +8,13 @@ import numpy as np
 
 from knotfab.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
+from knotfab.mount.modeller import model
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
 from knotfab.mount.solids import place_along, strut_solid
 from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import GROUND, ROOT_SHARE
+from knotfab_fixtures.peg import peg
+from knotfab_fixtures.stand import plinth
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -45,8 +48,6 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
 
 
 def _member_solids(mount: StandMount) -> list[Manifold]:
-    from knotfab_fixtures.peg import peg
-
     slope, members = mount.base.slope, mount.members
     normal = slope.axes[1] - slope.rise * slope.axes[2]
     normal /= np.linalg.norm(normal)
@@ -61,7 +62,8 @@ def _member_solids(mount: StandMount) -> list[Manifold]:
         cosine = float(axis @ normal)
         root = ROOT_SHARE * radius
         sink = root * float(np.sqrt(max(0.0, 1 - cosine**2))) / cosine
-        mesh = peg(
+        mesh = model(
+            peg,
             length,
             radius,
             radius,
@@ -76,10 +78,10 @@ def _member_solids(mount: StandMount) -> list[Manifold]:
 
 
 def _base_solid(base: Base) -> Manifold:
-    from knotfab_fixtures.stand import plinth
-
     width, depth, front, back = base.size_mm
-    mesh = plinth(width, depth, front, back, corner_radius_mm=CORNER_MM, chamfer_mm=CHAMFER_MM)
+    mesh = model(
+        plinth, width, depth, front, back, corner_radius_mm=CORNER_MM, chamfer_mm=CHAMFER_MM
+    )
     right, up, out = base.slope.axes
     middle = (base.left + base.right) / 2 * right + (base.back + base.front) / 2 * out
     turn = np.column_stack([right, -out, up])

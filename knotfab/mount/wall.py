@@ -13,6 +13,7 @@ from knotfab.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs
+from knotfab.mount.modeller import model
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
 from knotfab.mount.solids import place_along, strut_solid
@@ -20,6 +21,9 @@ from knotfab.mount.struts import GROUND, Candidates, Sites, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import Mount
+from knotfab_fixtures.peg import dowel
+from knotfab_fixtures.peg import peg as peg_mesh
+from knotfab_fixtures.plate import wall_plate
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -331,13 +335,11 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
 
 def _peg_solids(peg: Peg, wall: Array, settings: Mount) -> list[Manifold]:
     """A peg from tube to wall, and what holds it there."""
-    from knotfab_fixtures.peg import dowel
-    from knotfab_fixtures.peg import peg as peg_mesh
-
     axis = (peg.top - peg.foot) / peg.length_mm
     cosine = float(axis @ wall[:, 2])
     slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
-    mesh = peg_mesh(
+    mesh = model(
+        peg_mesh,
         peg.length_mm,
         peg.top_radius_mm,
         peg.foot_radius_mm,
@@ -352,17 +354,16 @@ def _peg_solids(peg: Peg, wall: Array, settings: Mount) -> list[Manifold]:
         return [solid.trim_by_plane(wall[:, 2], inside)]
     deep = settings.dowel_depth_mm
     flat = solid.trim_by_plane(wall[:, 2], float(wall[:, 2] @ peg.foot) - 0.5 * deep)
-    pin = as_manifold(dowel(peg.dowel_radius_mm, deep))
+    pin = as_manifold(model(dowel, peg.dowel_radius_mm, deep))
     return [flat, pin.transform(np.column_stack([wall, peg.foot]))]
 
 
 def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
     """The plate, its face on the receiver plane, a margin wider than the frame on every side."""
-    from knotfab_fixtures.plate import wall_plate
-
     s = mount.settings
     width, height = camera.frame_mm
-    mesh = wall_plate(
+    mesh = model(
+        wall_plate,
         width + 2 * s.plate_margin_mm,
         height + 2 * s.plate_margin_mm,
         s.plate_thickness_mm,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
-from knotfab.mount.prefetch import prefetch_modeller
+from knotfab.mount.modeller import keep_modeller
 from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
 from knotfab.pool import count_jobs
 from knotfab.progress import Progress
@@ -53,8 +53,6 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     require_device(request.device)
     require_sequence(request.scene)
     skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
-    if request.printing and request.scene.mount.asked:
-        prefetch_modeller()
     with OutputFolder(request.out) as folder:
         for line in request.preview:
             progress.say(line)
@@ -72,8 +70,13 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
             progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
         # side by side as the machine allows, with two processes that verify to one that slices
         jobs = min(len(targets), max(1, count_jobs() // 2))
-        with Verifier(skip, jobs=jobs) as verifier, SlicerQueue(jobs=jobs) as slicer:
-            left = request.budget(progress.total)
+        mounted = request.is_mounted(knots)
+        with (
+            keep_modeller(mounted),
+            Verifier(skip, jobs=jobs) as verifier,
+            SlicerQueue(jobs=jobs) as slicer,
+        ):
+            left = request.budget(progress.total, mounted)
             chain = Chain(request.scene, targets, request.device, progress, left, kept)
             found: dict[int, tuple[Frame, WrittenPiece]] = {}
 

@@ -1,0 +1,91 @@
+"""The solids that mounts are made of, by a process of their own while a build lasts."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any, ParamSpec
+
+import numpy as np
+
+from knotfab.errors import MachineError
+from knotfab.geometry.meshes import Mesh
+from knotfab.pool import Crash, Workers
+
+__all__ = ["keep_modeller", "model"]
+
+_In = ParamSpec("_In")
+# -P: modules come from the installation, never from the folder one happens to be in
+_COMMAND = [sys.executable, "-P", "-m", "knotfab_fixtures"]
+
+
+class _Modeller:
+    """The process, started when it is first needed."""
+
+    def __init__(self) -> None:
+        self._workers: Workers | None = None
+
+    def start(self) -> Workers:
+        if self._workers is None:
+            self._workers = Workers(_COMMAND)
+        return self._workers
+
+    def end(self) -> None:
+        if self._workers is not None:
+            self._workers.__exit__()
+
+
+_kept: ContextVar[_Modeller | None] = ContextVar("modeller", default=None)
+
+
+@contextlib.contextmanager
+def keep_modeller(early: bool) -> Iterator[None]:
+    """Have the fixtures of this block modelled by one process, which ends with it.
+
+    OpenCascade takes two seconds to load and 300 MB to keep: beside a search it costs no time, and it has
+    gone when the part is verified.
+
+    Args:
+        early: start it now, since it will be asked; else when it is first asked.
+    """
+    modeller = _Modeller()
+    before = _kept.set(modeller)
+    try:
+        if early:
+            modeller.start()
+        yield
+    finally:
+        _kept.reset(before)
+        modeller.end()
+
+
+def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
+    """The mesh of a fixture, a function of `knotfab_fixtures`: by the process that is kept, or else here.
+
+    Raises:
+        MachineError: the process ended instead.
+        ValueError: sizes that are no such fixture.
+    """
+    modeller = _kept.get()
+    if modeller is None:
+        return fixture(*sizes, **named)
+    request: dict[str, Any] = {
+        "module": fixture.__module__,
+        "fixture": fixture.__name__,
+        "sizes": sizes,
+        "named": named,
+    }
+    try:
+        answer = modeller.start().answer(request)
+    except Crash as crash:
+        raise MachineError(
+            "the solid modeller (cadquery)",
+            f"its process ended with exit code {crash.code}: {crash.said.rstrip('.')}",
+            "Leave the mount out (--mount none), or install cadquery anew; knotfab doctor says what this "
+            "machine lacks",
+        ) from None
+    if "error" in answer:
+        raise ValueError(answer["error"])
+    return np.array(answer["vertices"]), np.array(answer["faces"], dtype=np.int32)
