@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from numbers import Integral, Real
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 from cyclopts import Group, Parameter, Token
 
@@ -269,26 +270,30 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
     """The options by their names, as a library's caller gives them: numbers and paths in their own types.
 
     Raises:
-        InputError: there is no such option, or the folder to write has no name.
+        InputError: there is no such option, it cannot be that, or the folder to write has no name.
     """
-    known = {field.name: str(field.type) for field in fields(BuildOptions)}
-    values: dict[str, Any] = {}
+    from pydantic import TypeAdapter, ValidationError
+
+    types, values = get_type_hints(BuildOptions), dict[str, Any]()
     for name, value in given.items():
         key = "print_" if name == "print" else name
-        if key not in known:
+        if key not in types:
             raise InputError(
-                f"the option {name}", "there is none of that name", f"Known: {', '.join(known)}"
+                f"the option {name}", "there is none of that name", f"Known: {', '.join(types)}"
             )
-        if value is not None and "[str | None" in known[key]:
+        if key in ("skip", "effect") and isinstance(value, str):
+            value = (value,)
+        elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)
-        elif value is not None and "Path" in known[key]:
-            value = Path(value)
-        elif "Place" in known[key]:
-            try:
+        elif isinstance(value, Real) and not isinstance(value, int):  # of numpy's types too
+            value = int(value) if isinstance(value, Integral) else float(value)
+        try:
+            if key == "out":
                 value = _place_of(value)
-            except ValueError as error:
-                raise InputError(f"the option {name}", str(error), "Name a folder.") from None
-        elif key in ("skip", "effect"):
-            value = (value,) if isinstance(value, str) else tuple(value)
-        values[key] = value
+            values[key] = TypeAdapter(types[key]).validate_python(value)
+        except ValueError as error:
+            told = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+            why = told[:1].lower() + told[1:]
+            remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
+            raise InputError(f"the option {name}={value!r}", why, remedy) from None
     return BuildOptions(**values)

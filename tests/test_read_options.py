@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from knotfab.errors import InputError
@@ -51,6 +53,42 @@ def test_a_place_may_be_a_text_and_must_have_a_name(tmp_path: Path) -> None:
     for nowhere in ("", "  "):
         with pytest.raises(InputError, match="names no place"):
             options_from({"out": nowhere})
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"mount": "ceiling"}, "'auto', 'wall', 'stand' or 'none'"),
+        ({"mount": "Wall"}, "'wall'"),
+        ({"free": "pose"}, "'view'"),
+        ({"accuracy": "sketchy"}, "'sketch', 'draft', 'standard' or 'fine'"),
+        ({"device": "gpu"}, "'cpu' or 'cuda'"),
+        ({"lines": "maybe"}, "'auto', 'on' or 'off'"),
+        ({"size": "big"}, "valid number"),
+        ({"seed": "x"}, "valid integer"),
+        ({"seed": 1.5}, "valid integer"),
+        ({"invert": "perhaps"}, "valid boolean"),
+        ({"depth": True}, "valid string"),
+        ({"scene": 3}, "path"),
+        ({"skip": 3}, "tuple"),
+    ],
+)
+def test_what_an_option_cannot_be_is_refused(given: dict[str, Any], why: str) -> None:
+    (name,) = given
+    with pytest.raises(InputError, match=why) as told:
+        options_from(given)
+    assert told.value.what == f"the option {name}={given[name]!r}"
+
+
+def test_numbers_and_paths_may_be_of_any_type() -> None:
+    given = {"seed": np.int64(3), "size": np.float32(90), "tube_radius": np.float64(2.5)}
+    found = options_from(
+        {**given, "scene": "a.toml", "printer": Path("b.toml"), "skip": ["slicer"]}
+    )
+    assert (found.seed, found.size, found.tube_radius) == (3, 90.0, "2.5")
+    assert (found.scene, found.printer, found.skip) == (Path("a.toml"), "b.toml", ("slicer",))
+    assert type(found.seed) is int and type(found.size) is float
+    assert options_from({"print": True, "mount": None, "knots": 2}).knots == "2"
 
 
 def test_a_sequence_that_need_not_close_is_repeated_by_its_scene(tmp_path: Path) -> None:

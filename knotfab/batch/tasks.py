@@ -11,13 +11,12 @@ from typing import Any
 from knotfab import __version__
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
-from knotfab.target.read import TEXT_PREFIX, name_picture
+from knotfab.target.read import PICTURE_SUFFIXES, TEXT_PREFIX, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
 # what a batch writes beside the folders of its pictures
 RECORDS, INDEX = "batch.json", "index.html"
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".svg"}
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 
@@ -79,7 +78,7 @@ def _expand(named: str) -> list[str]:
         return [named]
     if not folder.is_dir():
         return [str(folder)]
-    found = sorted(str(p) for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES)
+    found = sorted(str(p) for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
     if not found:
         raise InputError(named, "this folder holds no pictures", "Name one that does")
     return found

@@ -474,8 +474,9 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
         asked.append(number)
         raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM):  # asked to end, tidy up as after Ctrl-C
-        if signal.getsignal(number) is not signal.SIG_IGN:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # asked to end, tidy up as after Ctrl-C
+        number = getattr(signal, name, None)  # Windows hangs up nobody
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")

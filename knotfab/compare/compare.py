@@ -107,7 +107,7 @@ def compare_photo(
     Raises:
         InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
     """
-    scene, view = _read_view(folder, view_name)
+    scene, view, suffix = _read_view(folder, view_name)
     if view.wall_radius_mm != "flat":
         raise InputError(
             f"view {view.name}",
@@ -134,7 +134,7 @@ def compare_photo(
     asked = Image.fromarray(target.asked).resize((width, height), Image.Resampling.BOX)
     wanted = np.pad(np.asarray(asked, dtype=bool), ((pad[1], pad[1]), (pad[0], pad[0])))
     camera = camera_of(view, width, height).padded(*pad)
-    knots = _read_knots(folder / "knots.json", scene)
+    knots = _read_knots(folder / f"knots{suffix}.json", scene)
 
     def look(at: Array) -> tuple[Mask, float]:
         """The shadow in the frame of these corners, and its IoU with the picture."""
@@ -250,21 +250,28 @@ def write_comparison(found: Comparison, out: Path) -> None:
     write_whole(out, found.png)
 
 
-def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView]:
+def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str]:
+    """The scene, its view of that name, or the first, and the suffix of its files: a frame's own."""
     if not folder.is_dir():
         raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
-    scene = load_scene(folder / "scene.toml")
+    suffix = ""
+    if frames := sorted(path.stem.removeprefix("scene") for path in folder.glob("scene-*.toml")):
+        known = [f"frame{suffix}" for suffix in frames]
+        if name not in known:
+            why = "it is a sequence" if name is None else "the sequence has no such frame"
+            what = str(folder) if name is None else f"--view {name}"
+            remedy = f"Say which frame the photograph shows: --view {known[0]} to {known[-1]}."
+            raise InputError(what, why, remedy)
+        suffix = name.removeprefix("frame")
+    path = folder / f"scene{suffix}.toml"
+    scene = load_scene(path)
     views = [v for v in scene.views if name in (None, v.name)]
     if not views:
         known = ", ".join(v.name for v in scene.views)
         raise InputError(f"--view {name}", "the scene has no such view", f"It has: {known}.")
     if views[0].frame_width_mm is None or views[0].frame_height_mm is None:
-        raise InputError(
-            str(folder / "scene.toml"),
-            "no build has written it",
-            "Name a folder that a build wrote.",
-        )
-    return scene, ResolvedView.model_validate(views[0].model_dump())
+        raise InputError(str(path), "no build has written it", "Name a folder that a build wrote.")
+    return scene, ResolvedView.model_validate(views[0].model_dump()), suffix
 
 
 def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:

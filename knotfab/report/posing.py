@@ -81,7 +81,7 @@ def add_posing(
                 f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
             )
     if printing:
-        _add_printing(report, part, access)
+        _add_printing(report, part, suffix, access)
     if part.plates is None:
         return
     plates = part.plates.to_dict(suffix)
@@ -111,14 +111,14 @@ def find_access(part: Part) -> Access | None:
     return measure_access(part.bodies, rules)
 
 
-def _add_printing(report: dict[str, Any], part: Part, access: Access | None) -> None:
+def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Access | None) -> None:
     """Add `print.support_access`, `print.flatter`, and the notes on what the supports are and cost."""
     from knotfab.mount.coupon import plan_coupon
     from knotfab.part.assemble import rules_of
     from knotfab.part.flatter import Printing, estimate_flatter
 
     scene, figures, notes = part.mounted.scene, report["print"], report["notes"]
-    coupon = plan_coupon(part.mounted)
+    coupon = None if suffix else plan_coupon(part.mounted)  # as `write_part` has it
     if coupon is not None:
         figures["coupon"] = coupon.to_dict()
         notes.append(coupon.tell())

@@ -118,6 +118,9 @@ def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
     Raises:
         InputError: for a key that is none, or a value out of its bounds.
     """
+    if accuracy not in PRESETS:
+        known = ", ".join(PRESETS)
+        raise InputError(f"the accuracy {accuracy}", "there is no such preset", f"Known: {known}")
     known = SearchSettings.model_fields
     for key in overrides:
         if key not in known:

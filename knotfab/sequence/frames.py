@@ -16,12 +16,11 @@ from PIL import Image, ImageSequence
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.raster import own_box
-from knotfab.target.read import PLAIN, Target, read_target
+from knotfab.target.read import PICTURE_SUFFIXES, PLAIN, Target, read_target
 
 __all__ = ["MOST_FRAMES", "count_knots", "frame_name", "read_frames", "tell_apart"]
 
 MOST_FRAMES = 240
-_PICTURES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".svg"}
 _LEAST_FRAMES = 2
 
 
@@ -123,7 +122,8 @@ def _files(path: Path, what: str) -> list[Path]:
     """The pictures of a folder, or the files that a pattern stands for."""
     try:
         if path.is_dir():
-            return [p for p in path.iterdir() if p.suffix.lower() in _PICTURES]
+            frames = PICTURE_SUFFIXES - {".gif"}  # which moves by itself
+            return [p for p in path.iterdir() if p.suffix.lower() in frames]
         return [p for p in path.parent.glob(path.name) if p.is_file()]
     except OSError as error:
         raise InputError(

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import pieces_of, smooth
 
 __all__ = [
+    "PICTURE_SUFFIXES",
     "PLAIN",
     "TEXT_PREFIX",
     "Target",
@@ -30,6 +32,7 @@ __all__ = [
 ]
 
 TEXT_PREFIX = "text:"
+PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), [".svg"]))
 PLAIN = Reading()
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides

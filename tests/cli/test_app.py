@@ -379,7 +379,7 @@ def gone(process: int) -> bool:
         return True
 
 
-@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_that_is_dropped_on_its_way(
     monkeypatch: pytest.MonkeyPatch, asked: signal.Signals
 ) -> None:

@@ -30,7 +30,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.mount.marks import card_middles, draw_marks_page
 from knotfab.part.write import make_pose
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.load import dump_scene
+from knotfab.scene.load import dump_scene, load_scene
 from knotfab.scene.model import Mount, ResolvedView, Scene
 
 VIEW = ResolvedView(
@@ -333,6 +333,26 @@ def test_where_they_differ_is_drawn(unknown: Path, tmp_path: Path) -> None:
     )
     assert both / (both + missing + spilled) == pytest.approx(told["iou"], abs=1e-3)
     assert told["iou"] < 0.9 and told["lamp"] is None
+
+
+@pytest.mark.slow
+def test_a_frame_of_a_sequence_is_compared_by_its_name(folder: Path, tmp_path: Path) -> None:
+    walk = tmp_path / "walk"
+    walk.mkdir()
+    (walk / "scene.toml").write_text("")
+    for suffix in ("-01", "-02"):
+        shutil.copy(folder / VIEW.picture, walk / f"picture-frame{suffix}.png")
+        own = {"name": f"frame{suffix}", "picture": f"picture-frame{suffix}.png"}
+        text = load_scene(folder / "scene.toml")
+        scene = text.model_copy(update={"views": (VIEW.model_copy(update=own),)})
+        (walk / f"scene{suffix}.toml").write_text(dump_scene(scene))
+        shutil.copy(folder / "knots.json", walk / f"knots{suffix}.json")
+    photo = photograph(tmp_path / "photo.png")
+    found = compare_photo(photo, walk, words(), "frame-02")
+    assert found.iou > 0.9 and found.lamp is not None  # by its own knots
+    for name, why in ((None, "it is a sequence"), ("frame-03", "has no such frame")):
+        with pytest.raises(InputError, match=f"{why}.*--view frame-01 to frame-02"):
+            compare_photo(photo, walk, words(), name)
 
 
 @pytest.mark.slow

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from knotfab.batch.tasks import list_tasks
 from knotfab.errors import InputError
+from knotfab.options import BuildOptions
 from knotfab.scene.model import Reading
 from knotfab.sequence.frames import (
     MOST_FRAMES,
@@ -31,9 +33,18 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     for number in (10, 2, 1):
         _bar(4 * number).save(tmp_path / f"step{number}.png")
     (tmp_path / "notes.txt").write_text("no picture")
+    write_gif(tmp_path / "step0.gif", [_bar(4), _bar(20)], 80)  # moves by itself: no frame
     found = read_frames([str(tmp_path)])
     assert [_left(t.mask) for t in found] == [4, 8, 40]
     assert [t.name for t in found] == ["frame-01", "frame-02", "frame-03"]
+
+
+def test_a_folder_may_hold_any_suffix_that_can_be_read(tmp_path: Path) -> None:
+    for number, suffix in enumerate(("jfif", "jpe", "apng", "dib"), start=1):
+        kind = {"apng": "PNG", "dib": "BMP"}.get(suffix, "JPEG")
+        _bar(4 * number).save(tmp_path / f"{number}.{suffix}", kind)
+    assert [_left(t.mask) for t in read_frames([str(tmp_path)])] == [4, 8, 12, 16]
+    assert len(list_tasks([str(tmp_path)], BuildOptions())) == 4
 
 
 def test_several_pictures_keep_their_order(tmp_path: Path) -> None:
