@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -285,8 +284,8 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             value = (value,)
         elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)
-        elif isinstance(value, Real) and not isinstance(value, int):  # of numpy's types too
-            value = int(value) if isinstance(value, Integral) else float(value)
+        elif hasattr(value, "item"):  # a number of numpy's
+            value = value.item()
         try:
             if key == "out":
                 value = _place_of(value)

@@ -232,10 +232,6 @@ class Progress:
                 except (OSError, ValueError):  # ValueError: it is closed
                     self._events.remove(events)
 
-    def note(self, text: str) -> None:
-        """A plain line for the log, which `verbose` shows."""
-        _log.info("%s", text)
-
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end, once; nothing where quiet."""
         if text in self._told:  # of another frame

@@ -30,7 +30,6 @@ def run(mode: Mode, stream: io.StringIO) -> Progress:
             with progress.stage(name):
                 progress.update(0.5, iou=0.9312)
                 progress.update(7.0)
-        progress.note("a remark")
     return progress
 
 
@@ -68,7 +67,7 @@ def test_verbose_writes_plain_lines_when_piped() -> None:
     stream = io.StringIO()
     run("verbose", stream)
     lines = stream.getvalue().splitlines()
-    assert [line.split(":")[0] for line in lines] == ["template", "search", "search", "a remark"]
+    assert [line.split(":")[0] for line in lines] == ["template", "search", "search"]
     assert lines[0].endswith(" s") and "\x1b" not in stream.getvalue()
 
 
@@ -189,7 +188,7 @@ def test_every_mode_logs_its_stages(mode: Mode, caplog: pytest.LogCaptureFixture
     with caplog.at_level("INFO", logger="knotfab"):
         run(mode, io.StringIO())
     said = [record.getMessage().split(":")[0] for record in caplog.records]
-    assert said == ["template", "search", "search", "a remark"]
+    assert said == ["template", "search", "search"]
     assert {record.name for record in caplog.records} == {"knotfab"}
 
 

@@ -255,12 +255,12 @@ def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str
     if not folder.is_dir():
         raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
     suffix = ""
-    if frames := sorted(path.stem.removeprefix("scene") for path in folder.glob("scene-*.toml")):
-        known = [f"frame{suffix}" for suffix in frames]
-        if name not in known:
+    if own := sorted(path.stem.removeprefix("scene") for path in folder.glob("scene-*.toml")):
+        frames = [f"frame{suffix}" for suffix in own]
+        if name not in frames:
             why = "it is a sequence" if name is None else "the sequence has no such frame"
             what = str(folder) if name is None else f"--view {name}"
-            remedy = f"Say which frame the photograph shows: --view {known[0]} to {known[-1]}."
+            remedy = f"Say which frame the photograph shows: --view {frames[0]} to {frames[-1]}."
             raise InputError(what, why, remedy)
         suffix = name.removeprefix("frame")
     path = folder / f"scene{suffix}.toml"

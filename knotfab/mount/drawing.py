@@ -75,7 +75,7 @@ def draw_sheets(mounted: Mounted, scene: ResolvedScene, cameras: Sequence[Camera
         cameras: of its views.
     """
     places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
-    each = zip(places, cameras, scene.views, strict=True)
+    each = zip(places, scene.views, strict=True)
     pages = [_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
     plan = None
     if len(pages) > 1 or any(place.round is not None for place in places):
@@ -115,7 +115,6 @@ def write_setup(
 def _sheet(
     mounted: Mounted,
     place: Placement,
-    camera: Camera,
     view: View,
     *,
     alone: bool,
@@ -123,7 +122,7 @@ def _sheet(
     paper = PAPERS["a4"]
     figure, axes = make_page(paper)
     side = _side_view(axes, mounted, place, view)
-    front = _front_view(axes, mounted, place, camera)
+    front = _front_view(axes, mounted, place)
     left, top = LEFT, paper.height - 12
     title = "Setting up" if alone else f"Setting up: {view.name}"
     axes.text(left, top, title, size=15, va="top", gid=WORDS)
@@ -189,7 +188,7 @@ def _side_view(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Sc
     axes.plot(*to(wall).T, color=INK, lw=0.8)
     axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
     draw_lamp(axes, to(lamp), view.light_size_mm / to.ratio)
-    hatch(axes, to(wall), to)
+    hatch(axes, to(wall))
     note(axes, to(lamp) + (0, 3.2), lamp_name(view), size=7, ha="center")
     note(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
     middle = to(np.zeros(2))
@@ -256,7 +255,7 @@ def _desk(axes: Axes, place: Placement, seen: Array, to: Scaled, desk: float) ->
     draw_dimension(axes, front, foot, up, length(float(lamp[0]) - place.base.front))
 
 
-def _front_view(axes: Axes, mounted: Mounted, place: Placement, camera: Camera) -> Scaled:
+def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
     """The wall as seen from the lamp's side: frame, shadow, plate, marks, holes, the lamp's foot."""
     from matplotlib.patches import Rectangle
 

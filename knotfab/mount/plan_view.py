@@ -106,7 +106,7 @@ def _view(
     axes.plot(*axis.T, color=FAINT, lw=0.3, ls="-.")
     axes.plot(*to(wall).T, color=INK, lw=0.8)
     axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
-    hatch(axes, to(wall), to)
+    hatch(axes, to(wall))
     draw_lamp(axes, axis[0], view.light_size_mm / to.ratio)
     along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
     aside = ASIDE * np.array([-along[1], along[0]])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.drawing.dimensions import Scaled, length
+from knotfab.drawing.dimensions import length
 from knotfab.scene.model import View
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
     cross(axes, at, 2.5, 0.25)
 
 
-def hatch(axes: Axes, wall: Array, to: Scaled) -> None:
+def hatch(axes: Axes, wall: Array) -> None:
     """Short strokes behind the wall's line (n, 2)."""
     steps = np.diff(wall, axis=0)
     ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])

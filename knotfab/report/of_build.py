@@ -182,7 +182,7 @@ def add_fabrication(
     report["print"]["mount"] = mount
     views = mounted.scene.views
     hangs = len(views) == 1 and views[0].wall_radius_mm == "flat"
-    report["notes"] = _notes(len(report["knots"]), mount, printing, hangs)
+    report["notes"] = _notes(len(report["knots"]), mount, hangs)
     add_slicing(report, sliced, printing and plan is None)
     if plan is not None:
         report["bending_plan"] = plan.to_dict()
@@ -207,7 +207,7 @@ def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool
         report["print"].update(print_figures(sliced))
 
 
-def _notes(knots: int, mount: Record, printing: bool, hangs: bool) -> list[str]:
+def _notes(knots: int, mount: Record, hangs: bool) -> list[str]:
     """What a reader must not miss."""
     loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
     if mount["kind"] == "none":

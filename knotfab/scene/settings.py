@@ -119,8 +119,8 @@ def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:
         InputError: for a key that is none, or a value out of its bounds.
     """
     if accuracy not in PRESETS:
-        known = ", ".join(PRESETS)
-        raise InputError(f"the accuracy {accuracy}", "there is no such preset", f"Known: {known}")
+        remedy = f"Known: {', '.join(PRESETS)}"
+        raise InputError(f"the accuracy {accuracy}", "there is no such preset", remedy)
     known = SearchSettings.model_fields
     for key in overrides:
         if key not in known:

@@ -96,6 +96,21 @@ def _along(points: Array, rings: Polylines) -> Array:
     return np.asarray(0.5 * shift[:, None] * tangent)
 
 
+def find_felt(
+    points: Array, rings: Polylines, radius: float, separation: float, reach: float = 4.0
+) -> Neighbours:
+    """Everything that the clearance term can feel before the list is made anew, after 0.3 radii.
+
+    Args:
+        separation: least distance of centre lines that is asked for, mm.
+        reach: radii that are looked at in any case.
+    """
+    edge = points[rings.next] - points
+    longest = float(np.sqrt(dot(edge, edge).max()))
+    felt = 1.02 * separation + 1.5 * longest + 0.7 * radius
+    return find_neighbours(points, rings, max(reach * radius, felt), 6)
+
+
 def flow(
     points: Array,
     rings: Polylines,
@@ -116,17 +131,13 @@ def flow(
     """
     result = FlowResult(points.copy())
     x = result.points
-    skip = 6
     near: Neighbours | None = None
     momentum = np.zeros_like(x)
     scale = 0.0
     for iteration in range(settings.iterations):
         progress = iteration / max(1, settings.iterations - 1)
         if near is None or near.moved(x) > 0.3 * radius:
-            longest = float(np.sqrt(dot(x[rings.next] - x, x[rings.next] - x)).max())
-            # everything that the clearance term can feel before the list is made anew
-            felt = 1.02 * separation + 1.5 * longest + 0.7 * radius
-            near = find_neighbours(x, rings, max(settings.reach * radius, felt), skip)
+            near = find_felt(x, rings, radius, separation, settings.reach)
         if between is not None:
             between(x, near, iteration, progress)
         loss, gradient = objective(x, near, progress)

@@ -18,11 +18,11 @@ from knotfab.geometry.carry import (
     refine_parameters,
     space_evenly,
 )
-from knotfab.geometry.neighbours import Neighbours, find_neighbours
-from knotfab.geometry.polylines import Polylines, dot, polylines_of
-from knotfab.limits.base import Limits
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.geometry.polylines import dot, polylines_of
 from knotfab.problem import Report
 from knotfab.render.threads import one_thread
+from knotfab.search.flow import find_felt
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
 from knotfab.search.state import SearchState
@@ -137,7 +137,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         images = mapped.size * network(start)
         x = images.detach().cpu().numpy()
         if near is None or near.moved(x) > 0.3 * radius:
-            near = _near(x, state.rings, limits)
+            near = find_felt(x, state.rings, radius, limits.separation)
         if before is not None:
             goal = first * _SLOWEST**progress * radius
             moved = float(np.sqrt(dot(x - before, x - before).mean()))
@@ -169,11 +169,3 @@ def _sample(
     state.rings = polylines_of(where)
     state.points = np.concatenate(mapped.images(curves, where))
     return where
-
-
-def _near(points: Array, rings: Polylines, limits: Limits) -> Neighbours:
-    """Everything that the clearance term can feel before the list is made anew."""
-    edge = points[rings.next] - points
-    longest = float(np.sqrt(dot(edge, edge).max()))
-    felt = 1.02 * limits.separation + 1.5 * longest + 0.7 * limits.radius
-    return find_neighbours(points, rings, max(4.0 * limits.radius, felt), 6)

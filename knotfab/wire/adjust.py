@@ -84,7 +84,7 @@ def _reweight(
     """More weight where the distance is large: towards the smallest maximum (Lawson 1961)."""
     for number, strand in enumerate(strands):
         wire = round_corners(strand.corners, limits.bend_radius_mm)
-        _, size = measure_distances(strand, wire, light, limits)
+        _, size = measure_distances(strand, wire, light)
         weight = weights[number] * np.sqrt(0.05 + np.minimum(size, 3.0))
         weights[number] = np.clip(weight / weight.mean(), 0.05, 20.0)
 
@@ -98,7 +98,7 @@ def measure_misses(strands: list[Strand], light: Array | None, limits: FitLimits
     wires = [round_corners(s.corners, limits.bend_radius_mm) for s in strands]
     found = []
     for strand, wire, gap in zip(strands, wires, measure_gaps(wires, limits), strict=True):
-        sites, size = measure_distances(strand, wire, light, limits)
+        sites, size = measure_distances(strand, wire, light)
         far = np.full(len(wire.corners), -1.0)
         np.maximum.at(far, sites.piece, size - 1.0)
         sites, offset, _ = measure_strays(strand, wire, light, limits)

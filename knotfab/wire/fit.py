@@ -130,7 +130,7 @@ def _flatten_depth(points: Array, light: Array | None) -> Array:
 def _revise(strand: Strand, light: Array | None, limits: FitLimits, merging: bool) -> bool:
     """Add corners where the wire is too far off, take out those between which nothing fits."""
     wire = round_corners(strand.corners, limits.bend_radius_mm)
-    sites, size = measure_distances(strand, wire, light, limits)
+    sites, size = measure_distances(strand, wire, light)
     m, n = len(strand.corners), len(strand.points)
     turn = np.rad2deg(wire.turn)
     needed = 2.0 * limits.min_straight_mm

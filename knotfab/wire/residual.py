@@ -89,9 +89,7 @@ def weigh_depth(offsets: Array, points: Array, light: Array | None) -> Array:
     return np.asarray(offsets - (1.0 - 1.0 / DEPTH_FACTOR) * along)
 
 
-def measure_distances(
-    strand: Strand, wire: Wire, light: Array | None, limits: FitLimits
-) -> tuple[WireSites, Array]:
+def measure_distances(strand: Strand, wire: Wire, light: Array | None) -> tuple[WireSites, Array]:
     """Where on the wire each point of the curve is met, and the distance as a share of the tolerance."""
     sites, _ = find_nearest_sites(wire, strand.points, strand.near())
     gap = weigh_depth(wire.at(sites) - strand.points, strand.points, light)

@@ -92,7 +92,7 @@ def test_a_limit_that_is_missed_loosens_no_other(
     limits = FitLimits(1.0, 0.5, 160.0, 2.0, 0.6)
     strands = [make_strand(14 * ring, 2, 0.6), make_strand(18 * ring - [shift, 0, 0], 2, 0.6)]
     wires = [round_corners(s.corners, 1.0) for s in strands]
-    _, size = measure_distances(strands[1], wires[1], LIGHT, limits)
+    _, size = measure_distances(strands[1], wires[1], LIGHT)
     strands[1].tolerance[91] *= size[91] / 1.05
     before = measure_worst(strands, LIGHT, limits)
     assert before == pytest.approx([0.05, 0, 0, 0])
@@ -116,5 +116,5 @@ def test_a_wire_that_reaches_farther_than_its_curve_misses_the_tolerance() -> No
     truth = np.linalg.norm(fine[:, None] - oval, axis=-1).min(axis=1).max()
     _, offset, _ = measure_strays(strand, wire, LIGHT, limits)
     assert np.linalg.norm(offset, axis=1).max() == pytest.approx(truth, rel=0.03)
-    assert measure_distances(strand, wire, LIGHT, limits)[1].max() < 0.8 * truth
+    assert measure_distances(strand, wire, LIGHT)[1].max() < 0.8 * truth
     assert measure_worst([strand], LIGHT, limits)[0] == pytest.approx(truth - 1.0, rel=0.05)
