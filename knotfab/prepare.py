@@ -69,14 +69,17 @@ def prepare_build(
         from knotfab.preview.sentence import describe
         from knotfab.preview.survey import require_drawable, survey
 
-        found = survey(call.scene, call.targets, options.sequence)
+        printing = _prints(options, call.scene)
+        piece = call.scene.piece.model_copy(update={"printed": printing})
+        scene = call.scene.model_copy(update={"piece": piece})
+        found = survey(scene, call.targets, options.sequence)
     require_drawable(found, call.scene)
     return Request(
         call.scene,
         call.sources,
         options.out,
         base=call.base,
-        printing=_prints(options, call.scene),
+        printing=printing,
         device=options.device,
         skip=skipped,
         time_budget_s=budget,

@@ -32,6 +32,7 @@ def guess_print(
     area_mm2: float,
     size_mm: tuple[float, float],
     radius_mm: float,
+    pieces: int = 1,
 ) -> Guess:
     """Guess by what builds came to.
 
@@ -39,12 +40,14 @@ def guess_print(
 
     Args:
         scene: resolved. area_mm2, size_mm: of the silhouette, and its width and height, in the middle of
-            the piece. radius_mm: of the tube.
+            the piece. radius_mm: of the tube. pieces: of the picture, each a knot if that is open.
     """
     flat = scene.piece.depth == "flat"
     length = (_LENGTH_FLAT if flat else _LENGTH) * area_mm2 / (2 * radius_mm)
     tube, plate = np.pi * radius_mm**2 * length, 0.0
-    if scene.mount.kind == "wall" and scene.mount.foot != "dowel":
+    knots = pieces if scene.piece.knots == "auto" else scene.piece.knots
+    hangs = scene.mount.kind == "wall" or (scene.piece.printed and scene.hangs(knots))
+    if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)
         plate *= scene.mount.plate_thickness_mm

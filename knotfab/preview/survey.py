@@ -137,7 +137,7 @@ def survey(scene: Scene, targets: Sequence[Target], sequence: bool = False) -> S
         views,
         radius,
         thinnest,
-        guess_print(scene, first.view, first.area_mm2, first.piece_mm, radius),
+        guess_print(scene, first.view, first.area_mm2, first.piece_mm, radius, first.pieces),
         frames,
     )
 

@@ -305,3 +305,24 @@ def test_a_glance_leaves_thin_strips_as_thick_as_they_are(tmp_path: Path) -> Non
         strip[height // 4 : height // 2, 400:3000] = 0
         Image.fromarray(strip).save(tmp_path / "strip.png")
         assert len(read_target(tmp_path / "strip.png", glance=True).mask) == left
+
+
+def test_the_guess_counts_the_plate_that_loose_pieces_get_in_print(tmp_path: Path) -> None:
+    image = Image.new("L", (300, 200), 255)
+    for left in (30, 180):
+        ImageDraw.Draw(image).ellipse([left, 50, left + 90, 140], fill=0)
+    image.save(tmp_path / "two.png")
+    target = read_target(str(tmp_path / "two.png"))
+
+    def guess(knots: int | str = "auto", kind: str = "auto", printed: bool = True) -> float:
+        piece, mount = {"printed": printed, "knots": knots}, {"kind": kind}
+        scene = Scene.model_validate({"views": [{}], "piece": piece, "mount": mount})
+        return survey(scene, [target]).guess.mass_g
+
+    bare = guess(printed=False)
+    assert guess() == guess(kind="wall") > bare
+    assert guess(1) == guess(kind="none") == guess(kind="stand") == bare
+    (view,) = survey(Scene(), [target]).views
+    wide = [side + 2 * Scene().mount.plate_margin_mm for side in view.view.frame_mm]
+    plate = wide[0] * wide[1] * Scene().mount.plate_thickness_mm * 1e-3
+    assert guess() - bare == pytest.approx(plate * resolve(Scene()).material.density_g_cm3)
