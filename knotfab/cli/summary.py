@@ -112,13 +112,14 @@ def print_summary(outcome: Outcome) -> None:
         )
     piece, knots = report["print"], report["knots"]
     size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
+    made = f"{size} mm, {piece['mass_g']:.0f} g" if piece["mass_g"] else "no part"
     count = f"{len(knots)} knot{'s' if len(knots) > 1 else ''}"
     if "parts" in piece:  # a sequence: the same knots in all of them
         each = count_in_words(len(knots) // piece["parts"])
         count = f"{each} in {piece['parts']} frames"
     console.print(
         f"  {count}, tube radius "
-        f"{report['settings']['tube_radius_mm']:.2f} mm, {size} mm, {piece['mass_g']:.0f} g"
+        f"{report['settings']['tube_radius_mm']:.2f} mm, {made}"
         f"{_graceful(knots)}"
     )
     for note in report.get("notes", []):
@@ -159,10 +160,11 @@ def _last_line(report: dict[str, Any]) -> str:
     if piece.get("time_s") is not None:
         said.append(f"{piece['time_s'] / 3600:.1f} h")
     mass = piece.get("filament_g") or piece["mass_g"]
-    said.append(f"{mass:.0f} g")
+    if mass:
+        said.append(f"{mass:.0f} g")
     if piece.get("support_share") is not None:
         said.append(f"{100 * piece['support_share']:.0f}% of it supports")
-    return ", ".join(said) + ": "
+    return ", ".join(said) + ": " if said else ""
 
 
 def print_comparison(found: Comparison, picture: Path, json: bool) -> None:

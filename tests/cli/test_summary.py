@@ -41,6 +41,16 @@ def test_the_last_line_says_what_it_takes_and_where_to_look(
     assert last == "good, 2.5 h, 42 g, 31% of it supports: open out/report.html"
 
 
+def test_where_there_is_no_part_it_has_neither_size_nor_weight(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = outcome(None, 1)
+    done.report["print"] |= {"bounding_box_mm": None, "mass_g": 0.0}
+    print_summary(done)
+    said = capsys.readouterr().out
+    assert "tube radius 2.00 mm, no part\n" in said and said.endswith("  open out/report.html\n")
+
+
 def test_of_a_stand_the_frame_alone_is_quoted(capsys: pytest.CaptureFixture[str]) -> None:
     done = outcome("good")
     view = {"name": "front", "iou": 0.7, "iou_frame": 0.95, "legibility": {}}

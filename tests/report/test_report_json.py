@@ -244,6 +244,15 @@ def test_a_large_picture_is_embedded_small(tmp_path: Path) -> None:
     assert shown.shape == waves.shape and np.abs(shown - waves).mean() < 8
 
 
+def test_where_there_is_no_part_the_page_sends_nobody_to_print_it() -> None:
+    report = assemble(**sample())
+    whole = render_html(report, [], "knight")
+    assert "Print <b>part.3mf</b>" in whole and "as it lies on the bed" in whole
+    report["print"] |= {"volume_mm3": 0.0, "mass_g": 0.0, "bounding_box_mm": None}
+    none = render_html(report, [], "knight")
+    assert "There is no part" in none and not re.search("part.3mf|lies on the bed|>Material<", none)
+
+
 def test_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
     Image.new("RGB", (8, 8), "white").save(tmp_path / "compare.png")
     pictures = [
