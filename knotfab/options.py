@@ -289,10 +289,12 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
         try:
             if key == "out":
                 value = _place_of(value)
-            values[key] = TypeAdapter(types[key]).validate_python(value)
+            checked = TypeAdapter(types[key]).validate_python(value)
         except ValueError as error:
             told = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
             why = told[:1].lower() + told[1:]
             remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
             raise InputError(f"the option {name}={value!r}", why, remedy) from None
+        # 700 is a number as it is, and is written so
+        values[key] = value if type(value) is int and isinstance(checked, float) else checked
     return BuildOptions(**values)

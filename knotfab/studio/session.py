@@ -184,13 +184,7 @@ class Studio:
         for name, known in (("printer", printers()), ("material", materials())):
             if name in wanted and wanted[name] not in known:
                 raise InputError(f"the {name} {wanted[name]}", "it is not known", "Choose another.")
-        try:
-            check_options(options_from(wanted))
-        except (TypeError, ValueError, AttributeError) as error:
-            names = ", ".join(given)
-            raise InputError(
-                f"the setting {names}", "it is of a wrong kind", "Change it."
-            ) from error
+        check_options(options_from(wanted))
         self.settings = wanted
         self.renew()
 

@@ -333,7 +333,7 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
         ({"width": -3}, "out of bounds"),
         ({"tube_radius": "thick"}, "not a positive number"),
         ({"width": [1]}, "there is none of that name"),
-        ({"width": "abc"}, "it is of a wrong kind"),
+        ({"width": "abc"}, "a valid number"),
     ],
 )
 def test_a_wrong_setting_changes_nothing(
