@@ -62,8 +62,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue
 
-            knots = request.scene.piece.knots
-            mounted = request.is_mounted(targets[0].pieces if knots == "auto" else knots)
+            mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
             left = request.budget(progress.total, mounted)
             with SlicerQueue() as slicer:
                 with keep_modeller(mounted):

@@ -67,19 +67,16 @@ def prepare_build(
     with progress.stage("preview"):
         # only now: a picture that cannot be read is told without waiting for them
         from knotfab.preview.sentence import describe
-        from knotfab.preview.survey import require_drawable, survey
+        from knotfab.preview.survey import require_drawable
 
-        printing = _prints(options, call.scene)
-        piece = call.scene.piece.model_copy(update={"printed": printing})
-        scene = call.scene.model_copy(update={"piece": piece})
-        found = survey(scene, call.targets, options.sequence)
+        found = _survey(call, options)
     require_drawable(found, call.scene)
     return Request(
         call.scene,
         call.sources,
         options.out,
         base=call.base,
-        printing=printing,
+        printing=_prints(options, call.scene),
         device=options.device,
         skip=skipped,
         time_budget_s=budget,
@@ -109,10 +106,7 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
     Raises:
         InputError: as for `prepare_build`.
     """
-    call = _read_call(pictures, options, Progress("quiet"), glance=True)
-    from knotfab.preview.survey import survey
-
-    return survey(call.scene, call.targets, options.sequence)
+    return _survey(_read_call(pictures, options, Progress("quiet"), glance=True), options)
 
 
 @dataclass(frozen=True)
@@ -162,6 +156,16 @@ def _read_call(
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
         targets = flatten_targets(scene, framed, targets)
     return _Call(scene, sources, base, targets)
+
+
+def _survey(call: _Call, options: BuildOptions) -> Survey:
+    """Look at a call's pictures, as those of a piece that is printed if the call says so."""
+    from knotfab.preview.survey import survey
+
+    printed = {"printed": _prints(options, call.scene)}
+    piece = call.scene.piece.model_copy(update=printed)
+    scene = call.scene.model_copy(update={"piece": piece})
+    return survey(scene, call.targets, options.sequence)
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:

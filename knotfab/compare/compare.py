@@ -256,7 +256,7 @@ def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str
         raise InputError(str(folder), "it is no folder", "Name a folder that a build wrote.")
     suffix = ""
     if own := sorted(path.stem.removeprefix("scene") for path in folder.glob("scene-*.toml")):
-        frames = [f"frame{suffix}" for suffix in own]
+        frames = [f"frame{one}" for one in own]
         if name not in frames:
             why = "it is a sequence" if name is None else "the sequence has no such frame"
             what = str(folder) if name is None else f"--view {name}"

@@ -77,7 +77,7 @@ def write_part(
             paint,
             title,
         )
-    coupon = None if suffix else plan_coupon(part.mounted)
+    coupon = plan_coupon(part.mounted, suffix)
     if coupon is not None:
         grown = 1 / shrink_of(scene)[0, 0]  # its holes and pin shrink as the part's do
         bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]

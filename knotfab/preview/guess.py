@@ -45,8 +45,8 @@ def guess_print(
     flat = scene.piece.depth == "flat"
     length = (_LENGTH_FLAT if flat else _LENGTH) * area_mm2 / (2 * radius_mm)
     tube, plate = np.pi * radius_mm**2 * length, 0.0
-    knots = pieces if scene.piece.knots == "auto" else scene.piece.knots
-    hangs = scene.mount.kind == "wall" or (scene.piece.printed and scene.hangs(knots))
+    printed = scene.piece.printed and scene.hangs(scene.count_knots(pieces))
+    hangs = printed or scene.mount.kind == "wall"
     if hangs and scene.mount.foot != "dowel":
         margin = 2 * scene.mount.plate_margin_mm
         plate = (view.frame_width_mm + margin) * (view.frame_height_mm + margin)

@@ -118,7 +118,7 @@ def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Acces
     from knotfab.part.flatter import Printing, estimate_flatter
 
     scene, figures, notes = part.mounted.scene, report["print"], report["notes"]
-    coupon = None if suffix else plan_coupon(part.mounted)  # as `write_part` has it
+    coupon = plan_coupon(part.mounted, suffix)
     if coupon is not None:
         figures["coupon"] = coupon.to_dict()
         notes.append(coupon.tell())

@@ -312,6 +312,10 @@ class Scene(_Table):
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
 
+    def count_knots(self, pieces: int) -> int:
+        """How many knots so many pieces of a picture become."""
+        return pieces if self.piece.knots == "auto" else self.piece.knots
+
     def hangs(self, knots: int) -> bool:
         """Whether so many knots get a wall mount; if open: several, of one view before a flat wall."""
         if self.mount.kind != "auto":
