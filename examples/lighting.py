@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from examples.parting import directions, random_scene
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, EffectContext, World
+from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import contrast_of
 from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.effects.wall import WALL
@@ -120,4 +120,4 @@ def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     there = camera.eye + low[:, None] * (at - camera.eye)
     off = float(np.linalg.norm(there - flat, axis=1).max())
     magnitude = WALL.magnitude(EffectContext((view,), np.zeros((0, 3)), 1.0, 0.25))
-    return magnitude, off / (view.longer_mm / VERIFIED_PX)
+    return magnitude, off / view.pixel_mm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, EffectContext, World
+from knotfab.effects.base import EffectContext, World
 from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import parting_mm
 from knotfab.effects.sag import SAG
@@ -110,7 +110,7 @@ def shift_bound_and_truth(
     in any direction.
     """
     view, points, radius, camera = random_scene(rng, bent=bent)
-    surface, px = points[:, None] + radius * directions(60), view.longer_mm / VERIFIED_PX
+    surface, px = points[:, None] + radius * directions(60), view.pixel_mm
     was = cast(surface.reshape(-1, 3), camera.eye, camera, view)
 
     def shift(moves: Array) -> float:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from knotfab.sequence.written import read_knots_in_scene
 from PIL import Image, ImageChops, ImageOps
 
 from examples.measurement import run_study
@@ -18,7 +19,6 @@ from examples.side_view import beside, side_view
 from knotfab.report.pictures import draw_part
 from knotfab.scene.load import load_scene
 from knotfab.sequence.gif import write_gif
-from knotfab.sequence.written import read_knots_in_scene
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
 

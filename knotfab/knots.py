@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
+from knotfab.geometry.polylines import Polylines, polylines_of
 
-__all__ = ["Knot", "Knots", "count_in_words", "read_start"]
+__all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]
 
 _FEWEST = 8  # vertices of a knot that a search goes on from
 
@@ -51,6 +53,11 @@ class Knots:
         """(n, 3) all vertices of all knots, in order."""
         return np.concatenate([k.points for k in self.knots])
 
+    @property
+    def rings(self) -> Polylines:
+        """How `points` form closed polylines."""
+        return polylines_of(k.points for k in self.knots)
+
     def moved(self, matrix: NDArray[np.float64]) -> Knots:
         """The same knots under a 4x4 `matrix`, a rigid motion or a similarity."""
         turn, shift = matrix[:3, :3], matrix[:3, 3]
@@ -86,24 +93,42 @@ def count_in_words(count: int) -> str:
     return "one knot" if count == 1 else f"{count} knots"
 
 
-def read_start(path: Path) -> Knots:
-    """The knots that `Knots.dump_start` wrote.
+def read_knots(path: Path) -> Knots:
+    """The knots of a knots.json or a start, in the coordinates that they are written in.
 
     Raises:
-        InputError: it cannot be read, or holds no closed knots in scene coordinates.
+        OSError, ValueError, KeyError, TypeError, AttributeError: it cannot be read, or is no such file.
     """
-    remedy = "Name a start.json that a build or the studio wrote."
+    return _knots_from(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _knots_from(raw: Any) -> Knots:
+    return Knots(
+        tuple(
+            Knot(np.array(k["points"], dtype=np.float64), str(k["type"]), k["closed"] is True)
+            for k in raw["knots"]
+        ),
+        float(raw["radius_mm"]),
+    )
+
+
+def read_start(path: Path) -> Knots:
+    """Knots to go on from, in the scene: of a start (`Knots.dump_start`), or of a finished part.
+
+    Args:
+        path: a start.json, or a knots.json that its scene.toml lies beside, or the folder of these two.
+
+    Raises:
+        InputError: it cannot be read, or holds no closed knots that can be taken to the scene.
+    """
+    remedy = "Name the folder of a build, its knots.json, or a start.json of the studio."
+    path = path / "knots.json" if path.is_dir() else path
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))
-        if raw.get("coordinates") != "scene":  # knots.json lies as its part is printed
-            raise ValueError("its knots are not in the scene's coordinates")
-        found = Knots(
-            tuple(
-                Knot(np.array(k["points"], dtype=np.float64), str(k["type"])) for k in raw["knots"]
-            ),
-            float(raw["radius_mm"]),
-        )
-        closed = all(k["closed"] is True for k in raw["knots"]) and bool(found.knots)
+        found = _knots_from(raw)
+        if raw.get("coordinates") != "scene":  # they lie as their part is printed
+            found = found.moved(_read_pose(path))
+        closed = all(k.closed for k in found.knots) and bool(found.knots)
         shapes = [k.points.ndim == 2 and k.points.shape[1] == 3 for k in found.knots]
         if not (closed and all(shapes) and all(len(k.points) >= _FEWEST for k in found.knots)):
             raise ValueError("it holds no closed knots")
@@ -111,7 +136,27 @@ def read_start(path: Path) -> Knots:
             raise ValueError("a number in it is not finite")
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", remedy) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         why = str(error) if type(error) is ValueError else "it is no file of knots"
         raise InputError(str(path), why, remedy) from error
     return found
+
+
+def _read_pose(path: Path) -> NDArray[np.float64]:
+    """(4, 4) of the scene.toml beside a knots.json (scene-NN.toml of knots-NN.json): to the scene.
+
+    Raises:
+        ValueError: there is none, or it has no pose.
+    """
+    beside = path.with_name(path.name.replace("knots", "scene", 1)).with_suffix(".toml")
+    try:
+        matrix = np.array(
+            tomllib.loads(beside.read_text(encoding="utf-8"))["pose"]["matrix"], dtype=np.float64
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        matrix = np.empty(0)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ValueError(
+            f"its knots lie as they are printed, and no {beside.name} beside it says how"
+        )
+    return matrix

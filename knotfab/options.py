@@ -237,7 +237,7 @@ class BuildOptions(PictureOptions):
     """Simulate an effect of light or world: NAME=on, off or auto (default: on where the scene calls for it),
     such as penumbra=off; may be repeated."""
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
-    """Go on from the knots in this file: the start.json of a build of the studio, or of one with --start."""
+    """Go on from these knots: the folder of a build, its knots.json, or a start.json."""
     seed: Annotated[Whole | None, Parameter(group=_SEARCH)] = None
     """Seed of the random depth profiles: another one gives another piece."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"

@@ -53,7 +53,7 @@ from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import cameras_of
 from knotfab.scene.model import ResolvedScene
 from knotfab.settle import settle_part
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
@@ -171,13 +171,14 @@ def report_piece(
 ) -> Record:
     """Wait for the verdict on a piece, write its bending plan and drawings, and report all of it."""
     made, part = piece.made, piece.part
-    cameras, access = _cameras(piece), None
+    cameras, access = cameras_of(piece.scene.views, piece.targets), None
     if part is not None and request.printing:
         with progress.stage("drawings"):  # while the validators measure
             sheets = draw_sheets(part.mounted, piece.scene, cameras)
             templates = write_drill_template(folder.work, part.mounted, cameras[0], piece.suffix)
             access = find_access(part)
     with progress.stage("verify"):
+        said = [] if part is None else _read_back(folder, piece)
         verdict = piece.verdict
     if not request.printing:
         explain_unprinted(verdict["checks"], request.skip)
@@ -190,7 +191,7 @@ def report_piece(
         add_warnings(report, made.result.effects)
         return report
     sag = part.mounted.check_sag()
-    verdict["checks"] += [check_3mf(_read_back(folder, piece)), *own]
+    verdict["checks"] += [check_3mf(said), *own]
     verdict["checks"] += [] if sag is None else [sag]
     with progress.stage("slicer"):
         sliced = sum_slicings(piece.sliced) if piece.sliced else None
@@ -308,11 +309,6 @@ def _files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Pat
     """What is printed: the part, or its plates."""
     names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
     return [folder.file(name) for name in names]
-
-
-def _cameras(piece: WrittenPiece) -> list[Camera]:
-    pairs = zip(piece.scene.views, piece.targets, strict=True)
-    return [camera_of(view, target.width, target.height) for view, target in pairs]
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:

@@ -12,7 +12,6 @@ from knotfab.progress import Progress
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.model import ResolvedScene
 from knotfab.target.read import read_targets
-from knotfab.verify.checks import PRINTER_CHECKS
 from knotfab.verify.verifier import Verifier
 
 if TYPE_CHECKING:
@@ -45,7 +44,6 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
     """
     progress = progress or Progress("quiet")
     require_device(request.device)
-    skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     progress.plan(_usual_seconds(request))
     with OutputFolder(request.out) as folder:
         for line in request.preview:
@@ -55,7 +53,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             targets = list(
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
-        with Verifier(skip) as verifier:
+        with Verifier(request.skipped) as verifier:
             # only now: the search is loaded while the validators load what they need
             from knotfab.design.design import design_knots
             from knotfab.piece import finish_build, report_piece, write_piece

@@ -12,6 +12,7 @@ import torch
 
 from examples.corpus.curves import figure_eight, torus_knot
 from examples.measurement import Stopwatch, read_question, run_study
+from examples.paper.fit_view import fit_view
 from examples.pictures import pictures
 from knotfab.arrays import Array
 from knotfab.design.free_view import start_pose
@@ -21,7 +22,7 @@ from knotfab.render.posed_frame import posed_frame
 from knotfab.render.tensors import render
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
-from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers, fit_view
+from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 

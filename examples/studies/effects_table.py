@@ -23,7 +23,7 @@ from examples.lighting import bounce_and_truth, uneven_and_truth, wall_and_truth
 from examples.measurement import build_apart, run_study
 from examples.parting import bounds_and_truths, cast, shift_bound_and_truth
 from knotfab.arrays import Array
-from knotfab.effects.base import VERIFIED_PX, EffectContext, World
+from knotfab.effects.base import EffectContext, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.shadows import Shadows
 from knotfab.effects.survey import survey
@@ -120,7 +120,7 @@ def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
     way = rng.normal(size=(_ROUND, 3))
     way *= radius / np.linalg.norm(way, axis=1)[:, None]
     truth = max(true_blur(view, middle + step) for middle in worst for step in way)
-    return magnitude, truth / (view.longer_mm / VERIFIED_PX)
+    return magnitude, truth / view.pixel_mm
 
 
 def print_bounds(scenes: int) -> None:

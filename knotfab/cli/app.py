@@ -50,13 +50,13 @@ app = App(
 
 
 @dataclass
-class _Call:
+class _CallClock:
     """`time.perf_counter()` where the call that runs began: its times are those that a person waits."""
 
     began: float | None = None
 
 
-_call = _Call()
+_call = _CallClock()
 _DEFAULTS = BuildOptions()
 _READ = PictureOptions()
 

@@ -269,7 +269,7 @@ def print_tradeoff(found: Tradeoff) -> None:
     explored = found.explored
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    seconds = "CPU s" if found.clock == "cpu" else "s"
+    seconds = "CPU s" if found.explored.middle.clock == "cpu" else "s"
     table.add_column("")
     table.add_column("point", no_wrap=True, max_width=max(20, console.width - 60))
     for column in ("IoU", "least", "px", "bend", "at 45°", seconds, "on"):

@@ -49,12 +49,9 @@ def draw_shadow(views: Sequence[ResolvedView], knots: Knots, columns: int, rows:
 def _stamp(knots: Knots, camera: Camera) -> Mask:
     """(H, W) what discs along the centre lines cover: the tube's shadow, to a dot."""
     dark = np.zeros((camera.height, camera.width), dtype=bool)
-    plane = camera.receiver
-    height = float(plane[:3] @ camera.eye + plane[3])
     for knot in knots.knots:
         at = camera.project(knot.points)
-        scale = height / np.maximum(height - (knot.points @ plane[:3] + plane[3]), 1e-6)
-        radius = knots.radius_mm * scale / float(np.linalg.norm(camera.du))
+        radius = knots.radius_mm * camera.magnify(knot.points) / float(np.linalg.norm(camera.du))
         radius = np.minimum(radius, float(np.hypot(*dark.shape)))
         dots, wide = _resample(at, radius)
         reach = int(np.ceil(wide.max(initial=0.0)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from knotfab.compare.rectify import (
 )
 from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
-from knotfab.knots import Knot, Knots
+from knotfab.knots import Knot, Knots, read_knots
 from knotfab.mount.marks import CARD_MM, card_middles
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
@@ -342,12 +341,10 @@ def _read_knots(path: Path, scene: Scene) -> Knots | None:
     if scene.pose is None or not path.is_file():
         return None
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
-        knots = tuple(Knot(np.array(k["points"], dtype=np.float64)) for k in raw["knots"])
-        found = Knots(knots, float(raw["radius_mm"])).moved(np.array(scene.pose.matrix))
+        found = read_knots(path).moved(np.array(scene.pose.matrix))
         if not np.isfinite(found.points).all():
             raise ValueError("a number in it is not finite")
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
             str(path), "it is damaged", "Remove it, or name another folder that a build wrote."
         ) from error

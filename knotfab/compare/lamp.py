@@ -49,13 +49,10 @@ def cast_shadow(knots: Knots, camera: Camera, eye: Array) -> Array:
     draw = ImageDraw.Draw(sheet)
     moved = replace(camera, eye=eye)
     px = 1.0 / float(np.linalg.norm(camera.du))
-    normal = camera.receiver
-    height = float(normal[:3] @ eye + normal[3])
     for knot in knots.knots:
         points = knot.points
         at = _FINER * (moved.project(points) + 0.5)
-        scale = height / np.maximum(height - (points @ normal[:3] + normal[3]), 1e-6)
-        half = _FINER * px * knots.radius_mm * scale
+        half = _FINER * px * knots.radius_mm * moved.magnify(points)
         ends = np.roll(at, -1, axis=0)
         for (a, b, c, d), wide in zip(np.concatenate([at, ends], axis=1), half, strict=True):
             draw.line((a, b, c, d), fill=255, width=max(1, round(2 * wide)))

@@ -16,12 +16,11 @@ __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", 
 _LEAST_S, _LEAST_SEVERAL_S, _LEAST_FRAME_S = 5.0, 12.0, 4.0
 # for the design of a view, below which it takes the draft's trials, pictures and spacing, or the sketch's
 _SHORT_S, _SHORTEST_S = 6.0, 3.0
-_GIVE = 0.012
-_MORE = (_GIVE, 0.016)  # where the knots that follow from less could not be verified in time
 _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
-_SPARED = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
+_LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
+_MORE = ("settle_edge_radii", "radius_give")
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
@@ -70,17 +69,13 @@ class Budget:
         """Seconds for the design of each view."""
         return self.search_s(_USUAL_VERTICES * views) / views
 
-    def give(self, views: int) -> float:
-        """IoU that may be given for a thicker tube, which is sooner searched and verified."""
-        return _GIVE if self.view_s(views) < _SHORT_S else 0.0
-
     def thicker(self, give: float, vertices: Callable[[float], int]) -> float:
         """The IoU to give so that what follows fits: at least `give`, and more as long as it does not.
 
         Args:
             vertices: of the knots that some IoU given leads to.
         """
-        for more in _MORE:
+        for more in (PRESETS["draft"].radius_give, PRESETS["sketch"].radius_give):
             count = vertices(give)
             if self.search_s(count) >= _SEARCH_VERTEX_S * count:
                 break
@@ -95,7 +90,7 @@ class Budget:
 
 
 def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ()) -> SearchSettings:
-    """The settings with smaller pictures, fewer trials and vertices where the seconds for a view are few.
+    """The settings with smaller pictures, fewer trials, a thicker tube where the seconds for a view are few.
 
     Args:
         given: keys that the scene gives, which stay.
@@ -103,9 +98,9 @@ def spare(settings: SearchSettings, seconds: float, given: Collection[str] = ())
     if seconds >= _SHORT_S:
         return settings
     fewer = PRESETS["draft" if seconds >= _SHORTEST_S else "sketch"]
-    less = {key: min(getattr(settings, key), getattr(fewer, key)) for key in _SPARED}
-    less["settle_edge_radii"] = max(settings.settle_edge_radii, fewer.settle_edge_radii)
-    return settings.model_copy(update={k: v for k, v in less.items() if k not in given})
+    spared = {key: min(getattr(settings, key), getattr(fewer, key)) for key in _LESS}
+    spared |= {key: max(getattr(settings, key), getattr(fewer, key)) for key in _MORE}
+    return settings.model_copy(update={k: v for k, v in spared.items() if k not in given})
 
 
 def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) -> SearchSettings:

@@ -22,7 +22,6 @@ from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
-from knotfab.scene.camera import VERIFIED_PX
 from knotfab.scene.model import (
     ResolvedAccuracy,
     ResolvedMaterial,
@@ -42,7 +41,7 @@ from knotfab.target.data_uri import silhouette_uri
 from knotfab.target.read import Target
 
 if TYPE_CHECKING:
-    from knotfab.search.pose import Pose
+    from knotfab.search.pose import FreePose
 
 __all__ = [
     "START_FILE",
@@ -114,7 +113,7 @@ def design_knots(
     problem = question.problem
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
-    pose: Pose | None = None
+    pose: FreePose | None = None
     pace = None if budget is None else Pace(budget.search_s)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
@@ -238,7 +237,7 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         region = region.model_copy(update={"file": REGION_FILE})
     start_json = None
     if settings.start:
-        start_json = Path(settings.start).read_bytes()
+        start_json = read_start(Path(settings.start)).dump_start().encode()
         settings = settings.model_copy(update={"start": START_FILE})
     # what the part must reach: the scene's, or what follows from what its pictures allow
     asked = question.scene.accuracy.iou_floor
@@ -335,7 +334,7 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
             front = 0.5 * (problem.depth_mm or 0.0) + radius
         # the shadow is largest of what is nearest to the light
         largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
-        allowed.append(limit_px * view.longer_mm / VERIFIED_PX / largest)
+        allowed.append(limit_px * view.pixel_mm / largest)
     return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))
 
 

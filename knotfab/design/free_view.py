@@ -11,7 +11,7 @@ from knotfab.scene.model import Material, Scene
 from knotfab.scene.settings import SearchSettings
 
 if TYPE_CHECKING:
-    from knotfab.search.pose import Pose
+    from knotfab.search.pose import FreePose
 
 __all__ = ["place_start", "start_pose"]
 
@@ -55,12 +55,12 @@ def start_pose(
     radius: float,
     settings: SearchSettings,
     device: str = "cpu",
-) -> tuple[Pose, SearchSettings]:
+) -> tuple[FreePose, SearchSettings]:
     """The pose of the one view as an unknown, and the settings that say where it started.
 
     A tube radius (mm) that the scene gives is kept, and that of a wire.
     """
-    from knotfab.search.pose import ALL, Bounds, Pose  # it loads torch, which few searches need
+    from knotfab.search.pose import ALL, Bounds, FreePose  # it loads torch, which few searches need
 
     scene = resolve(scene)
     given = scene.piece.tube_radius_mm != "auto" and not settings.free_radius_mm
@@ -68,7 +68,7 @@ def start_pose(
     view = problem.views[0].view
     start = ViewNumbers(view.light_distance_mm, view.wall_distance_mm, radius)
     bounds = Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm)
-    pose = Pose(start, bounds, device=device)
+    pose = FreePose(start, bounds, device=device)
     if not given:
         settings = settings.model_copy(update={"free_radius_mm": radius})
     return pose, settings

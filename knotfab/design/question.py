@@ -20,7 +20,7 @@ from knotfab.effects.base import World
 from knotfab.errors import InputError
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.progress import Progress
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import camera_of, cameras_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.require import require_several
@@ -117,7 +117,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     thinnest = scene.printer.min_tube_radius_mm
     bounds: tuple[HullBound, ...] = ()
     if several:
-        cameras = [camera_of(v, t.width, t.height) for v, t in zip(views, targets, strict=True)]
+        cameras = cameras_of(views, targets)
         bounds = hull_bounds(cameras, [t.mask for t in targets], _reach(views))
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)

@@ -124,7 +124,7 @@ def choose_radius(
         knots: as for `fill`.
         report: called with (share done, best IoU).
         watch: called with each filling that is tried.
-        budget: where it is short, IoU is given for a thicker tube, which is sooner searched and verified.
+        budget: where what follows does not fit, more IoU is given for a thicker tube.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
@@ -132,7 +132,7 @@ def choose_radius(
     views = question.views
     trials = _Trials(question, settings, knots, watch=watch)
     span = range_of(len(views))
-    give = max(span.give, 0.0 if budget is None else budget.give(len(views)))
+    give = max(span.give, settings.radius_give)
     thinnest = question.scene.printer.min_tube_radius_mm
     radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
     if question.problem.views[0].lines:  # strokes are as wide as one tube

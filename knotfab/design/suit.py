@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from knotfab.design.candidates import line_radius
 from knotfab.design.question import Question
-from knotfab.scene.camera import VERIFIED_PX
+from knotfab.scene.model import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 
 __all__ = ["GRACE", "suit"]

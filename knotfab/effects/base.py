@@ -10,8 +10,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from knotfab.arrays import Array
-from knotfab.scene.camera import VERIFIED_PX
-from knotfab.scene.model import Material, Placing, Printer, ResolvedView, Room, Scene, Switch
+from knotfab.scene.model import (
+    VERIFIED_PX,
+    Material,
+    Placing,
+    Printer,
+    ResolvedView,
+    Room,
+    Scene,
+    Switch,
+)
 
 if TYPE_CHECKING:
     from knotfab.effects.shadows import Shadows

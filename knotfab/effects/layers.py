@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
+from knotfab.effects.base import Effect, EffectContext
 from knotfab.effects.sag import shifts_mm
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import view_axes
@@ -29,7 +29,7 @@ def magnitude(context: EffectContext) -> float:
         across = view_axes(seen.view)[1]
         moves = np.array([0.5 * height * upwards, height**2 / (8 * radius) * across])
         each = shifts_mm(seen, moves[:, None], radius)
-        return float(each.sum(axis=0).max()) / (seen.view.longer_mm / VERIFIED_PX)
+        return float(each.sum(axis=0).max()) / seen.view.pixel_mm
 
     return max(shift(seen) for seen in context.shadows)
 

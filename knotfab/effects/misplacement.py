@@ -10,7 +10,7 @@ from shapely import MultiPolygon
 
 from knotfab.arrays import Array, Indices
 from knotfab.compiled import compiled
-from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext, World
+from knotfab.effects.base import Decision, Effect, EffectContext, World
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.model import ResolvedView
 
@@ -24,7 +24,7 @@ _LAMP, _TURN, _TILT = range(3)  # kinds of moves
 def magnitude(context: EffectContext) -> float:
     """How far any strand's shadow parts from the picture's best likeness, px; the worst view counts."""
     return max(
-        max(parting_mm(seen, context.radius, context.world)) / (seen.view.longer_mm / VERIFIED_PX)
+        max(parting_mm(seen, context.radius, context.world)) / seen.view.pixel_mm
         for seen in context.shadows
     )
 

@@ -12,7 +12,7 @@ from shapely import MultiPolygon
 
 from knotfab.arrays import Array, Indices
 from knotfab.compiled import compiled
-from knotfab.effects.base import VERIFIED_PX, Decision, Effect, EffectContext
+from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedView
@@ -36,7 +36,7 @@ _WEIGHT_PX = 16.0  # of blur above the threshold, from which on it is that
 def magnitude(context: EffectContext) -> float:
     """The widest blur that any strand's surface has on a wall, px; the view counts where it is widest."""
     return max(
-        float(blurs_mm(seen, context.radius).max(initial=0.0)) / (seen.view.longer_mm / VERIFIED_PX)
+        float(blurs_mm(seen, context.radius).max(initial=0.0)) / seen.view.pixel_mm
         for seen in context.shadows
     )
 

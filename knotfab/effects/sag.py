@@ -20,8 +20,7 @@ def magnitude(context: EffectContext) -> float:
     if context.moves is None or len(context.moves) == 0:
         return 0.0
     return max(
-        float(shifts_mm(seen, context.moves[None], context.radius).max())
-        / (seen.view.longer_mm / VERIFIED_PX)
+        float(shifts_mm(seen, context.moves[None], context.radius).max()) / seen.view.pixel_mm
         for seen in context.shadows
     )
 
@@ -100,7 +99,7 @@ def measure_sag(
 
     image = image_at(view, mask, radius, VERIFIED_PX)
     shift = shifts_mm(Shadows.of(view, points), moves[None], 0.0).max()
-    widest = float(shift) / (view.longer_mm / VERIFIED_PX)
+    widest = float(shift) / view.pixel_mm
     wanted = image.target > 0.5
     pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
     areas = np.ones(columns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
+from knotfab.effects.base import Effect, EffectContext
 from knotfab.scene.curved_wall import CurvedWall
 
 __all__ = ["WALL"]
@@ -12,7 +12,7 @@ def magnitude(context: EffectContext) -> float:
     """How far the picture of a flat wall would lie from that on the curved one, px; 0 where it is flat."""
     walls = [(view, CurvedWall.of(view)) for view in context.views]
     return max(
-        (w.off_mm / (view.longer_mm / VERIFIED_PX) for view, w in walls if w is not None),
+        (w.off_mm / view.pixel_mm for view, w in walls if w is not None),
         default=0.0,
     )
 

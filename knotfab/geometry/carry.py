@@ -18,6 +18,7 @@ from knotfab.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot, polylines_of
+from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["Carried", "Curves", "carry", "certify_same_type", "refine_parameters", "space_evenly"]
 
@@ -43,9 +44,7 @@ class Curves:
         knots, periods, splines = [], [], []
         for polygon in polygons:
             closed = np.concatenate([polygon, polygon[:1]])
-            arc = np.concatenate(
-                [[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
-            )
+            arc = arc_lengths(polygon)
             knots.append(arc[:-1])
             periods.append(float(arc[-1]))
             splines.append(CubicSpline(arc, closed, bc_type="periodic"))
@@ -71,8 +70,7 @@ def space_evenly(
     """Parameters of even vertices, `edge_mm` apart, on polygons `image` with vertices at `where`."""
     out = []
     for w, polygon, period in zip(where, image, periods, strict=True):
-        edges = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1)
-        arc = np.concatenate([[0.0], np.cumsum(edges)])
+        arc = arc_lengths(polygon)
         count = max(24, round(arc[-1] / edge_mm))
         even = np.linspace(0.0, arc[-1], count, endpoint=False)
         out.append(np.sort(np.interp(even, arc, np.append(w, w[0] + period)) % period))

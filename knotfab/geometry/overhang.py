@@ -132,7 +132,7 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
     reaches down to what fills the grid's cell below it. About 2 ms for 6000 rods.
     """
     r = strands.radius
-    pose = _Posed.of(strands, turn, rules)
+    pose = _PosedStrands.of(strands, turn, rules)
     z, level = pose.at[:, 2], pose.level
     columns = pose.columns(rules)
     tall, area = columns.tall, columns.area
@@ -156,7 +156,7 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
 
 def support_cm3(strands: Strands, turn: Array, rules: Rules) -> float:
     """The `support_cm3` of `estimate` alone, for whoever asks it of thousands of curves."""
-    return _Posed.of(strands, turn, rules).columns(rules).volume_cm3
+    return _PosedStrands.of(strands, turn, rules).columns(rules).volume_cm3
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class _Columns:
 
 
 @dataclass(frozen=True)
-class _Posed:
+class _PosedStrands:
     """Rods on the bed: middles (n, 3), the lowest surface at 0; directions; sine of the angle from the
     vertical; half the width of the underside that hangs over."""
 
@@ -184,7 +184,7 @@ class _Posed:
     wide: Array
 
     @classmethod
-    def of(cls, strands: Strands, turn: Array, rules: Rules) -> _Posed:
+    def of(cls, strands: Strands, turn: Array, rules: Rules) -> _PosedStrands:
         r, at, along = strands.radius, strands.middle @ turn.T, strands.along @ turn.T
         level = np.hypot(along[:, 0], along[:, 1])
         at[:, 2] -= float((at[:, 2] - r * level).min())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices
 
-__all__ = ["Polylines", "dot", "polylines_of", "polylines_of_sizes"]
+__all__ = ["Polylines", "dot", "polylines_of", "polylines_of_sizes", "split_alike"]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -48,6 +48,11 @@ class Polylines:
     def split(self, rows: Array) -> list[Array]:
         """The (N, k) array cut into its rings."""
         return np.split(rows, self.bounds[1:-1])
+
+
+def split_alike(rows: Array, curves: Sequence[Array]) -> list[Array]:
+    """The (N, k) array cut into runs as long as the curves, one after the other."""
+    return np.split(rows, np.cumsum([len(curve) for curve in curves])[:-1])
 
 
 def polylines_of(curves: Iterable[Array]) -> Polylines:

@@ -12,7 +12,9 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Limits
 from knotfab.limits.region import tube_outside
 
-__all__ = ["Feasibility", "measure_feasibility"]
+__all__ = ["LEAST", "Feasibility", "measure_feasibility"]
+
+LEAST = ("bend", "clearance")  # limits that a piece may exceed, and not fall below
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,10 @@ class Feasibility:
     @property
     def broken(self) -> list[str]:
         """The limits that are violated."""
-        least = ("bend", "clearance")
         return [
             name
             for name, (measured, limit) in self.figures.items()
-            if not (measured >= limit if name in least else measured <= limit)
+            if not (measured >= limit if name in LEAST else measured <= limit)
         ]
 
     @property

@@ -8,9 +8,9 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
-from knotfab.mount.frame_model import Frame, round_beams, stiffness_of
+from knotfab.mount.frame_model import SpaceFrame, round_beams, stiffness_of
 from knotfab.mount.piece_frame import Stiffness, piece_frame
-from knotfab.mount.shade import Shadows
+from knotfab.mount.shade import MountShadows
 from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join
 
 __all__ = ["Braced", "brace"]
@@ -44,7 +44,7 @@ def brace(
     knots: Knots,
     sites: Sites,
     obstacles: Obstacles,
-    shadows: Shadows,
+    shadows: MountShadows,
     candidates: Candidates,
     visible: Mask,
     given: Candidates,
@@ -195,7 +195,7 @@ def _norm(moved: Array) -> Array:
     return found
 
 
-def _promise(frame: Frame, sites: Sites, candidates: Candidates, moved: Array) -> Array:
+def _promise(frame: SpaceFrame, sites: Sites, candidates: Candidates, moved: Array) -> Array:
     """(n,) how much a stiff link at each candidate would take from the norm, to first order."""
     n = len(sites.knot)
     size = np.linalg.norm(moved[:, :3], axis=1)
@@ -214,7 +214,7 @@ def _promise(frame: Frame, sites: Sites, candidates: Candidates, moved: Array) -
 
 
 def _gains(
-    frame: Frame, tried: Candidates, before: Array, moved: Array, stiffness: Stiffness
+    frame: SpaceFrame, tried: Candidates, before: Array, moved: Array, stiffness: Stiffness
 ) -> Array:
     """(n,) the share of the norm that each member would take away, its own weight left out.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices
 
-__all__ = ["Beams", "Frame", "frame_of", "round_beams", "stiffness_of"]
+__all__ = ["Beams", "SpaceFrame", "frame_of", "round_beams", "stiffness_of"]
 
 
 GRAVITY_M_S2 = 9.81
@@ -41,7 +41,7 @@ def round_beams(joints: Array, ends: Indices, radius: Array) -> Beams:
 
 
 @dataclass(frozen=True)
-class Frame:
+class SpaceFrame:
     """A frame whose stiffness is factored: forces in, displacements and turns out.
 
     `loose` are the numbers of the free unknowns among six for each joint (three displacements in
@@ -83,7 +83,7 @@ def frame_of(
     density_g_cm3: float,
     down: Array,
     springs: Mapping[int, tuple[Array, Array]] | None = None,
-) -> Frame:
+) -> SpaceFrame:
     """The frame of beams under their own weight, ready to be asked.
 
     The direct stiffness method with 12 x 12 element matrices and consistent loads (Przemieniecki,
@@ -126,7 +126,7 @@ def frame_of(
         factor = splu(matrix[loose][:, loose], permc_spec="MMD_AT_PLUS_A")
     except RuntimeError as error:
         raise ValueError("a joint is not held") from error
-    return Frame(n, loose, force, factor)
+    return SpaceFrame(n, loose, force, factor)
 
 
 def stiffness_of(beams: Beams, young_mpa: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices
 from knotfab.knots import Knots
-from knotfab.mount.frame_model import Beams, Frame, frame_of, round_beams
+from knotfab.mount.frame_model import Beams, SpaceFrame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.scene.model import Scene
 
@@ -89,7 +89,9 @@ def piece_beams(
     return beams, feet
 
 
-def piece_frame(knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness) -> Frame:
+def piece_frame(
+    knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
+) -> SpaceFrame:
     """The frame of a piece with joints at the sites alone, ready to be asked."""
     beams, fixed = piece_beams(knots.radius_mm, sites, members)
     return frame_of(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)

@@ -16,9 +16,9 @@ __all__ = [
     "CHAMFER_MM",
     "CORNER_MM",
     "Base",
+    "Masses",
     "Rectangle",
     "Slope",
-    "Weights",
     "base_for",
     "slope_below",
 ]
@@ -101,7 +101,7 @@ def _slope_of(camera: Camera) -> Slope:
 
 
 @dataclass(frozen=True)
-class Weights:
+class Masses:
     """Solids by volume and centre of mass: mm³ (n,) and (n, 3) in the scene."""
 
     volume: Array
@@ -152,7 +152,7 @@ def base_for(
     slope: Slope,
     feet: Array,
     root_mm: float,
-    weights: Weights,
+    weights: Masses,
     cameras: Sequence[Camera],
     thickness_mm: float,
     tip_deg: float,

@@ -17,6 +17,7 @@ from knotfab.mount.struts import (
     sample_strands,
     tangents,
 )
+from knotfab.scene.camera import Camera
 
 __all__ = ["Rays", "free_rays"]
 
@@ -48,9 +49,7 @@ class Rays:
         return np.asarray(np.linalg.norm(self.foot - self.top, axis=1))
 
 
-def free_rays(
-    knots: Knots, light: Array, wall: Array, peg_share: float, clearance_mm: float
-) -> Rays:
+def free_rays(knots: Knots, camera: Camera, peg_share: float, clearance_mm: float) -> Rays:
     """Find the rays on which a round peg is hidden and touches nothing but its own joint.
 
     Whatever lies on a ray behind a point of the tube, no farther from it than the tube's radius
@@ -59,7 +58,7 @@ def free_rays(
     top stays `clearance_mm` away.
 
     Args:
-        knots: in scene coordinates. light: (3,) mm. wall: (4,) unit normal towards the light and offset.
+        knots: in scene coordinates. camera: the light and its wall.
         peg_share: the peg's radius over that of the tube's shadow, above 0 and at most 1.
 
     Raises:
@@ -71,9 +70,8 @@ def free_rays(
     vertex = np.concatenate([np.arange(len(k.points)) for k in knots.knots])
     top = knots.points
     tangent = np.concatenate([tangents(k.points) for k in knots.knots])
+    light, foot = camera.eye, camera.cast(top)
     away = top - light
-    height = wall[:3] @ light + wall[3]
-    foot = light + away * (height / -(away @ wall[:3]))[:, None]
     unit = away / np.linalg.norm(away, axis=1)[:, None]
     sine = np.linalg.norm(np.cross(unit, tangent), axis=1)
     free = sine >= LEAST_SINE

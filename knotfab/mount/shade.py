@@ -16,10 +16,12 @@ from knotfab.geometry.projection import project
 from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
-from knotfab.scene.camera import VERIFIED_PX, Camera
+from knotfab.scene.camera import Camera
+from knotfab.scene.model import VERIFIED_PX
 from knotfab.target.masks import sample_mask
+from knotfab.target.silhouette import fit_size
 
-__all__ = ["HIDDEN_SHARE", "Shadows", "ViewShadow", "hidden_struts"]
+__all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts"]
 
 
 SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
@@ -31,12 +33,12 @@ AT_ONCE = 2000  # members whose shadows are looked at a pixel apart
 ACROSS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # where a strip's shadow is looked at, in half widths
 
 
-class Shadows:
+class MountShadows:
     """The shadows of one piece in all its views: what a member darkens is asked of each of them."""
 
     def __init__(self, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]) -> None:
         self.views = tuple(
-            ViewShadow(knots, camera, target)
+            MountShadow(knots, camera, target)
             for camera, target in zip(cameras, targets, strict=True)
         )
 
@@ -56,13 +58,13 @@ class Shadows:
 
     def hidden(self, some: Candidates) -> Mask:
         """(n,) whether a member's whole shadow lies, in every view, where it is dark anyway."""
-        return self._in_all(some, ViewShadow.hidden)
+        return self._in_all(some, MountShadow.hidden)
 
     def behind_knots(self, some: Candidates) -> Mask:
         """(n,) whether a member's whole shadow lies, in every view, in that of the knots."""
-        return self._in_all(some, ViewShadow.behind_knots)
+        return self._in_all(some, MountShadow.behind_knots)
 
-    def _in_all(self, some: Candidates, unseen: Callable[[ViewShadow, Candidates], Mask]) -> Mask:
+    def _in_all(self, some: Candidates, unseen: Callable[[MountShadow, Candidates], Mask]) -> Mask:
         """(n,) of which every view says so; the next view is asked only about those that are left."""
         found = np.ones(len(some), dtype=bool)
         for view in self.views:
@@ -77,7 +79,7 @@ class Shadows:
         return np.asarray(sum(view.cost(some, samples, across) for view in self.views))
 
 
-class ViewShadow:
+class MountShadow:
     """The dark pixels of one view's frame, at `VERIFIED_PX`, and what more of it a mount darkens.
 
     Below the frame nothing is picture and all counts as dark; beside and above it all is light.
@@ -89,8 +91,7 @@ class ViewShadow:
     """
 
     def __init__(self, knots: Knots, camera: Camera, target: Mask) -> None:
-        scale = VERIFIED_PX / max(camera.width, camera.height)
-        width, height = (max(1, round(scale * n)) for n in (camera.width, camera.height))
+        width, height = fit_size(camera.width, camera.height, VERIFIED_PX)
         self.camera = camera.resized(width, height)
         self.before = np.zeros((height + 2, width + 2), dtype=bool)
         self.before[1:-1, 1:-1] = sample_mask(target, width, height)
@@ -211,7 +212,7 @@ class ViewShadow:
         return covered
 
 
-def hidden_struts(sites: Sites, shadows: Shadows, tube_mm: float) -> Candidates:
+def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
     """Struts between strands that are near each other, in every view's shadow from end to end."""
     from scipy.spatial import cKDTree
 

@@ -22,13 +22,13 @@ from knotfab.mount.plinth import (
     EDGE_MM,
     WALL_GAP_MM,
     Base,
+    Masses,
     Rectangle,
     Slope,
-    Weights,
     base_for,
     slope_below,
 )
-from knotfab.mount.shade import Shadows, hidden_struts
+from knotfab.mount.shade import MountShadows, hidden_struts
 from knotfab.mount.struts import (
     GROUND,
     ROOT_SHARE,
@@ -126,7 +126,7 @@ def plan_stand(
     tube = knots.radius_mm
     thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
     sites = sites_of(knots)
-    shadows = Shadows(knots, cameras, targets)
+    shadows = MountShadows(knots, cameras, targets)
     obstacles = Obstacles(knots, sites, clearance_mm)
     slope = slope_below(cameras, _footprint(knots, cameras, settings)).lower(DROP_MM)
     lowest = float(slope.above(knots.points).min()) - tube * np.hypot(1.0, slope.rise)
@@ -191,7 +191,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
 
 
 def _posts(
-    sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: Shadows, radius: float
+    sites: Sites, slope: Slope, cameras: Sequence[Camera], shadows: MountShadows, radius: float
 ) -> Candidates:
     """Posts from every site to the base, upright or leaning a little; those that show least."""
     right, up, out = slope.axes
@@ -219,7 +219,7 @@ def _posts(
     return _least(join(parts), shadows, POSTS, len(sites.knot))
 
 
-def _least(every: Candidates, shadows: Shadows, count: int, sites: int) -> Candidates:
+def _least(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
     """Those that show least of all, and of each stretch of the tubes: the former may be of no help."""
     cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
@@ -232,7 +232,7 @@ def _least(every: Candidates, shadows: Shadows, count: int, sites: int) -> Candi
     return every.of(order[kept])
 
 
-def _bridges(sites: Sites, shadows: Shadows, tube: float, radius: float) -> Candidates:
+def _bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
     """Struts between two knots, however visible; those that show least."""
     parts = [nothing()]
     for a in range(len(sites.perimeter)):
@@ -250,7 +250,7 @@ def _spanning(
     sites: Sites,
     candidates: Candidates,
     obstacles: Obstacles,
-    shadows: Shadows,
+    shadows: MountShadows,
 ) -> tuple[Candidates, Indices]:
     """The members that join every knot to the ground, and which knot each was taken for.
 
@@ -295,7 +295,11 @@ def _spanning(
 
 
 def _more_posts(
-    chosen: Candidates, pool: Candidates, obstacles: Obstacles, shadows: Shadows, apart_mm: float
+    chosen: Candidates,
+    pool: Candidates,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+    apart_mm: float,
 ) -> Candidates:
     """Posts up to `LEAST_POSTS`, their feet apart, wherever they show least; as many as there are."""
     more = nothing()
@@ -317,7 +321,7 @@ def _more_posts(
         more = join([more, one])
 
 
-def _weights(knots: Knots, members: Candidates) -> Weights:
+def _weights(knots: Knots, members: Candidates) -> Masses:
     """All tubes, posts and struts by volume and centre of mass."""
     volume, center = [], []
     for knot in knots.knots:
@@ -327,4 +331,4 @@ def _weights(knots: Knots, members: Candidates) -> Weights:
         center.append(length @ (knot.points + after) / (2 * length.sum()))
     volume += list(np.pi * members.radius**2 * members.length_mm)
     center += list((members.start + members.end) / 2)
-    return Weights(np.array(volume), np.array(center))
+    return Masses(np.array(volume), np.array(center))

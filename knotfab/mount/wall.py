@@ -271,12 +271,12 @@ def _choose(
     Pegs fill `share` of the tube's shadow, and less of a knot that leaves none as thick a way: what is
     hardly larger than its tube is in the way itself.
     """
-    rays = free_rays(knots, camera.eye, camera.receiver, share, clearance_mm)
+    rays = free_rays(knots, camera, share, clearance_mm)
     for thinner in (s for s in (*PEG_SHARES, *THIN_SHARES) if s < share):
         barred = np.bincount(rays.knot, rays.free, len(knots.knots)) == 0
         if not barred.any():
             break
-        thin = free_rays(knots, camera.eye, camera.receiver, thinner, clearance_mm)
+        thin = free_rays(knots, camera, thinner, clearance_mm)
         own = barred[rays.knot]
         free, shares = np.where(own, thin.free, rays.free), np.where(own, thinner, rays.share)
         rays = replace(rays, free=free, share=shares)

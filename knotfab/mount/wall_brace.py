@@ -11,7 +11,7 @@ from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.rays import Rays
-from knotfab.mount.shade import HIDDEN_SHARE, Shadows, hidden_struts
+from knotfab.mount.shade import HIDDEN_SHARE, MountShadows, hidden_struts
 from knotfab.mount.struts import (
     GROUND,
     Candidates,
@@ -61,7 +61,7 @@ def hidden_braces(
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm))
-    shadows = Shadows(knots, (camera,), (target,))
+    shadows = MountShadows(knots, (camera,), (target,))
     pool = join(
         [
             hidden_struts(sites, shadows, knots.radius_mm),
@@ -103,7 +103,7 @@ def tie_to_held(
     """
     obstacles = Obstacles(knots, sites, clearance_mm)
     obstacles.add(replace(pegs, radius=root_radius_mm))
-    shadows, reach = Shadows(knots, (camera,), (target,)), TIE_RADII * knots.radius_mm
+    shadows, reach = MountShadows(knots, (camera,), (target,)), TIE_RADII * knots.radius_mm
     left, found = list(barred), nothing()
     while left:
         tie = next(
@@ -121,7 +121,12 @@ def tie_to_held(
 
 
 def _tie(
-    knot: int, barred: list[int], sites: Sites, obstacles: Obstacles, shadows: Shadows, reach: float
+    knot: int,
+    barred: list[int],
+    sites: Sites,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+    reach: float,
 ) -> Candidates:
     """The shortest hidden strut from a knot to one that is not barred: one, or none."""
     own, held = np.flatnonzero(sites.knot == knot), np.flatnonzero(~np.isin(sites.knot, barred))
@@ -156,12 +161,11 @@ def pegs_on(sites: Sites, rays: Rays, chosen: Indices, top_radius_mm: Array) -> 
     return Candidates(np.array(first), ground, top, foot, top_radius_mm[chosen])
 
 
-def _leaning(sites: Sites, shadows: Shadows, camera: Camera, tube_mm: float) -> Candidates:
+def _leaning(sites: Sites, shadows: MountShadows, camera: Camera, tube_mm: float) -> Candidates:
     """Pegs from sites to the wall that end in the shadow of other sites, and stay in the dark on the way."""
-    normal, offset = camera.receiver[:3], camera.receiver[3]
+    normal = camera.receiver[:3]
     some = np.unique(np.linspace(0, len(sites.knot) - 1, STARTS).astype(np.int64))
-    away = sites.point[some] - camera.eye
-    feet = camera.eye + away * ((normal @ camera.eye + offset) / -(away @ normal))[:, None]
+    feet = camera.cast(sites.point[some])
     first = np.repeat(some, len(some))
     start, end = sites.point[first], np.tile(feet, (len(some), 1))
     along = end - start

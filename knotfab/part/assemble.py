@@ -21,7 +21,7 @@ from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, list_printables
 from knotfab.progress import Progress
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import Camera, cameras_of
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
@@ -72,7 +72,7 @@ def part_of(
     if not printing:
         own["mount"] = scene.mount.model_copy(update={"kind": "none"})
     scene = scene.model_copy(update=own)
-    cameras = [camera_of(v, t.width, t.height) for v, t in zip(scene.views, targets, strict=True)]
+    cameras = cameras_of(scene.views, targets)
     masks = [target.mask for target in targets]
     with progress.stage("mount"):
         mounted = mount_piece(scene, made.knots, tubes, cameras, masks, thoroughly=thoroughly)

@@ -18,7 +18,7 @@ from knotfab.part.cut import CLEARANCE_MM, Cut
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-__all__ = ["KERF_MM", "Piece", "cut_body"]
+__all__ = ["KERF_MM", "CutPiece", "cut_body"]
 
 KERF_MM = 0.01  # of matter that is lost at a cut
 DEEPER_MM = 0.3  # than its pin is long a hole is
@@ -28,7 +28,7 @@ SIDES = 32
 
 
 @dataclass(frozen=True)
-class Piece:
+class CutPiece:
     """A piece of a cut body: its mesh, and the stretch (n, 3) of centre line that it holds."""
 
     mesh: Mesh
@@ -37,7 +37,7 @@ class Piece:
 
 def cut_body(
     body: Mesh, points: Array, radius: float, gap_mm: float, cuts: Sequence[Cut]
-) -> list[Piece]:
+) -> list[CutPiece]:
     """Cut a tube (and what hangs on it) at two or more places; the pieces in order of the cuts.
 
     A slice of `KERF_MM` is taken out at each cut. Of the pieces beside it, one gets a pin with a
@@ -91,7 +91,7 @@ def cut_body(
                 f"piece {number + 1} is not one ball with its pin and hole",
                 "Use a larger printer or a smaller frame, or report this scene",
             )
-        pieces.append(Piece(as_mesh(part), own))
+        pieces.append(CutPiece(as_mesh(part), own))
     return pieces
 
 

@@ -19,7 +19,7 @@ from knotfab.part.connector import cut_body
 from knotfab.part.cut import CLEARANCE_MM, Line, find_cuts
 from knotfab.part.pose import PrintPose, choose_pose
 
-__all__ = ["Plate", "Plates", "Printable", "lay_on_plates"]
+__all__ = ["Plates", "PrintPlate", "Printable", "lay_on_plates"]
 
 APART_MM = 5.0  # between pieces on one plate
 
@@ -41,7 +41,7 @@ class Printable:
 
 
 @dataclass(frozen=True)
-class Plate:
+class PrintPlate:
     """What is printed at once: bodies in print coordinates of this plate, and their names.
 
     `to_part` holds a rigid (4, 4) motion for each body, from the plate to its place in part.stl.
@@ -56,7 +56,7 @@ class Plate:
 class Plates:
     """All plates; `cuts` counts those of each body, `pins` their diameters and lengths, mm."""
 
-    plates: list[Plate]
+    plates: list[PrintPlate]
     cuts: list[int]
     pins: list[tuple[float, float]]
     poses: list[dict[str, Any]]
@@ -81,7 +81,7 @@ class Plates:
 
 
 @dataclass(frozen=True)
-class _Posed:
+class _PosedBody:
     name: str
     body: Mesh
     to_scene: Array
@@ -110,12 +110,12 @@ def lay_on_plates(
     Raises:
         SceneError: a body does not fit and cannot be cut; names it and the numbers.
     """
-    posed: list[_Posed] = []
+    posed: list[_PosedBody] = []
     counts, pins, poses = [], [], []
     width, depth, height = build_volume_mm
     clear = width - 2 * rules.margin_mm, depth - 2 * rules.margin_mm, height
 
-    def pose(name: str, mesh: Mesh, points: Array, radius: float, closed: bool) -> _Posed:
+    def pose(name: str, mesh: Mesh, points: Array, radius: float, closed: bool) -> _PosedBody:
         knots = Knots((Knot(points, closed=closed),), radius)
         try:
             found = choose_pose(knots, [mesh], build_volume_mm, None, upright, rules)
@@ -126,7 +126,7 @@ def lay_on_plates(
         if found.account is not None:
             poses.append({"body": name, **found.account.to_dict()})
         body = clean_body(found.tubes[0])
-        return _Posed(name, body, found.matrix, body[0].max(axis=0))
+        return _PosedBody(name, body, found.matrix, body[0].max(axis=0))
 
     for one in printables:
         line = one.line
@@ -148,8 +148,8 @@ def _cut_to_fit(
     rooms: Sequence[tuple[float, float, float]],
     nozzle: float,
     gap: float,
-    pose: Callable[[str, Mesh, Array, float, bool], _Posed],
-) -> tuple[list[_Posed], list[tuple[float, float]]]:
+    pose: Callable[[str, Mesh, Array, float, bool], _PosedBody],
+) -> tuple[list[_PosedBody], list[tuple[float, float]]]:
     """The posed pieces of a body, and their pins; a little smaller where one misses the printer.
 
     `rooms` are tried in their order; where none serves, the error says why the last does not.
@@ -172,10 +172,12 @@ def _cut_to_fit(
     raise why
 
 
-def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Array) -> list[Plate]:
+def _pack(
+    posed: Sequence[_PosedBody], room: tuple[float, float, float], to_part: Array
+) -> list[PrintPlate]:
     """Rows of bodies, the deepest first, on as few plates as that takes."""
     order = sorted(range(len(posed)), key=lambda k: -round(float(posed[k].size[1]), 3))
-    plates: list[Plate] = []
+    plates: list[PrintPlate] = []
     spots: list[list[float]] = []  # of each plate: x and y of the next body, and the row's depth
     for k in order:
         one = posed[k]
@@ -190,7 +192,7 @@ def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Ar
                 break
         else:
             number = len(plates)
-            plates.append(Plate([], [], []))
+            plates.append(PrintPlate([], [], []))
             spots.append([0.0, 0.0, 0.0])
         x, y, deep = spots[number]
         # whole 32nds of a millimetre: corners keep the digits that a file holds
@@ -204,5 +206,5 @@ def _pack(posed: Sequence[_Posed], room: tuple[float, float, float], to_part: Ar
     return plates
 
 
-def _size(plate: Plate) -> list[float]:
+def _size(plate: PrintPlate) -> list[float]:
     return [round(float(x), 3) for x in box_of(plate.bodies)[1]]

@@ -11,6 +11,7 @@ from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, ViewSurvey
 from knotfab.target.data_uri import encode_image
 from knotfab.target.opening import Loss
+from knotfab.target.silhouette import fit_size
 
 __all__ = ["draw_survey"]
 
@@ -44,7 +45,7 @@ def _panel(seen: ViewSurvey, radius: float | None) -> Image.Image:
     """The silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
     width, height = seen.target.width, seen.target.height
     scale = _PANEL * _FINER / max(width, height)
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    size = fit_size(width, height, _PANEL * _FINER)
     picture = Image.new("RGB", size, _PAPER)
     draw = ImageDraw.Draw(picture)
     lost = [] if radius is None else seen.losses[radius]

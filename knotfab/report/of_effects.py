@@ -163,19 +163,17 @@ def add_sag(
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
     """
     from knotfab.effects.sag import SAG, measure_sag
-    from knotfab.geometry.polylines import polylines_of
     from knotfab.scene.curved_wall import CurvedWall
 
     decision, knots = made.result.effects.get(SAG.name), made.knots
     if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
         return
-    rings = polylines_of(knot.points for knot in knots.knots)
     bent = made.result.effects.get("wall")
     for view, mask, record in zip(made.scene.views, masks, views, strict=False):
         wall = CurvedWall.of(view) if bent is not None and bent.simulated else None
         with decision.called("report"):
             record["sag"] = measure_sag(
-                view, mask, knots.points, moves, rings, knots.radius_mm, wall
+                view, mask, knots.points, moves, knots.rings, knots.radius_mm, wall
             )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
-from knotfab.target.data_uri import data_uri, image_uri
+from knotfab.target.data_uri import data_uri, hash_script, image_uri
 from knotfab.verify.checks import list_unmet, mark_of
 
 __all__ = [
@@ -122,7 +120,7 @@ def render_html(
         files=files,
         shown=None if shown is None else Markup(encode_for_script(shown)),
         script=Markup(script),
-        digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        digest=hash_script(script),
         verdicts=VERDICTS,
     )
 
@@ -196,11 +194,13 @@ def _duration(seconds: object) -> str:
 
 
 def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Nested tables as (dotted key, value) rows."""
+    """Nested tables as (dotted key, value) rows, those of a list numbered from 1."""
     rows: list[tuple[str, Any]] = []
     for key, item in value.items():
+        if isinstance(item, list) and item and all(isinstance(one, Mapping) for one in item):
+            item = {str(number): one for number, one in enumerate(item, start=1)}
         if isinstance(item, Mapping):
             rows += _flat(item, f"{prefix}{key}.")
-        else:
+        elif item is not None:
             rows.append((f"{prefix}{key}", item))
     return rows

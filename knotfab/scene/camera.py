@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -10,10 +12,15 @@ from knotfab.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab.scene.model import Region, ResolvedView, View
 
-__all__ = ["VERIFIED_PX", "Camera", "camera_of", "view_axes"]
+__all__ = ["Camera", "camera_of", "cameras_of", "view_axes"]
 
-# on the longer side of a frame: where shadows are verified and magnitudes are told
-VERIFIED_PX = 1024
+
+class _Sized(Protocol):
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,19 @@ class Camera:
         """(n, 3) points in mm -> (n, 2) pixels."""
         return project(points, self.projection).places
 
+    def cast(self, points: Array) -> Array:
+        """(n, 3) points in mm -> (n, 3) where the rays through them meet the receiver's plane."""
+        plane = self.receiver
+        away = points - self.eye
+        height = plane[:3] @ self.eye + plane[3]
+        return np.asarray(self.eye + away * (height / -(away @ plane[:3]))[:, None])
+
+    def magnify(self, points: Array) -> Array:
+        """(n, 3) points in mm -> (n,) times by which the shadow of what is there is larger than it."""
+        plane = self.receiver
+        height = plane[:3] @ self.eye + plane[3]
+        return np.asarray(height / np.maximum(height - (points @ plane[:3] + plane[3]), 1e-6))
+
     def resized(self, width: int, height: int) -> Camera:
         """The same frame sampled with `width` x `height` pixels."""
         du, dv = self.du * (self.width / width), self.dv * (self.height / height)
@@ -98,6 +118,11 @@ def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
     dv = -up * (view.frame_height_mm / height)
     corner = centre - 0.5 * (width - 1) * du - 0.5 * (height - 1) * dv
     return Camera(view.light_distance_mm * back, corner, du, dv, width, height)
+
+
+def cameras_of(views: Iterable[ResolvedView], pictures: Iterable[_Sized]) -> list[Camera]:
+    """The cameras of views, each with the pixels of its picture."""
+    return [camera_of(v, p.width, p.height) for v, p in zip(views, pictures, strict=True)]
 
 
 def view_axes(view: View | Region) -> Array:

@@ -113,7 +113,8 @@ def _unknown_key(path: tuple[int | str, ...], raw: Mapping[str, Any], what: str)
             remedy = f"knotfab takes {name}: {wanted}"
             remedy += f" = {converted!r}." if converted is not None else "."
             return InputError(what, f"{_name_table(table)} has no key {key!r}", remedy)
-    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    alike = key.replace("lamp", "light")
+    close = [alike] if alike in valid else difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     close = [v for v in valid if v in (f"{key}_mm", f"{key}_deg")] or close
     homes = [name for name in _list_tables() if key in _key_names(name)]
     if homes and (not table or homes != [table[0]]):

@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 __all__ = [
     "LIGHT_SHARE",
+    "VERIFIED_PX",
     "WALL_SHARE",
     "Accuracy",
     "Material",
@@ -68,6 +69,7 @@ Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # of an array: the verification renders a shadow for each
 # of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
+VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
@@ -361,6 +363,11 @@ class ResolvedView(View):
     def longer_mm(self) -> float:
         """The frame's longer side."""
         return max(self.frame_mm)
+
+    @property
+    def pixel_mm(self) -> float:
+        """Side of a pixel of the pictures that shadows are verified at, on the receiver."""
+        return self.longer_mm / VERIFIED_PX
 
     @property
     def clear_mm(self) -> float:

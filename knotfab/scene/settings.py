@@ -34,6 +34,8 @@ class SearchSettings(BaseModel):
     winners_every: int = Field(1, ge=1)  # iterations between full searches for the winning capsules
     depth_candidates: int = Field(500, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
+    # IoU of the template, or the start, that may be given for a thicker tube, of fewer vertices
+    radius_give: float = Field(0.0, ge=0, lt=0.5)
     # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
     tolerance_px: float = Field(0.25, gt=0)
     grace: float = Field(
@@ -81,6 +83,7 @@ PRESETS: dict[str, SearchSettings] = {
         settle_edge_radii=0.6,
         depth_candidates=60,
         radius_candidates=8,
+        radius_give=0.03,
         tolerance_px=0.5,
         mesh_sides=16,
         iou_slack=0.12,
@@ -92,6 +95,7 @@ PRESETS: dict[str, SearchSettings] = {
         settle_edge_radii=0.6,
         depth_candidates=60,
         radius_candidates=8,
+        radius_give=0.012,
         tolerance_px=0.5,
         mesh_sides=16,
         iou_slack=0.08,

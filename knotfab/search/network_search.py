@@ -19,7 +19,7 @@ from knotfab.geometry.carry import (
     space_evenly,
 )
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import dot, polylines_of
+from knotfab.geometry.polylines import dot, polylines_of, split_alike
 from knotfab.problem import Report
 from knotfab.render.threads import one_thread
 from knotfab.search.flow import find_felt
@@ -56,8 +56,7 @@ class _Map:
     def images(self, curves: Curves, where: Parameters) -> list[Array]:
         """[(n, 3)] the images of each curve's points at its parameters."""
         start = curves.at(where)
-        ends = np.cumsum([len(part) for part in start])[:-1]
-        return np.split(self(np.concatenate(start)), ends)
+        return split_alike(self(np.concatenate(start)), start)
 
 
 @one_thread()

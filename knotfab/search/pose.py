@@ -11,21 +11,18 @@ from typing import Literal
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
-from scipy.optimize import least_squares
 from torch import Tensor
 
 from knotfab.arrays import Array
 from knotfab.errors import InputError
 from knotfab.geometry.neighbours import Neighbours
-from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.render.frame import Frame, Sheet
 from knotfab.render.known import known
 from knotfab.render.picture import CUTOFF
 from knotfab.render.posed_frame import posed_frame, turn_matrix
-from knotfab.render.tensors import render, squared_error
+from knotfab.render.tensors import squared_error
 from knotfab.render.threads import one_thread
 from knotfab.scene.model import LIGHT_SHARE, WALL_SHARE
 from knotfab.search.objective import Objective
@@ -34,12 +31,9 @@ from knotfab.search.phases import SETTLE
 __all__ = [
     "ALL",
     "Bounds",
-    "Fit",
+    "FreePose",
     "Name",
-    "Pose",
     "ViewNumbers",
-    "fit_view",
-    "projected_radius",
 ]
 
 Name = Literal["azimuth", "elevation", "roll", "light", "wall", "radius"]
@@ -79,7 +73,7 @@ class Bounds:
             )
 
 
-class Pose:
+class FreePose:
     """A view's numbers as tensors that Adam moves: degrees, and logarithms of lengths over their start."""
 
     def __init__(
@@ -258,101 +252,3 @@ class Pose:
         one = problem.views[0]
         view = replace(one, view=one.view.model_copy(update=lengths))
         return replace(problem, views=(view,)), numbers
-
-
-@dataclass(frozen=True)
-class Fit:
-    """The view found for knots that are known: its numbers, and the loss at each iteration."""
-
-    numbers: ViewNumbers
-    losses: tuple[float, ...]
-
-
-def fit_view(
-    points: Array,
-    rings: Polylines,
-    sheet: Sheet,
-    target: Tensor,
-    start: ViewNumbers,
-    bounds: Bounds,
-    iterations: int = 120,
-    tau: tuple[float, float] = (0.3, 12.0),
-) -> Fit:
-    """The view from which knots at `points` (N, 3), mm, look like `target` [height, width].
-
-    Squared difference of sigmoid(tau * signed distance) of tube and target. tau grows from its first
-    value to its second, in units of one over the projected tube radius: soft at first, so that a pose
-    far off still feels the picture.
-    """
-    pose = Pose(start, bounds)
-    pose.keep(points)
-    p = torch.as_tensor(points, dtype=target.dtype)
-    q = p[torch.as_tensor(rings.next)]
-    distance = _signed_distance(target)
-    losses = []
-    for iteration in range(iterations):
-        progress = iteration / max(1, iterations - 1)
-        sharpness = tau[0] * (tau[1] / tau[0]) ** progress / projected_radius(start, sheet)
-        image = _render(pose, sheet, p, q, sharpness)
-        loss = ((image - torch.sigmoid(sharpness * distance)) ** 2).mean()
-        turn, logs = torch.autograd.grad(loss, pose.tensors)
-        losses.append(float(loss.detach()))
-        pose.move((turn, logs), points, progress)
-    losses.append(_polish(pose, points, rings, sheet, distance.double(), sharpness))
-    return Fit(pose.numbers(), tuple(losses))
-
-
-def _render(pose: Pose, sheet: Sheet, starts: Tensor, ends: Tensor, tau: float) -> Tensor:
-    """[height, width] the tube about segments [n, 3] at the present pose, with gradient."""
-    frame, radius = pose.frame(sheet, starts.dtype), pose.lengths[2].to(starts.dtype)
-    return render(starts, ends, frame, radius, tau, CUTOFF)
-
-
-def _polish(
-    pose: Pose,
-    points: Array,
-    rings: Polylines,
-    sheet: Sheet,
-    distance: Tensor,
-    sharpness: float,
-) -> float:
-    """Least squares from where Adam ended, in double precision; returns the loss.
-
-    Distance and size of a piece that is not deep change its shadow in nearly the same way: along
-    that valley first-order steps hardly move.
-    """
-    free = [number for number, name in enumerate(ALL) if name in pose.bounds.free]
-    p = torch.as_tensor(points)
-    q = p[torch.as_tensor(rings.next)]
-    target = torch.sigmoid(sharpness * distance)
-    scale = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # degrees, and shares of lengths
-    both = torch.cat(pose.tensors).detach()
-
-    def residual(x: Array) -> Array:
-        moved = both.clone()
-        moved[free] += torch.as_tensor(x * scale[free])
-        with torch.no_grad():
-            pose.turn_deg.copy_(moved[:3])
-            pose.logs.copy_(moved[3:])
-            image = _render(pose, sheet, p, q, sharpness)
-        return np.asarray((image - target).numpy().ravel())
-
-    found = least_squares(
-        residual, np.zeros(len(free)), method="lm", diff_step=1e-4, x_scale=1.0, max_nfev=150
-    )
-    residual(found.x)
-    pose.keep(points)
-    return float(2 * found.cost / target.numel())
-
-
-def projected_radius(numbers: ViewNumbers, sheet: Sheet) -> float:
-    """The tube's radius at the middle of the piece, in pixels on the receiver."""
-    share = 1.0 + numbers.wall_distance_mm / numbers.light_distance_mm
-    return numbers.radius_mm * share / sheet.pixel_mm
-
-
-def _signed_distance(target: Tensor) -> Tensor:
-    """[height, width] distance to the outline of the half-covered picture, px, positive inside."""
-    inside = target.cpu().numpy() > 0.5
-    signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
-    return torch.as_tensor(signed - 0.5 * np.sign(signed), dtype=target.dtype)

@@ -21,7 +21,7 @@ from knotfab.search.repair import repair
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
 
 if TYPE_CHECKING:
-    from knotfab.search.pose import Pose
+    from knotfab.search.pose import FreePose
 
 __all__ = ["search"]
 
@@ -38,7 +38,7 @@ def search(
     settings: SearchSettings,
     *,
     terms: tuple[Term, ...] = (),
-    pose: Pose | None = None,
+    pose: FreePose | None = None,
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,

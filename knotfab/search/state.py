@@ -30,7 +30,7 @@ from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 
 if TYPE_CHECKING:
-    from knotfab.search.pose import Pose
+    from knotfab.search.pose import FreePose
 
 __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
 
@@ -54,7 +54,7 @@ class SearchState:
     effects: dict[str, Decision]
     guards: dict[str, Guard]
     terms: tuple[Term, ...] = ()
-    pose: Pose | None = None
+    pose: FreePose | None = None
     keep_vertices: bool = False
     device: str = "cpu"
     balance: Balance | None = None
@@ -142,7 +142,7 @@ def begin(
     radius: float,
     settings: SearchSettings,
     terms: tuple[Term, ...] = (),
-    pose: Pose | None = None,
+    pose: FreePose | None = None,
     keep_vertices: bool = False,
     log: CertificateLog | None = None,
     device: str = "cpu",

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from knotfab.design.question import silhouette_polygon
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
+from knotfab.knots import read_knots
 from knotfab.mount.modeller import keep_modeller
 from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
 from knotfab.pool import count_jobs
@@ -14,7 +17,7 @@ from knotfab.progress import Progress
 from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
-from knotfab.sequence.chain import Chain, Frame
+from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
 from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.kept import keep_for
@@ -23,7 +26,6 @@ from knotfab.sequence.report import Ring, check_closing, check_motion, check_rin
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.starts import POOR
 from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_zoetrope
-from knotfab.sequence.written import read_knots_in_scene
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
@@ -52,7 +54,6 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
     progress = progress or Progress("quiet")
     require_device(request.device)
     require_sequence(request.scene)
-    skip = request.skip | (set() if request.printing else set(PRINTER_CHECKS))
     with OutputFolder(request.out) as folder:
         for line in request.preview:
             progress.say(line)
@@ -73,20 +74,26 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         mounted = request.is_mounted(knots)
         with (
             keep_modeller(mounted),
-            Verifier(skip, jobs=jobs) as verifier,
+            Verifier(request.skipped, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
         ):
             left = request.budget(progress.total, mounted)
             chain = Chain(request.scene, targets, request.device, progress, left, kept)
-            found: dict[int, tuple[Frame, WrittenPiece]] = {}
+            found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
-            def write(frame: Frame) -> WrittenPiece:
+            def write(frame: SequenceFrame) -> WrittenPiece:
                 target = targets[frame.number]
                 work = folder, request, verifier, slicer, progress
                 return write_piece(frame.made, [target], *work, frame_suffix(target))
 
-            for frame in chain.frames():
-                found[frame.number] = frame, write(frame)
+            try:
+                for frame in chain.frames():
+                    found[frame.number] = frame, write(frame)
+            except KeyboardInterrupt:
+                searched = (
+                    f"{len(kept)} of {len(targets)} frames are searched, and kept for this call"
+                )
+                raise KeyboardInterrupt(searched) from None
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):
                     _ = piece.verdict
@@ -117,7 +124,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         return outcome
 
 
-def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
+def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
     """The required checks that a frame fails, by name."""
     limits = [] if frame.made.result.feasible else ["limits"]
     unmet = list_unmet(piece.verdict["checks"])
@@ -126,11 +133,11 @@ def _fails(frame: Frame, piece: WrittenPiece) -> list[str]:
 
 def _mend(
     chain: Chain,
-    frame: Frame,
+    frame: SequenceFrame,
     piece: WrittenPiece,
-    write: Callable[[Frame], WrittenPiece],
+    write: Callable[[SequenceFrame], WrittenPiece],
     folder: OutputFolder,
-) -> tuple[Frame, WrittenPiece]:
+) -> tuple[SequenceFrame, WrittenPiece]:
     """A frame that fails, from another start where that is better; none helps against limits or a floor."""
     failed, made = _fails(frame, piece), frame.made
     shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
@@ -161,7 +168,9 @@ def _motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motio
     """The motion into each frame but the first, and at the end that back to it, from the written knots."""
     points, outlines = [], []
     for piece in pieces:
-        points.append(read_knots_in_scene(folder.file(f"knots{piece.suffix}.json"), piece.scene))
+        assert piece.scene.pose is not None
+        written = read_knots(folder.file(f"knots{piece.suffix}.json"))
+        points.append(written.moved(np.array(piece.scene.pose.matrix)).points)
         (view,) = piece.made.scene.views
         target = read_target(folder.file(view.picture), view)
         outlines.append(silhouette_polygon(view, target))

@@ -14,7 +14,6 @@ from knotfab.design.design import Design, design_knots, price_design, settle_des
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
-from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
@@ -24,11 +23,18 @@ from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
 from knotfab.sequence.require import require_sequence
 from knotfab.sequence.search import finish
-from knotfab.sequence.starts import Attempt, Following, Likeness, Tie, list_attempts, list_retries
+from knotfab.sequence.starts import (
+    Attempt,
+    Following,
+    PictureDifferences,
+    Tie,
+    list_attempts,
+    list_retries,
+)
 from knotfab.target.opening import opening_iou
 from knotfab.target.read import Target
 
-__all__ = ["Chain", "Frame", "list_ties", "pick_first", "radius_for_all"]
+__all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 
 _SLACK = 1.1  # length of a frame's knot over that of the one searched first, for a picture of the same area
 _GIVE = 0.01  # IoU that a frame's opening may lose against that one's before the tube is thinner
@@ -38,7 +44,7 @@ _OF_FIRST = 0.8  # time of a later frame's search and finish over the search of 
 
 
 @dataclass(frozen=True)
-class Frame:
+class SequenceFrame:
     """One frame, its `number` from 0: its design in scene coordinates, and how it came there.
 
     `searched`: its knot before its vertices were doubled. `transported`: share of the displacement between
@@ -150,12 +156,12 @@ class Chain:
         self.resumed = 0  # frames that were kept
         self._count = count_knots(targets, scene.piece.knots)
         self._first = pick_first(targets)
-        self._alike = Likeness([t.mask for t in targets])
+        self._alike = PictureDifferences([t.mask for t in targets])
         self._known: dict[int, Knots] = {}
         self._fine: dict[int, Array] = {}
         self._origins: dict[int, int | None] = {}
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SequenceFrame]:
         """The frames, each final as it comes; the one with the most ink comes first."""
         common, frame = self._recall(self._first) or self._begin()
         self._settle(common)
@@ -166,7 +172,7 @@ class Chain:
             recalled = self._recall(number)
             yield self._add(common, recalled[1] if recalled else self._follow(number))
 
-    def retry(self, number: int) -> Frame:
+    def retry(self, number: int) -> SequenceFrame:
         """A frame that did not come out once more, from another start, near its neighbours as they are.
 
         It takes its place where it is given to `accept`.
@@ -177,28 +183,28 @@ class Chain:
         attempts = list_retries([nearest, *neighbours], self._origins[number], self._closing)
         return self._search(number, attempts)
 
-    def accept(self, frame: Frame) -> None:
+    def accept(self, frame: SequenceFrame) -> None:
         """Let a frame take its place: what follows stays near it."""
         self._known[frame.number] = frame.searched
         self._fine[frame.number] = frame.made.knots.points
         self._origins[frame.number] = frame.origin
         self._closing = self._closing and frame.closes
 
-    def _add(self, common: _Common, frame: Frame) -> Frame:
+    def _add(self, common: _Common, frame: SequenceFrame) -> SequenceFrame:
         self.accept(frame)
         if self._kept is not None:
             self._kept.store(frame.number, (common, frame))
         return frame
 
-    def _recall(self, number: int) -> tuple[_Common, Frame] | None:
+    def _recall(self, number: int) -> tuple[_Common, SequenceFrame] | None:
         """What is kept of a frame, where an interrupted build had done it."""
-        found: tuple[_Common, Frame] | None = None
+        found: tuple[_Common, SequenceFrame] | None = None
         if self._kept is not None:
             found = self._kept.load(number)
         self.resumed += found is not None
         return found
 
-    def _begin(self) -> tuple[_Common, Frame]:
+    def _begin(self) -> tuple[_Common, SequenceFrame]:
         """The frame with the most ink, from a template, and with it all that holds for all frames."""
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = search_settings(scene.accuracy.name, scene.search)
@@ -227,14 +233,16 @@ class Chain:
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
         within = first.scene.model_copy(update=update)
         question = ask(_rename_view(within, target), [target])
-        rings = _rings_of(first.knots)
+        rings = first.knots.rings
         with progress.stage("search"):
             ended = finish(
                 first.result, rings, question.problem, radius, first.settings, [], self._device
             )
         made = settle_design(question, ended.result, first.settings)
         made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
-        return _Common(within, first.settings, radius), Frame(self._first, made, first.knots)
+        return _Common(within, first.settings, radius), SequenceFrame(
+            self._first, made, first.knots
+        )
 
     def _settle(self, common: _Common) -> None:
         """Ask each frame's question, and measure how far the outlines go between them."""
@@ -248,14 +256,14 @@ class Chain:
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
 
-    def _follow(self, number: int) -> Frame:
+    def _follow(self, number: int) -> SequenceFrame:
         """The next frame, from its neighbour or one more like it."""
         neighbour = number - 1 if number > self._first else number + 1
         nearest = self._alike.start_of(number, neighbour, self._known)
         same = self._alike.same(nearest, number)
         return self._search(number, list_attempts(nearest, neighbour, self._closing, same))
 
-    def _search(self, number: int, attempts: Sequence[Attempt]) -> Frame:
+    def _search(self, number: int, attempts: Sequence[Attempt]) -> SequenceFrame:
         """A frame by the best of some attempts."""
         first, count, common = self._first, len(self._targets), self._common
         areas = [problem.polygons[0].area for problem in self._problems]
@@ -265,7 +273,7 @@ class Chain:
             self._known,
             self._fine,
             self._problems,
-            _rings_of(self._known[first]),
+            self._known[first].rings,
             common.radius_mm,
             common.settings,
             longest * max(1.0, areas[number] / areas[first]),
@@ -282,7 +290,7 @@ class Chain:
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
         made = price_design(made, question, None, None, self._progress, self._device)
-        return Frame(
+        return SequenceFrame(
             number,
             made,
             trial.found.result.knots,
@@ -290,10 +298,6 @@ class Chain:
             trial.attempt.origin,
             trial.attempt.closes,
         )
-
-
-def _rings_of(knots: Knots) -> Polylines:
-    return polylines_of(knot.points for knot in knots.knots)
 
 
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:

@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, zoom
 from shapely import MultiPolygon, affinity
-from shapely.geometry.base import BaseGeometry
 
 from knotfab.arrays import Array
+from knotfab.target.silhouette import polygon_iou
 
 __all__ = ["Displacement", "register"]
 
@@ -96,17 +96,13 @@ def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float
     sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
     middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
     centroids = [np.array(p.centroid.coords[0]) for p in (old, new)]
-    best = np.ones(2), np.zeros(2), _iou(old, new)
+    best = np.ones(2), np.zeros(2), polygon_iou(old, new)
     for stretch, (here, there) in ((np.ones(2), centroids), (sizes[1] / sizes[0], middles)):
         offset = there - stretch * here
         moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
-        if (iou := _iou(moved, new)) > best[2] + _BETTER:
+        if (iou := polygon_iou(moved, new)) > best[2] + _BETTER:
             best = stretch, offset, iou
     return best
-
-
-def _iou(one: BaseGeometry, other: BaseGeometry) -> float:
-    return float(one.intersection(other).area / one.union(other).area)
 
 
 def _distances(

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from knotfab.knots import count_in_words
+from knotfab.limits.feasibility import LEAST
 from knotfab.piece import WrittenPiece
 from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.scene.model import Printer
-from knotfab.sequence.chain import Frame
+from knotfab.sequence.chain import SequenceFrame
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
 from knotfab.verify.checks import list_unmet
@@ -98,7 +99,7 @@ def check_ring(ring: Ring, printer: Printer) -> list[Record]:
 def sequence_report(
     reports: Sequence[Record],
     pieces: Sequence[WrittenPiece],
-    frames: Sequence[Frame],
+    frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
     checks: Sequence[Record],
     spun: Zoetrope | None,
@@ -284,11 +285,10 @@ def _effects(reports: Sequence[Record]) -> list[Record]:
 def _limits(reports: Sequence[Record]) -> list[Record]:
     """Each limit in the frame that comes nearest to it or goes furthest beyond."""
     names = dict.fromkeys(line["name"] for r in reports for line in r["limits"])
-    least = ("bend", "clearance")
 
     def beyond(line: Record) -> float:
         over = float(line["measured"]) - float(line["limit"])
-        return -over if line["name"] in least else over
+        return -over if line["name"] in LEAST else over
 
     return [_sum_lines(reports, "limits", name, beyond) for name in names]
 

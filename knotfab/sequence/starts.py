@@ -20,7 +20,7 @@ __all__ = [
     "POOR",
     "Attempt",
     "Following",
-    "Likeness",
+    "PictureDifferences",
     "Tie",
     "Trial",
     "list_attempts",
@@ -34,7 +34,7 @@ _ALIKE = 0.5  # of what differs from the neighbour: another frame is the better 
 _SMALL_PX = 256  # of pictures that are compared
 
 
-class Likeness:
+class PictureDifferences:
     """How much of the frame the pictures differ in."""
 
     def __init__(self, masks: Sequence[NDArray[np.bool_]]) -> None:

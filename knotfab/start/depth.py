@@ -19,6 +19,7 @@ from knotfab.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3
+from knotfab.geometry.polylines import split_alike
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 from knotfab.problem import DepthChoice
 from knotfab.start.lanes import part_sides
@@ -144,7 +145,7 @@ class _Judge:
         moves = part_sides(
             self.samples, np.concatenate(own), self.pairs, separation, self.light_distance
         )
-        by_curve = np.split(moves, np.cumsum([len(s) for s in self.samples])[:-1])
+        by_curve = split_alike(moves, self.samples)
         parted = []
         for curve, height, arc, move in zip(self.curves, heights, self.arcs, by_curve, strict=True):
             along = arc_lengths(curve)[:-1] / arc_lengths(curve)[-1]

@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from knotfab.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.target.opening import least_ring, longer_side
+from knotfab.target.silhouette import polygon_iou
 
 __all__ = [
     "Template",
@@ -301,7 +302,7 @@ def _is_smaller(curve: Array, bend: float) -> bool:
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
     """IoU of the planar tube with the silhouette, exact on polygons."""
     tube = shapely.union_all([_band(c, template.radius) for c in template.curves])
-    return float(tube.intersection(polygon).area / tube.union(polygon).area)
+    return polygon_iou(tube, polygon)
 
 
 def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:

@@ -20,6 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from knotfab.arrays import Array, Indices
+from knotfab.geometry.polylines import polylines_of, split_alike
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 
 __all__ = ["assign_lanes", "part_passes", "part_sides"]
@@ -161,7 +162,7 @@ def part_passes(
     moved = _move_apart(
         curves, plane, depth, above, below, apart, light_distance, _PASSES * separation
     )
-    return tuple(np.split(moved, np.cumsum([len(c) for c in curves])[:-1]))
+    return tuple(split_alike(moved, curves))
 
 
 def part_sides(
@@ -244,7 +245,7 @@ def _move_apart(
         along_mm: of a curve that moves with a point, as a normal distribution's deviation.
     """
     depth = depth.copy()
-    bounds = np.cumsum([0, *(len(c) for c in curves)])
+    bounds = polylines_of(curves).bounds
     steps = [arc_lengths(c)[-1] / len(c) for c in curves]
     least = 0.01 * apart.max(initial=0.0)
     for _ in range(_ROUNDS):

@@ -19,7 +19,7 @@ from shapely import MultiPolygon
 from knotfab.arrays import Array
 from knotfab.target.silhouette import trace_polygon
 
-__all__ = ["Row", "Sheet", "laid_on", "rows_of", "sheet_of"]
+__all__ = ["Row", "Rows", "laid_on", "rows_of", "sheet_of"]
 
 
 _SNAP = 0.22  # gaps of both silhouettes at fractions this close are one gap
@@ -42,7 +42,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class Rows:
     """Rows at heights `low`, `low + pitch`, ... mm (None: nothing to draw), and their shape in the plane."""
 
     rows: tuple[Row | None, ...]
@@ -129,7 +129,7 @@ def _row(one: Array, other: Array, pitch: float) -> Row | None:
     return Row(left, left + width, first, second)
 
 
-def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Sheet:
+def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Rows:
     """The sheet between two silhouettes whose axes lie level, each in mm (across, up).
 
     Heights that only one of them has are left out: nothing can be drawn there without a spill in the
@@ -152,7 +152,7 @@ def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Sheet:
             inside = (at[:, None] >= row.left) & (at[:, None] <= row.right)
             mask[len(rows) - k] = inside.any(1)
     if not mask.any():
-        return Sheet(rows, low, pitch, MultiPolygon())
+        return Rows(rows, low, pitch, MultiPolygon())
     traced = trace_polygon(mask)
 
     def to_plane(pixels: Array) -> Array:
@@ -165,10 +165,10 @@ def sheet_of(one: MultiPolygon, other: MultiPolygon, radius: float) -> Sheet:
     shape = shape.buffer(-0.5 * radius).buffer(radius).buffer(-0.5 * radius)
     least = _SMALLEST * radius**2
     parts = [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and p.area > least]
-    return Sheet(rows, low, pitch, MultiPolygon(parts))
+    return Rows(rows, low, pitch, MultiPolygon(parts))
 
 
-def laid_on(sheet: Sheet, curve: Array, radius: float, spread: float = 0.0) -> Array:
+def laid_on(sheet: Rows, curve: Array, radius: float, spread: float = 0.0) -> Array:
     """A curve (n, 2) of the sheet's plane as (n, 3): across one view, across the other, height.
 
     Along each row both go forwards, and so does any mean of rows: the plane is bent without a fold.

@@ -16,7 +16,7 @@ from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
 from knotfab.start.strokes import follow_strokes
-from knotfab.start.tie import Room, tie
+from knotfab.start.tie import KnotRoom, tie
 from knotfab.start.views import start_between_views, start_ious
 
 __all__ = ["go_on", "make_start", "make_template", "tie_knot"]
@@ -95,7 +95,7 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
         ahead = np.roll(here, -1, axis=0)
         return float(tube_outside(here, ahead, limits.region, limits.radius)[1].max())
 
-    room = Room(
+    room = KnotRoom(
         facing.polygon,
         facing.view.light_distance_mm,
         limits.radius,

@@ -24,7 +24,7 @@ from knotfab.errors import SceneError
 from knotfab.scene.knot_names import Factor, load_knot
 from knotfab.start.depth import lower
 
-__all__ = ["Room", "Tied", "tie"]
+__all__ = ["KnotRoom", "Tied", "tie"]
 
 
 # Lengths in units of half the strands' least distance, or of the bend radius if that is larger.
@@ -39,7 +39,7 @@ _GRID = 0.5  # spacing of the grid of distances to the outline
 
 
 @dataclass(frozen=True)
-class Room:
+class KnotRoom:
     """Where the knot may be, mm: `polygon` is the silhouette in the plane z = 0.
 
     `light` is the light's z; `radius` the tube's; `unit` half the strands' least distance, or the bend
@@ -91,7 +91,7 @@ class _Site:
     cost: float
 
 
-def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> Tied:
+def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: KnotRoom) -> Tied:
     """The sum of these knots tied into the longest curve, one after the other.
 
     Args:
@@ -112,7 +112,9 @@ def tie(curves: tuple[Array, ...], factors: tuple[Factor, ...], room: Room) -> T
     return tied
 
 
-def _tie_one(tied: Tied, plain: Mask, poses: _Poses, name: str, room: Room) -> tuple[Tied, Mask]:
+def _tie_one(
+    tied: Tied, plain: Mask, poses: _Poses, name: str, room: KnotRoom
+) -> tuple[Tied, Mask]:
     """The knot in the best of its places where the construction holds."""
     curve = tied.curves[tied.component]
     rest = [c for k, c in enumerate(tied.curves) if k != tied.component]
@@ -164,7 +166,7 @@ def _poses(knot: Array, unit: float) -> _Poses:
 
 
 def _sites(
-    curve: Array, rest: list[Array], plain: Mask, poses: _Poses, room: Room
+    curve: Array, rest: list[Array], plain: Mask, poses: _Poses, room: KnotRoom
 ) -> Iterator[_Site]:
     """Every pose at every promising place, with its cost: spill first, then depth."""
     unit, light = room.unit, room.light
@@ -261,7 +263,7 @@ def _places(
 
 
 def _splice(
-    curve: Array, rest: list[Array], plain: Mask, site: _Site, room: Room
+    curve: Array, rest: list[Array], plain: Mask, site: _Site, room: KnotRoom
 ) -> tuple[Array, Mask] | None:
     """The curve with the knot in it, and which vertices are the template's; None: not proved."""
     unit, light, side = room.unit, room.light, site.side

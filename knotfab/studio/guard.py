@@ -10,7 +10,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["REPORT_POLICY", "Guard"]
+__all__ = ["REPORT_POLICY", "RequestGuard"]
 
 _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
@@ -40,7 +40,7 @@ NO_TOKEN = "This address lacks its token: open the address that knotfab studio p
 FOREIGN = "This request comes from elsewhere: open the address that knotfab studio printed."
 
 
-class Guard:
+class RequestGuard:
     """ASGI middleware: checks host, origin and cookie of everything, sockets too, and sets the headers.
 
     Args:

@@ -45,15 +45,12 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         raise InputError(what, "the file is empty", "Copy or export it again.")
     if len(data) > LARGEST_BYTES:
         raise too_large(what)
-    if raster.looks_like_raster(data):
-        _check_pixels(data, what)
-        image, kind = raster.decode(data, what)
-        suffix = raster.SUFFIXES[kind][0]
-    elif svg.looks_like_svg(data):
+    if svg.looks_like_svg(data):
         image, _ = raster.decode(svg.render_svg(data, what), what)
         suffix = ".svg"
     else:
-        image, kind = raster.decode(data, what)  # says what it is not
+        _check_pixels(data, what)
+        image, kind = raster.decode(data, what)
         suffix = raster.SUFFIXES[kind][0]
     path = _keep(data, name_picture(what), suffix, folder)
     return StudioPicture(path.stem, str(path), image.width, image.height, _show(image))

@@ -21,7 +21,7 @@ from knotfab.errors import InputError, KnotfabError
 from knotfab.files.folder import REJECTED
 from knotfab.report.report_html import VIEWER
 from knotfab.scene.catalogue import materials, printers
-from knotfab.studio.guard import REPORT_POLICY, Guard
+from knotfab.studio.guard import REPORT_POLICY, RequestGuard
 from knotfab.studio.pictures import LARGEST_BYTES, keep_picture, keep_text, too_large
 from knotfab.studio.session import Studio, child_of
 
@@ -173,7 +173,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     ]
     return Starlette(
         routes=seen if studio.watching else [*seen, *changing],
-        middleware=[Middleware(Guard, token=token, hosts=hosts)],
+        middleware=[Middleware(RequestGuard, token=token, hosts=hosts)],
         exception_handlers={
             KnotfabError: _explain,
             HTTPException: _explain_http,

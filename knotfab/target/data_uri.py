@@ -1,16 +1,18 @@
-"""Pictures as the bytes of a file, and as data URIs that pages embed."""
+"""What pages embed: pictures as the bytes of a file and as data URIs, and the digests of their scripts."""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 from typing import Any
 
 from PIL import Image
 
 from knotfab.arrays import Mask
+from knotfab.target.silhouette import fit_size
 
-__all__ = ["data_uri", "encode_image", "image_uri", "silhouette_uri"]
+__all__ = ["data_uri", "encode_image", "hash_script", "image_uri", "silhouette_uri"]
 
 _LONGER_PX = 512
 
@@ -35,9 +37,13 @@ def image_uri(image: Image.Image, kind: str = "png", **options: Any) -> str:
 def silhouette_uri(mask: Mask) -> str:
     """A silhouette (H, W) as a data URI: a PNG of two colours, dark on white, 512 px long at most."""
     image = Image.fromarray(~mask)
-    scale = _LONGER_PX / max(image.size)
-    if scale < 1:
-        size = max(1, round(image.width * scale)), max(1, round(image.height * scale))
+    if max(image.size) > _LONGER_PX:
+        size = fit_size(*image.size, _LONGER_PX)
         grey = image.convert("L").resize(size, Image.Resampling.BOX)
         image = grey.point(lambda value: 255 if value > 127 else 0)
     return image_uri(image.convert("1", dither=Image.Dither.NONE), optimize=True)
+
+
+def hash_script(script: str) -> str:
+    """The digest that a page's content security policy allows a script by (SHA-256, in base64)."""
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -11,6 +11,7 @@ from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from knotfab.arrays import Array
+from knotfab.target.silhouette import polygon_iou
 
 __all__ = [
     "Loss",
@@ -43,7 +44,7 @@ def open_by(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPoly
 def opening_iou(polygon: MultiPolygon, radius: float) -> float:
     """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
     opened = _open(polygon, radius)
-    return float(opened.intersection(polygon).area / polygon.union(opened).area)
+    return polygon_iou(opened, polygon)
 
 
 def longer_side(shape: Polygon | LinearRing) -> float:
@@ -95,7 +96,7 @@ def closed_iou(polygon: MultiPolygon, radius: float, bend: float, flat: bool = F
     rings = [LinearRing(least_ring(piece, radius, bend, flat)).buffer(radius) for piece in small]
     rest = MultiPolygon([piece for piece in polygon.geoms if piece not in small])
     drawn = shapely.union_all([_open(rest, radius), *rings])
-    return float(drawn.intersection(polygon).area / polygon.union(drawn).area)
+    return polygon_iou(drawn, polygon)
 
 
 def thickest_radius(

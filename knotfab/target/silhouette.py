@@ -13,8 +13,9 @@ from knotfab.arrays import Array, Mask
 if TYPE_CHECKING:
     import scipy.sparse
     from shapely import MultiPolygon, Polygon
+    from shapely.geometry.base import BaseGeometry
 
-__all__ = ["LONGER_SIDE", "pieces", "resample_mask", "trace_polygon"]
+__all__ = ["LONGER_SIDE", "fit_size", "polygon_iou", "resample_mask", "trace_polygon"]
 
 
 LONGER_SIDE = 1024  # pixels at which pictures are compared and traced
@@ -61,7 +62,13 @@ def resample_mask(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
     return np.asarray(np.clip(down @ narrow, 0.0, 1.0), dtype=np.float32)
 
 
-def _scale(width: int, height: int, longer: int) -> tuple[int, int]:
+def polygon_iou(one: BaseGeometry, other: BaseGeometry) -> float:
+    """Area that two shapes share over that of both."""
+    return float(one.intersection(other).area / one.union(other).area)
+
+
+def fit_size(width: int, height: int, longer: int) -> tuple[int, int]:
+    """Width and height, px, of the same frame with so many on its longer side."""
     scale = longer / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
@@ -152,7 +159,7 @@ def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     from shapely import MultiPolygon
 
     height, width = mask.shape
-    w, h = _scale(width, height, min(LONGER_SIDE, max(width, height)))
+    w, h = fit_size(width, height, min(LONGER_SIDE, max(width, height)))
     coverage = resample_mask(mask, w, h)
     binary = (w, h) == (width, height)
     traced = _trace(coverage)
@@ -198,12 +205,3 @@ def _polygons(shape: object) -> MultiPolygon:
 
     parts = shapely.get_parts(shapely.get_parts(shape))
     return MultiPolygon([p for p in parts if isinstance(p, Polygon) and p.area > 0])
-
-
-def pieces(polygon: MultiPolygon | Polygon) -> tuple[Polygon, ...]:
-    """The separate pieces of a silhouette, largest first; holes stay with their piece."""
-    import shapely
-    from shapely import Polygon
-
-    parts = [p for p in shapely.get_parts(polygon) if isinstance(p, Polygon)]
-    return tuple(sorted(parts, key=lambda p: -p.area))

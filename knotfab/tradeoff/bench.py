@@ -23,11 +23,11 @@ from knotfab.tradeoff.front import Measured, merge_turns
 from knotfab.tradeoff.measure import Run, Study, run_point, warm_up
 from knotfab.tradeoff.points import Point
 
-__all__ = ["Bench", "Journal", "Request", "Runner", "run_all"]
+__all__ = ["Bench", "Journal", "Runner", "WantedRun", "run_all"]
 
 
 @dataclass(frozen=True)
-class Request:
+class WantedRun:
     """A run that is wanted: number of the picture, settings, and which of its repeats it is."""
 
     picture: int
@@ -35,7 +35,7 @@ class Request:
     turn: int = 0
 
 
-Runner = Callable[[Iterator[Request]], Iterator[tuple[Request, Run]]]
+Runner = Callable[[Iterator[WantedRun]], Iterator[tuple[WantedRun, Run]]]
 
 
 class Journal:
@@ -108,9 +108,9 @@ class Bench:
         self.studies, self.repeats = tuple(studies), repeats
         self._run, self._journal, self._report = run, journal, report
         self._clock, self._limit_s, self._begun = clock, limit_s, clock()
-        self._runs: dict[Request, Run] = {}
+        self._runs: dict[WantedRun, Run] = {}
         self._lasted: list[float] = []
-        self.left_out: dict[Request, None] = {}
+        self.left_out: dict[WantedRun, None] = {}
 
     def measure(self, points: Sequence[Point], pictures: int) -> list[Measured]:
         """The points on the first so many pictures, as far as time is left; what came of them.
@@ -118,7 +118,7 @@ class Bench:
         Picture by picture and turn by turn, so that what else the machine does falls on all alike.
         """
         asked = [
-            Request(picture, point.settings, turn)
+            WantedRun(picture, point.settings, turn)
             for picture in range(pictures)
             for turn in range(self.repeats)
             for point in points
@@ -150,7 +150,7 @@ class Bench:
         for point in points:
             runs: list[Run] = []
             for picture in range(len(self.studies)):
-                turns = [Request(picture, point.settings, t) for t in range(self.repeats)]
+                turns = [WantedRun(picture, point.settings, t) for t in range(self.repeats)]
                 known = [self._runs[turn] for turn in turns if turn in self._runs]
                 if not known or known[0].iou is None:
                     break
@@ -160,10 +160,10 @@ class Bench:
                 found.append(Measured(point, tuple(runs), clock))
         return found
 
-    def _key(self, request: Request) -> str:
+    def _key(self, request: WantedRun) -> str:
         return self.studies[request.picture].key(request.settings, request.turn)
 
-    def _in_time(self, requests: Sequence[Request]) -> Iterator[Request]:
+    def _in_time(self, requests: Sequence[WantedRun]) -> Iterator[WantedRun]:
         for request in requests:
             lasts = statistics.median(self._lasted) if self._lasted else 0.0
             spent = self._clock() - self._begun
@@ -181,7 +181,7 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
     """
     warm: list[bool] = []
 
-    def here(requests: Iterator[Request]) -> Iterator[tuple[Request, Run]]:
+    def here(requests: Iterator[WantedRun]) -> Iterator[tuple[WantedRun, Run]]:
         for request in requests:
             study = studies[request.picture]
             if not warm:
@@ -189,7 +189,7 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
                 warm.append(True)
             yield request, run_point(study, request.settings, request.turn == 0)
 
-    def beside(requests: Iterator[Request]) -> Iterator[tuple[Request, Run]]:
+    def beside(requests: Iterator[WantedRun]) -> Iterator[tuple[WantedRun, Run]]:
         first = next(requests, None)
         if first is None:
             return
@@ -198,9 +198,9 @@ def run_all(studies: Sequence[Study], jobs: int = 1) -> Runner:
             file.write_bytes(pickle.dumps(list(studies)))
             command = [sys.executable, "-P", "-m", "knotfab.tradeoff.worker", str(file)]
             with Workers(command, jobs, env={**os.environ, **ONE_THREAD}) as workers:
-                running: dict[Future[dict[str, Any]], Request] = {}
+                running: dict[Future[dict[str, Any]], WantedRun] = {}
 
-                def ask(request: Request | None) -> None:
+                def ask(request: WantedRun | None) -> None:
                     if request is not None:
                         told = {"picture": request.picture, "judge": request.turn == 0}
                         asked = {**told, "settings": request.settings.model_dump()}

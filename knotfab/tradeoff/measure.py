@@ -21,17 +21,17 @@ from knotfab.design.design import choose_tube, refine_settings
 from knotfab.design.question import Question
 from knotfab.errors import SceneError
 from knotfab.geometry.measures import measure_curvature
-from knotfab.geometry.polylines import polylines_of
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import Problem
 from knotfab.progress import Progress
-from knotfab.scene.camera import VERIFIED_PX
+from knotfab.scene.model import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
 from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import mask_iou
+from knotfab.target.silhouette import fit_size
 
 __all__ = [
     "Run",
@@ -108,11 +108,10 @@ def find_shadows(
     problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
 ) -> list[tuple[Mask, Mask]]:
     """(shadow, picture) of the round tube in each view, `pixels` on its longer side."""
-    rings = polylines_of(k.points for k in knots.knots)
     found = []
     for view in problem.views:
         image = view.image_at(knots.radius_mm, pixels, device)
-        seen = image.seen(knots.points, rings, knots.radius_mm)
+        seen = image.seen(knots.points, knots.rings, knots.radius_mm)
         found.append((seen, image.target > 0.5))
     return found
 
@@ -147,7 +146,7 @@ def facet_error_px(problem: Problem, radius: float, sides: int) -> float:
     """
     stands_out = radius * (2 * np.pi / sides) ** 2 / 12
     views = (v.view for v in problem.views)
-    return max(stands_out * v.magnification / (v.longer_mm / VERIFIED_PX) for v in views)
+    return max(stands_out * v.magnification / v.pixel_mm for v in views)
 
 
 def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run:
@@ -190,7 +189,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
     shadows = find_shadows(problem, knots, device)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
-    slit_px = _SLIT * knots.radius_mm * drawn.magnification / (drawn.longer_mm / VERIFIED_PX)
+    slit_px = _SLIT * knots.radius_mm * drawn.magnification / drawn.pixel_mm
     lengths = [knot.length_mm for knot in knots.knots]
     bends = [measure_curvature(knot.points, knots.radius_mm).mean for knot in knots.knots]
     legible = None
@@ -213,8 +212,7 @@ def _judge(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
 def _shrink(seen: Mask, wanted: Mask) -> str:
     """Both as a PNG of four colours in base64: what is right, too much and missing."""
     height, width = seen.shape
-    scale = _SHOWN_PX / max(height, width)
-    size = max(1, round(width * scale)), max(1, round(height * scale))
+    size = fit_size(width, height, _SHOWN_PX)
 
     def cover(mask: Mask) -> Array:
         image = Image.fromarray(mask.astype(np.float32))

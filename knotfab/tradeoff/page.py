@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Sequence
 from math import ceil, floor, log10
 from pathlib import Path
@@ -14,6 +12,7 @@ from markupsafe import Markup
 from knotfab import __version__
 from knotfab.report import report_html
 from knotfab.report.report_html import encode_for_script, make_environment
+from knotfab.target.data_uri import hash_script
 from knotfab.tradeoff.explore import Explored
 from knotfab.tradeoff.front import Measured, Step
 from knotfab.tradeoff.points import COMBINED, PRESET, list_changes
@@ -118,7 +117,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
         style=Markup(_STYLE.read_text("utf-8")),
         shown=Markup(encode_for_script({"points": rows})),
         script=Markup(script),
-        digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        digest=hash_script(script),
         version=__version__,
     )
     return page

@@ -82,6 +82,7 @@ KNOBS = (
     Knob("winner search", "winners every {:g}", ("winners_every",), (8, 3)),
     Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 250)),
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
+    Knob("thicker tube", "{:g} given", ("radius_give",), (0.03, 0.012)),
     Knob("effect tolerance", "effects {:g} px", ("tolerance_px",), (1.0, 0.1)),
     Knob("mesh facets", "{:g} sides", ("mesh_sides",), (12, 48)),
     Knob("grace", "grace {:g}", ("grace",), (0.05, 0.0), alike=True),

@@ -20,7 +20,7 @@ from knotfab.progress import Progress
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
 from knotfab.target.read import read_target
-from knotfab.tradeoff.bench import Bench, Journal, Request, Runner, run_all
+from knotfab.tradeoff.bench import Bench, Journal, Runner, WantedRun, run_all
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.explore import Explored, explore, list_rungs
 from knotfab.tradeoff.front import Measured, Step, list_steps
@@ -44,9 +44,8 @@ class Tradeoff:
     explored: Explored
     steps: list[Step]
     pictures: tuple[str, ...]
-    clock: str
     jobs: int
-    left_out: tuple[Request, ...]
+    left_out: tuple[WantedRun, ...]
     folder: Path
 
     @property
@@ -176,7 +175,6 @@ def measure_tradeoff(
         explored,
         steps,
         tuple(study.name for study in studies),
-        explored.middle.clock,
         jobs,
         tuple(bench.left_out),
         out,
@@ -201,7 +199,7 @@ def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
         "jobs": found.jobs,
         "device": device,
         "version": __version__,
-        "seconds": found.clock,
+        "seconds": explored.middle.clock,
         "compared_over": explored.compared,
         "points": list_rows(explored),
         "steps": [vars(step) for step in found.steps],

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 from knotfab.arrays import Array, Indices
 from knotfab.wire.arcs import WireSites, round_corners
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.residual import (
     FitLimits,
     Strand,
@@ -41,7 +41,7 @@ def adjust(
     light: Array | None,
     limits: FitLimits,
     steps: int,
-    pictures: Sequence[Likeness] = (),
+    pictures: Sequence[GridLikeness] = (),
 ) -> None:
     """Move the corners of all strands by Levenberg-Marquardt steps; numbers of corners stay.
 

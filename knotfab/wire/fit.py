@@ -10,7 +10,7 @@ from knotfab.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst, settle
 from knotfab.wire.arcs import Wire, WireSites, round_corners
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.prune import prune
 from knotfab.wire.residual import DEPTH_FACTOR, FitLimits, Strand, measure_distances
 
@@ -64,7 +64,7 @@ def fit_wires(
     curves: list[Array],
     light: Array | None,
     limits: FitLimits,
-    pictures: Sequence[Likeness] = (),
+    pictures: Sequence[GridLikeness] = (),
 ) -> list[Wire]:
     """Wires of straights and bends that follow closed curves, with few bends.
 

@@ -26,7 +26,15 @@ from knotfab.wire.residual import DEPTH_FACTOR
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Judge", "Verdict", "ViewShadow", "WireKnot", "cast_shadows", "check_type", "check_wire"]
+__all__ = [
+    "Judge",
+    "PieceShadow",
+    "Verdict",
+    "WireKnot",
+    "cast_shadows",
+    "check_type",
+    "check_wire",
+]
 
 
 _TOUCH_MM = 0.01  # strands may come this much nearer than one diameter: they touch
@@ -68,7 +76,7 @@ class WireKnot:
 
 
 @dataclass(frozen=True)
-class ViewShadow:
+class PieceShadow:
     """One view's picture and the piece's own shadow in it, by the validators' exact tube.
 
     `mask` is the picture's silhouette (height, width), `target` the same on the working frame of
@@ -99,7 +107,7 @@ class ViewShadow:
 
 def cast_shadows(
     scene: ResolvedScene, pictures: Sequence[Path], knots: Knots
-) -> tuple[ViewShadow, ...]:
+) -> tuple[PieceShadow, ...]:
     """The shadow of a piece in each view of a scene, beside that view's picture.
 
     On the wall that the validators take: a flat one where the scene's effect `wall` is off, or does not show.
@@ -129,7 +137,7 @@ def cast_shadows(
         shadow = _cast_shadow([k.points for k in knots.knots], knots.radius_mm, geometry)
         inside = distance_transform_edt(shadow) * geometry.pixel_mm
         target = padded_mask(mask, frame)
-        found.append(ViewShadow(view, mask, geometry, target, knots.radius_mm, inside))
+        found.append(PieceShadow(view, mask, geometry, target, knots.radius_mm, inside))
     return tuple(found)
 
 
@@ -154,7 +162,7 @@ class Judge:
     """Measures rows by bending them again, beside the knots that they stand for."""
 
     curves: list[Array]
-    shadows: tuple[ViewShadow, ...]
+    shadows: tuple[PieceShadow, ...]
     material: Material
     tolerance: float
     floor: float

@@ -16,7 +16,7 @@ from knotfab.wire.arcs import Wire, WireSites, differentiate_wire, space_sites
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
 
-__all__ = ["Likeness"]
+__all__ = ["GridLikeness"]
 
 
 _CELL = 0.4  # wire radii, as the light sees them, between the pixels that are looked at
@@ -27,7 +27,7 @@ _FELT = 8.0  # fadings from an edge: farther, a pixel moves no strand
 
 
 @dataclass(frozen=True)
-class Likeness:
+class GridLikeness:
     """A view's picture on a coarse grid: what share of each cell is wanted dark.
 
     A cell is as dark as its distance from the nearest strand makes it (a logistic edge); its residual is that
@@ -41,7 +41,7 @@ class Likeness:
     scale: float  # root of a cell's area, in wire radii
 
     @classmethod
-    def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> Likeness:
+    def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
         """Of a silhouette (height, width) on the pixels of a view; the wire's radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
         wide = radius / (w * geometry.pixel_mm)  # of the wire, in pixels

@@ -19,8 +19,8 @@ from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.frame import WireFrame, measure_frame
-from knotfab.wire.judge import Judge, ViewShadow, WireKnot, cast_shadows
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.judge import Judge, PieceShadow, WireKnot, cast_shadows
+from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.replay import replay
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
@@ -132,7 +132,7 @@ def write_bending_plan(
     )
     types = tuple(k.type for k in knots.knots)
     judge = Judge(curves, shadows, material, tolerance, floor, types)
-    likenesses = [Likeness.of(s.geometry, s.target, s.radius) for s in shadows]
+    likenesses = [GridLikeness.of(s.geometry, s.target, s.radius) for s in shadows]
     best: tuple[tuple[int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(
@@ -208,7 +208,7 @@ def _weigh(length_mm: float, material: Material) -> float:
     return float(length_mm * area * 1e-3 * material.density_g_cm3)
 
 
-def _choose_joint(wire: Wire, shadows: Sequence[ViewShadow]) -> tuple[int, bool]:
+def _choose_joint(wire: Wire, shadows: Sequence[PieceShadow]) -> tuple[int, bool]:
     """The straight whose middle is cut, and whether a sleeve there stays within all shadows.
 
     The sleeve is half a radius thicker than the wire. The longest straight that hides it, or the

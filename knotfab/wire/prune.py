@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Indices, Mask
 from knotfab.wire.adjust import adjust, measure_misses, measure_worst
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.residual import FitLimits, Strand, weigh_depth
 
 __all__ = ["prune"]
@@ -27,7 +27,7 @@ def prune(
     light: Array | None,
     limits: FitLimits,
     rounds: int,
-    pictures: Sequence[Likeness] = (),
+    pictures: Sequence[GridLikeness] = (),
 ) -> int:
     """Take out corners as long as the limits are kept as well without them; how many it were.
 

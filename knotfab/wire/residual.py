@@ -18,7 +18,7 @@ from knotfab.wire.arcs import (
     round_corners,
     space_sites,
 )
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.likeness import GridLikeness
 
 __all__ = [
     "DEPTH_FACTOR",
@@ -132,7 +132,7 @@ def compute_residual(
     light: Array | None,
     limits: FitLimits,
     with_jacobian: bool,
-    pictures: Sequence[Likeness] = (),
+    pictures: Sequence[GridLikeness] = (),
 ) -> tuple[Array, sparse.csr_matrix | None]:
     """Weighted distances, straights too short and contacts, and how they follow the corners.
 

@@ -47,6 +47,7 @@ def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
                 getattr(less, key) <= getattr(own, key)
                 for key in ("coarse_px", "depth_candidates", "radius_candidates", "mesh_sides")
             )
+            assert less.radius_give >= own.radius_give
     assert spare(PRESETS["fine"], 100.0) == PRESETS["fine"]
 
 
@@ -57,7 +58,7 @@ def test_what_follows_the_search_is_kept_back() -> None:
 
 def test_more_is_given_only_while_what_follows_does_not_fit() -> None:
     def vertices(give: float) -> int:  # a thicker tube has fewer
-        return int(4000 * (1.0 - 40.0 * give))
+        return int(4000 * (1.0 - 20.0 * give))
 
     asked = []
     for left in (30.0, 5.0, 2.6, 0.0):
@@ -65,9 +66,9 @@ def test_more_is_given_only_while_what_follows_does_not_fit() -> None:
         given = budget.thicker(0.0, vertices)
         count = vertices(given)
         asked.append(given)
-        assert given == 0.016 or budget.search_s(count) > 0.0
-        assert budget.thicker(0.03, vertices) == 0.03  # never less than what is given anyway
-    assert asked == sorted(asked) and asked[0] == 0.0 and asked[-1] == 0.016
+        assert given == 0.03 or budget.search_s(count) > 0.0
+        assert budget.thicker(0.04, vertices) == 0.04  # never less than what is given anyway
+    assert asked == sorted(asked) and asked[0] == 0.0 and asked[-1] == 0.03
 
 
 def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:

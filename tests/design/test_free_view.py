@@ -28,9 +28,8 @@ from knotfab.search.phases import SETTLE, Phase
 from knotfab.search.pose import (
     ALL,
     Bounds,
-    Pose,
+    FreePose,
     ViewNumbers,
-    fit_view,
 )
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
@@ -122,39 +121,11 @@ def test_gradient_in_every_number_against_finite_differences() -> None:
         assert float(gradient[k]) == pytest.approx(slope, rel=2e-4), ALL[k]
 
 
-def _shadow(points: np.ndarray, numbers: ViewNumbers, sheet: Sheet) -> torch.Tensor:
-    n = numbers
-    at = _numbers(n.azimuth_deg, n.elevation_deg, n.roll_deg)
-    frame = posed_frame(sheet, at, *_numbers(n.light_distance_mm, n.wall_distance_mm))
-    p = torch.as_tensor(points)
-    return (render_tiled(p, p.roll(-1, 0), frame, n.radius_mm, 10.0) > 0.5).float()
-
-
-def _angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:
-    cosine = 0.5 * (np.trace(one.turn.T @ other.turn) - 1)
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [0.8, 1.2])
-def test_pose_and_light_distance_are_found_again(share: float) -> None:
-    sheet = Sheet(112, 112, 1.8)
-    truth = ViewNumbers(400.0, 100.0, 3.0, 8.0, -14.0, 11.0)
-    start = ViewNumbers(400.0 * share, 100.0, 3.0, 20.0, -2.0, -1.0)
-    assert _angle_deg(start, truth) > 15
-    rings = polylines_of_sizes((len(TREFOIL),))
-    bounds = Bounds(("azimuth", "elevation", "roll", "light"))
-    found = fit_view(TREFOIL, rings, sheet, _shadow(TREFOIL, truth, sheet), start, bounds, 60)
-    assert _angle_deg(found.numbers, truth) < 0.5
-    assert found.numbers.light_distance_mm == pytest.approx(400.0, rel=0.02)
-    assert (found.numbers.wall_distance_mm, found.numbers.radius_mm) == (100.0, 3.0)
-
-
 @pytest.mark.slow
 def test_bounds_hold_whatever_is_asked() -> None:
     start = ViewNumbers(400.0, 100.0, 3.0)
     bounds = Bounds(turn_deg=5.0, least_radius_mm=2.0, most_radius_mm=3.5)
-    pose = Pose(start, bounds)
+    pose = FreePose(start, bounds)
     for way in (1.0, -1.0):
         for _ in range(400):
             pull = torch.full((3,), way, dtype=torch.float64)
@@ -172,7 +143,7 @@ def test_bounds_hold_whatever_is_asked() -> None:
 
 def test_what_is_not_free_stays() -> None:
     start = ViewNumbers(400.0, 100.0, 3.0, 7.0)
-    pose = Pose(start, Bounds(("elevation", "wall")))
+    pose = FreePose(start, Bounds(("elevation", "wall")))
     pull = torch.ones(3, dtype=torch.float64)
     for _ in range(20):
         pose.move((pull, pull), TREFOIL, 0.0)
@@ -188,7 +159,7 @@ def test_wrong_bounds_are_told() -> None:
     with pytest.raises(InputError, match="above"):
         Bounds(least_radius_mm=3.0, most_radius_mm=2.0)
     with pytest.raises(InputError, match="outside its bounds"):
-        Pose(ViewNumbers(400.0, 100.0, 0.5), Bounds())
+        FreePose(ViewNumbers(400.0, 100.0, 0.5), Bounds())
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +172,7 @@ TIGHT = 0.25 * TREFOIL
 NEAR = find_neighbours(TIGHT, polylines_of_sizes((len(TIGHT),)), 40.0, 6)
 
 
-def _state(problem: Problem, points: np.ndarray, pose: Pose | None = None) -> SearchState:
+def _state(problem: Problem, points: np.ndarray, pose: FreePose | None = None) -> SearchState:
     """At the start of a search."""
     return begin(problem, Start((points,), "for its slope alone"), 4.0, QUICK, pose=pose)
 
@@ -217,7 +188,7 @@ def _value_and_slope(objective: Objective, points: np.ndarray) -> tuple[float, n
 @pytest.mark.slow
 def test_from_a_pose_the_objective_is_that_of_the_turned_knot(problem: Problem) -> None:
     numbers = ViewNumbers(430.0, 120.0, 4.0, 6.0, 3.0, -20.0)
-    free = _objective(_state(problem, TIGHT, Pose(numbers, Bounds())))
+    free = _objective(_state(problem, TIGHT, FreePose(numbers, Bounds())))
     seen = problem.views[0]
     lengths = {"light_distance_mm": 430.0, "wall_distance_mm": 120.0}
     there = replace(seen, view=seen.view.model_copy(update=lengths))
@@ -232,7 +203,7 @@ def test_from_a_pose_the_objective_is_that_of_the_turned_knot(problem: Problem) 
 
 def test_looking_moves_no_pose_and_descending_moves_it_alone(problem: Problem) -> None:
     start = ViewNumbers(500.0, 100.0, 4.0, 6.0, 3.0)
-    pose = Pose(start, Bounds())
+    pose = FreePose(start, Bounds())
     objective = _objective(_state(problem, TIGHT, pose))
     before = _value_and_slope(objective, TIGHT)
     assert pose.numbers() == start
@@ -249,7 +220,7 @@ def test_looking_moves_no_pose_and_descending_moves_it_alone(problem: Problem) -
     assert _value_and_slope(objective, TIGHT)[0] != before[0]
 
 
-class _Watched(Pose):
+class _Watched(FreePose):
     """Remembers what it was moved against."""
 
     def move(
@@ -278,7 +249,7 @@ def test_a_thicker_tube_costs_clearance_and_bends(problem: Problem) -> None:
 def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None:
     start = make_start(problem, 4.0, QUICK)
     fixed = start_and_search(problem, 4.0, QUICK, start)
-    pose = Pose(ViewNumbers(500.0, 100.0, 4.0), Bounds())
+    pose = FreePose(ViewNumbers(500.0, 100.0, 4.0), Bounds())
     found = start_and_search(problem, 4.0, QUICK, start, pose=pose)
     assert found.feasible
     assert found.log.certified and found.log.least_margin_mm > 0
@@ -303,7 +274,7 @@ def test_the_network_finds_the_view_along(problem: Problem, method: str, least: 
     # a profile that leaves strands no room to be smoothed has no certificate: take a good one
     settings = QUICK.model_copy(update={**few, "depth_candidates": 300})
     start = make_start(problem, 5.0, settings)
-    pose = Pose(ViewNumbers(500.0, 100.0, 5.0), Bounds())
+    pose = FreePose(ViewNumbers(500.0, 100.0, 5.0), Bounds())
     found = start_and_search(problem, 5.0, settings, start, repairs=0, pose=pose)
     assert found.log.certified and "invertible network" in found.log.template
     assert found.numbers is not None and found.numbers.light_distance_mm != 500.0

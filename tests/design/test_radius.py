@@ -34,7 +34,7 @@ def question() -> Question:
 def test_the_largest_of_those_that_draw_it_well_is_taken(question: Question) -> None:
     choice = choose_radius(question, DRAFT)
     drawn = {t.radius_mm: t.template_iou for t in choice.trials}
-    well = max(drawn.values()) - range_of(1).give
+    well = max(drawn.values()) - max(range_of(1).give, DRAFT.radius_give)
     assert len(drawn) > 4 and choice.radius_mm == max(r for r, iou in drawn.items() if iou >= well)
     assert choice.template is not None and choice.template.radius == choice.radius_mm
 
@@ -110,7 +110,7 @@ def test_of_radii_that_draw_a_picture_less_well_the_better_comes_first(
     monkeypatch.setattr(module._Trials, "begin", begin)
     monkeypatch.setattr(module, "_WORKERS", 1)
     choose_radius(question, DRAFT)
-    well = [r for r in order if known[r] >= 0.991 - range_of(1).give]
+    well = [r for r in order if known[r] >= 0.991 - max(range_of(1).give, DRAFT.radius_give)]
     assert order[: len(well)] == sorted(well, reverse=True)
     rest = [known[r] for r in order[len(well) :]]
     assert rest == sorted(rest, reverse=True) and len(order) == len(known)

@@ -28,7 +28,7 @@ def sag_on(
 @pytest.mark.slow
 def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
     view = camera()
-    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    rays = free_rays(ONE, view, 0.9, 0.4)
     top = np.full(len(rays.top), 0.9 * RADIUS)
     foot = 1.2 * top
     soft = Stiffness(400.0, 1.24, 0.2)
@@ -45,7 +45,7 @@ def test_pegs_are_added_until_the_sag_is_small_and_none_is_idle() -> None:
 
 def test_pegs_held_one_by_one_are_the_pegs_held_at_once() -> None:
     view = camera()
-    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    rays = free_rays(ONE, view, 0.9, 0.4)
     top = np.full(len(rays.top), 0.9 * RADIUS)
     model = _Model(ONE, rays, 0, np.flatnonzero(rays.free), top, 1.2 * top, PLA)
     pegs = [0]
@@ -59,7 +59,7 @@ def test_pegs_held_one_by_one_are_the_pegs_held_at_once() -> None:
 
 def test_more_pegs_sag_less_and_a_softer_material_more() -> None:
     view = camera()
-    rays = free_rays(ONE, view.eye, view.receiver, 0.9, 0.4)
+    rays = free_rays(ONE, view, 0.9, 0.4)
     top, foot = np.full(len(rays.top), 1.8), np.full(len(rays.top), 2.0)
     free = np.flatnonzero(rays.free)
     some = free[:: len(free) // 4][:4]

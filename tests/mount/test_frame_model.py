@@ -136,7 +136,7 @@ def test_two_knots_on_their_pegs_with_a_strut_and_a_leaning_peg() -> None:
     inner = np.column_stack([22 * np.cos(t), 22 * np.sin(t), 8 * np.cos(2 * t)])
     knots = Knots((Knot(flower), Knot(inner)), 2.0)
     camera = camera_of(ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0), 90, 90)
-    rays = free_rays(knots, camera.eye, camera.receiver, 0.95, 0.4)
+    rays = free_rays(knots, camera, 0.95, 0.4)
     thick = np.full(len(rays.top), 1.9)
     foot = thick * np.linalg.norm(rays.foot - camera.eye, axis=1)
     foot = foot / np.linalg.norm(rays.top - camera.eye, axis=1)

@@ -7,7 +7,7 @@ import pytest
 from rings import VIEW, camera
 
 from knotfab.errors import SceneError
-from knotfab.mount.plinth import WALL_GAP_MM, Base, Slope, Weights, base_for, slope_below
+from knotfab.mount.plinth import WALL_GAP_MM, Base, Masses, Slope, base_for, slope_below
 from knotfab.scene.curved_wall import CurvedWall
 
 AZIMUTHS = (0.0, 90.0)
@@ -47,7 +47,7 @@ def test_a_base_in_a_picture_is_refused() -> None:
     """A top that the first light alone allows stands in the second's frame."""
     cameras = [CAMERAS[0], camera(azimuth_deg=90.0, frame_up_mm=-20.0)]
     feet = np.array([[-30.0, 0.0, -30.0], [30.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
-    weights = Weights(np.array([5000.0]), np.zeros((1, 3)))
+    weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
 
     def base(slope: Slope) -> None:
         base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0)
@@ -60,7 +60,7 @@ def test_a_base_in_a_picture_is_refused() -> None:
 def test_a_base_in_a_hollow_wall_is_refused() -> None:
     """Beside the picture the wall comes forward: a base that is wide enough stands in it."""
     feet = np.array([[-75.0, 0.0, -30.0], [75.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
-    weights = Weights(np.array([5000.0]), np.zeros((1, 3)))
+    weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
     cameras = [camera()]
     slope = slope_below(cameras)
 

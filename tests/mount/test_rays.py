@@ -25,7 +25,7 @@ def to_segments(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("tilt", [0.0, 20.0])
 def test_rays_end_on_the_wall_and_come_from_the_light(tilt: float) -> None:
     view = camera(wall_tilt_deg=tilt)
-    rays = free_rays(TWO, view.eye, view.receiver, 0.9, 0.4)
+    rays = free_rays(TWO, view, 0.9, 0.4)
     assert rays.free.any()
     height = rays.foot @ view.receiver[:3] + view.receiver[3]
     assert np.abs(height).max() < 1e-9
@@ -40,7 +40,7 @@ def test_free_means_that_no_other_strand_is_near_the_peg() -> None:
     near, far = ring(50.0, 30.0, wave=0.0), ring(50.5, -20.0, wave=12.0)
     far = far[:, [1, 0, 2]]
     piece = knots(near, far)
-    rays = free_rays(piece, view.eye, view.receiver, share, gap)
+    rays = free_rays(piece, view, share, gap)
     assert rays.free[rays.knot == 0].any() and not rays.free[rays.knot == 0].all()
     along = np.linspace(0, 1, 120)[:, None]
     for ray in np.flatnonzero(rays.knot == 0)[::5]:
@@ -73,7 +73,7 @@ def test_a_strand_must_leave_its_own_peg_at_once(opening: float, free: bool) -> 
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = np.union1d(np.arange(0.0, arc[-1], 0.5), arc[:-1])
     curve = np.column_stack([np.interp(at, arc, closed[:, k]) for k in range(3)])
-    rays = free_rays(knots(curve), view.eye, view.receiver, 0.9, 0.4)
+    rays = free_rays(knots(curve), view, 0.9, 0.4)
     middle = int(np.linalg.norm(rays.top, axis=1).argmin())
     assert np.linalg.norm(rays.top[middle]) < 0.3 and rays.free[middle] == free
 
@@ -82,4 +82,4 @@ def test_a_peg_thicker_than_the_shadow_is_refused() -> None:
     view = camera()
     for share in (0.0, 1.01, float("nan")):
         with pytest.raises(ValueError, match="does not hide"):
-            free_rays(ONE, view.eye, view.receiver, share, 0.4)
+            free_rays(ONE, view, share, 0.4)

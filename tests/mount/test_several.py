@@ -18,7 +18,7 @@ from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.mount import BASE_DOWN, mount_piece
 from knotfab.mount.placement import placement_of
 from knotfab.mount.plinth import slope_below
-from knotfab.mount.shade import Shadows
+from knotfab.mount.shade import MountShadows
 from knotfab.mount.solids import strut_solid
 from knotfab.mount.stand import StandMount, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
@@ -117,7 +117,7 @@ def test_an_eye_is_as_a_lamp() -> None:
 @pytest.mark.slow
 def test_what_one_view_hides_is_rejected_where_another_shows_it() -> None:
     """A bar across the ring, in the first picture's disc, that stands out of the second's band."""
-    shadows = Shadows(ONE, CAMERAS, TARGETS)
+    shadows = MountShadows(ONE, CAMERAS, TARGETS)
     inside, out_of_it = (one([0, -20, z], [0, 20, z], 1.5) for z in (0.0, 40.0))
     assert shadows.hidden(inside)[0] and not shadows.hidden(out_of_it)[0]
     assert [v.hidden(out_of_it)[0] for v in shadows.views] == [True, False]

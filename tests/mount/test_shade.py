@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from rings import EMPTY, camera, knots, one, ring
 
-from knotfab.mount.shade import ViewShadow
+from knotfab.mount.shade import MountShadow
 
 
 def test_shade_measures_what_shows() -> None:
     """A strip across the empty frame; nothing below it; nothing where the picture is dark."""
     view = camera()
-    shade = ViewShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, EMPTY)
+    shade = MountShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, EMPTY)
     post = one([10, 30, 0], [10, -70, 0], 2.0)
     pixel = 180 / 1024
     exact = (2 * 2.0 * 1.2 / pixel) * (100 * 1.2 / pixel)
@@ -23,12 +23,12 @@ def test_shade_measures_what_shows() -> None:
     assert not shade.hidden(post)[0]
     shade.add(post)
     assert shade.cost(post)[0] < 0.01 * exact
-    full = ViewShadow(knots(ring(5.0, wave=0.0)), view, ~EMPTY)
+    full = MountShadow(knots(ring(5.0, wave=0.0)), view, ~EMPTY)
     assert full.hidden(post)[0] and full.cost(post)[0] == 0 and full.darken(post) == 0
     # a strip that is hidden to a pixel
     half = np.zeros((90, 90), dtype=bool)
     half[:, :45] = True  # the left of the frame
-    shade = ViewShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, half)
+    shade = MountShadow(knots(ring(5.0, wave=0.0) + [0.0, 60.0, 0.0]), view, half)
     for x, hidden in ((-2.0 - 2 * pixel, True), (-2.0 + pixel, False)):
         assert shade.hidden(one([x, 30, 0], [x, -40, 0], 2.0))[0] == hidden
 
@@ -36,7 +36,7 @@ def test_shade_measures_what_shows() -> None:
 def test_what_is_behind_the_knots_draws_nothing() -> None:
     """A thin bar along the rays behind a strand, and moved out of its shadow into a dark picture."""
     strand = np.column_stack([np.full(121, 10.0), np.linspace(30, -30, 121), np.zeros(121)])
-    shade = ViewShadow(
+    shade = MountShadow(
         knots(np.concatenate([strand, strand[::-1] + [60.0, 0.0, 0.0]])), camera(), ~EMPTY
     )
     seen = 520.0 / 500.0  # from z = 0 to z = -20, from the light

@@ -14,7 +14,7 @@ from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import BASE_DOWN
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.plinth import slope_below
-from knotfab.mount.shade import ViewShadow
+from knotfab.mount.shade import MountShadow
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.struts import sites_of
@@ -122,7 +122,7 @@ def test_it_stands_as_firmly_as_it_says(island: bool) -> None:
 
 def test_struts_of_one_knot_do_not_show() -> None:
     mount = plan(False)
-    shade = ViewShadow(ONE, camera(), EMPTY)
+    shade = MountShadow(ONE, camera(), EMPTY)
     assert shade.darken(mount.struts) < 1e-4 < shade.darken(mount.posts)
 
 

@@ -17,7 +17,7 @@ from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots
-from knotfab.part.connector import DEEPER_MM, KERF_MM, Piece, cut_body
+from knotfab.part.connector import DEEPER_MM, KERF_MM, CutPiece, cut_body
 from knotfab.part.cut import CLEARANCE_MM, Cut, Line, find_cuts
 from knotfab.part.plates import APART_MM, Plates, Printable, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
@@ -66,7 +66,7 @@ def solid(mesh: Mesh) -> Manifold:
     return Manifold(Mesh64(mesh[0], mesh[1].astype(np.uint64)))
 
 
-def cut_track() -> tuple[list[Cut], list[Piece]]:
+def cut_track() -> tuple[list[Cut], list[CutPiece]]:
     points = track()
     cuts = find_cuts(line_of(points), ROOM, 0.4, "knot 1")
     return cuts, cut_body(tube(points), points, RADIUS, 0.4, cuts)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from knotfab.part.flatter import Flattening
-from knotfab.part.plates import Plate, Plates
+from knotfab.part.plates import Plates, PrintPlate
 from knotfab.report.posing import add_posing, find_access
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
@@ -40,7 +40,7 @@ def test_a_pose_that_the_mount_asks_for() -> None:
 
 
 def test_plates_and_their_pins() -> None:
-    plates = Plates([Plate([BOX], ["knot 1"], [np.eye(4)])] * 3, [2, 1], [(1.5, 4.0)] * 3, [])
+    plates = Plates([PrintPlate([BOX], ["knot 1"], [np.eye(4)])] * 3, [2, 1], [(1.5, 4.0)] * 3, [])
     found = report()
     add_posing(found, part(plates), None)
     assert found["print"]["plates"]["files"][2] == {

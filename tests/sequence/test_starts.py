@@ -22,7 +22,7 @@ from knotfab.sequence.search import FrameResult
 from knotfab.sequence.starts import (
     Attempt,
     Following,
-    Likeness,
+    PictureDifferences,
     Tie,
     Trial,
     list_attempts,
@@ -42,14 +42,14 @@ def _legs(apart: int) -> NDArray[np.bool_]:
 
 
 def test_a_frame_begins_as_the_one_before() -> None:
-    alike = Likeness([_legs(n) for n in (20, 14, 8, 2)])
+    alike = PictureDifferences([_legs(n) for n in (20, 14, 8, 2)])
     assert [alike.start_of(k, k - 1, range(k)) for k in (1, 2, 3)] == [0, 1, 2]
     # and backwards: as the one behind
     assert [alike.start_of(k, k + 1, range(k + 1, 4)) for k in (2, 1, 0)] == [3, 2, 1]
 
 
 def test_legs_that_part_again_begin_where_they_were_apart() -> None:
-    alike = Likeness([_legs(n) for n in (20, 10, 0, 10, 20)])
+    alike = PictureDifferences([_legs(n) for n in (20, 10, 0, 10, 20)])
     assert alike.start_of(3, 2, range(3)) == 1
     assert alike.start_of(4, 3, range(4)) == 0
     assert alike.same(1, 3) and not alike.same(1, 2)

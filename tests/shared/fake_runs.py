@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from PIL import Image
 
 from knotfab.scene.settings import SearchSettings
-from knotfab.tradeoff.bench import Request
+from knotfab.tradeoff.bench import WantedRun
 from knotfab.tradeoff.front import Measured
 from knotfab.tradeoff.measure import Run
 from knotfab.tradeoff.points import Point
@@ -67,12 +67,12 @@ class FakeRunner:
     seconds: float = 10.0
     most: int = 10**9
     now: float = 0.0
-    asked: list[Request] = field(default_factory=list)
+    asked: list[WantedRun] = field(default_factory=list)
 
     def clock(self) -> float:
         return self.now
 
-    def __call__(self, requests: Iterator[Request]) -> Iterator[tuple[Request, Run]]:
+    def __call__(self, requests: Iterator[WantedRun]) -> Iterator[tuple[WantedRun, Run]]:
         for request in requests:
             if len(self.asked) == self.most:
                 raise KeyboardInterrupt

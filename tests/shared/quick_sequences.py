@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
-from knotfab.sequence.chain import Chain, Frame
+from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import read_frames
 from knotfab.target.read import Target
 
@@ -32,5 +32,5 @@ def discs(folder: Path, sizes: Sequence[int]) -> tuple[Target, ...]:
     return read_frames(names)
 
 
-def in_order(chain: Chain) -> list[Frame]:
+def in_order(chain: Chain) -> list[SequenceFrame]:
     return sorted(chain.frames(), key=lambda frame: frame.number)

@@ -45,6 +45,42 @@ def test_what_is_written_is_read_to_the_last_bit(tmp_path: Path) -> None:
     assert [k.type for k in found.knots] == ["3_1", "unknot"]
 
 
+def _lay_part(folder: Path, suffix: str = "") -> tuple[Path, Knots, np.ndarray]:
+    """A part that lies turned, shifted and enlarged: knots.json, its knots, and the way to the scene."""
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn)) / 1.02  # printed larger, for it shrinks
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, [30.0, -20.0, 7.0]
+    lies = Knots((Knot(TREFOIL, "3_1"),), 1.7)
+    lies.write(folder / f"knots{suffix}.json")
+    (folder / f"scene{suffix}.toml").write_text(f"[pose]\nmatrix = {matrix.tolist()}\n")
+    return folder / f"knots{suffix}.json", lies, matrix
+
+
+@pytest.mark.parametrize("suffix", ["", "-02"])
+def test_the_knots_of_a_part_are_taken_back_to_its_scene(tmp_path: Path, suffix: str) -> None:
+    path, lies, matrix = _lay_part(tmp_path, suffix)
+    found = read_start(path)
+    there = lies.points @ matrix[:3, :3].T + matrix[:3, 3]
+    assert found.points == pytest.approx(there, abs=1e-12)
+    assert found.radius_mm == pytest.approx(1.7 / 1.02) and found.knots[0].type == "3_1"
+    if not suffix:
+        assert (read_start(tmp_path).points == found.points).all()  # the folder does as well
+
+
+@pytest.mark.parametrize(
+    "scene", [None, "", "[pose]\n", "[pose]\nmatrix = [[1, 2]]\n", "[pose]\nmatrix = 'x'\n", "[["]
+)
+def test_a_part_without_a_pose_is_no_start(tmp_path: Path, scene: str | None) -> None:
+    path, _, _ = _lay_part(tmp_path)
+    if scene is None:
+        (tmp_path / "scene.toml").unlink()
+    else:
+        (tmp_path / "scene.toml").write_text(scene)
+    with pytest.raises(InputError, match=r"as they are printed, and no scene\.toml"):
+        read_start(path)
+
+
 @pytest.mark.slow
 def test_a_search_goes_on_and_keeps_the_type(tmp_path: Path) -> None:
     problem = ask_heart()
@@ -66,7 +102,7 @@ def test_a_start_thinner_than_the_printer_prints_is_refused(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"coordinates": "print"}, "not in the scene's coordinates"),
+        ({"coordinates": "print"}, "lie as they are printed, and no start.toml"),
         ({"knots": []}, "no closed knots"),
         ({"knots": [{"closed": False, "type": "open", "points": TREFOIL.tolist()}]}, "no closed knots"),
         ({"knots": [{"closed": True, "type": "unknot", "points": [[0, 0, 0]]}]}, "no closed knots"),

@@ -25,7 +25,7 @@ from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
-from knotfab.start.tie import Room, Tied, _poses, _sites, _splice, tie
+from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, tie
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 
@@ -40,11 +40,11 @@ QUICK = PRESETS["draft"].model_copy(
 )
 
 
-def room(polygon: MultiPolygon, radius: float = 2.5, deep: float = 80.0) -> Room:
+def room(polygon: MultiPolygon, radius: float = 2.5, deep: float = 80.0) -> KnotRoom:
     def outside(points: Array) -> float:
         return float(np.abs(points[:, 2]).max()) + radius - deep
 
-    return Room(polygon, LIGHT, radius, radius + 0.2, outside)
+    return KnotRoom(polygon, LIGHT, radius, radius + 0.2, outside)
 
 
 def lift_filling(polygon: MultiPolygon, wave: float, radius: float = 2.5) -> tuple[Array, ...]:

@@ -17,7 +17,7 @@ from knotfab.geometry.tube import sweep
 from knotfab.problem import Problem, TargetView
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.tradeoff.bench import Request, run_all
+from knotfab.tradeoff.bench import WantedRun, run_all
 from knotfab.tradeoff.measure import Study, facet_error_px, outline_error_px
 from knotfab.tradeoff.points import Point
 from knotfab.tradeoff.run import JOURNAL, Tradeoff, tradeoff
@@ -125,7 +125,7 @@ def _answer(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     broken.write_text(f"#!/bin/sh\n{script}\n")
     broken.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(broken))
-    list(run_all([cast(Study, None)], 2)(iter([Request(0, QUICK)])))
+    list(run_all([cast(Study, None)], 2)(iter([WantedRun(0, QUICK)])))
 
 
 def test_a_point_whose_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from knotfab.arrays import Array
 from knotfab.scene.model import ResolvedView
 from knotfab.wire.arcs import round_corners
 from knotfab.wire.fit import FitLimits, fit_wires
-from knotfab.wire.likeness import Likeness
+from knotfab.wire.likeness import GridLikeness
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
@@ -23,8 +23,8 @@ def look(azimuth_deg: float = 0.0) -> ViewGeometry:
     return view_geometry(view, 300, 300)
 
 
-def picture_of(curve: Array, geometry: ViewGeometry) -> Likeness:
-    return Likeness.of(geometry, tube_field([curve], 1.0, geometry).mask, 1.0)
+def picture_of(curve: Array, geometry: ViewGeometry) -> GridLikeness:
+    return GridLikeness.of(geometry, tube_field([curve], 1.0, geometry).mask, 1.0)
 
 
 def bent(corners: Array) -> Array:
