@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from knotfab.sequence.written import read_knots_in_scene
 from PIL import Image, ImageChops, ImageOps
 
 from examples.measurement import run_study
 from examples.side_view import beside, side_view
+from knotfab.knots import read_start
 from knotfab.report.pictures import draw_part
-from knotfab.scene.load import load_scene
 from knotfab.sequence.gif import write_gif
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
@@ -38,8 +37,7 @@ def walk_film(folder: Path) -> list[Image.Image]:
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     knots = []
     for number in range(1, len(report["views"]) + 1):
-        scene = load_scene(folder / f"scene-{number:02d}.toml")
-        knots.append(read_knots_in_scene(folder / f"knots-{number:02d}.json", scene))
+        knots.append(read_start(folder / f"knots-{number:02d}.json").points)
     radius = float(report["settings"]["tube_radius_mm"])
     reach = 1.05 * max(float(np.linalg.norm(k, axis=1).max()) for k in knots) + radius
     found = []

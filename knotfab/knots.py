@@ -19,6 +19,7 @@ __all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]
 _FEWEST = 8  # vertices of a knot that a search goes on from
 
 
+_DIGITS = 6  # of a radius in mm that was scaled and back
 _RIGID = 1e-9  # of a scale that is none
 
 
@@ -121,22 +122,26 @@ def read_start(path: Path) -> Knots:
     Raises:
         InputError: it cannot be read, or holds no closed knots that can be taken to the scene.
     """
-    remedy = "Name the folder of a build, its knots.json, or a start.json of the studio."
-    path = path / "knots.json" if path.is_dir() else path
+    remedy = (
+        "Name the folder of a build, its knots.json (of a frame knots-NN.json), or a start.json."
+    )
     try:
+        path = path / "knots.json" if path.is_dir() else path
         raw = json.loads(path.read_text(encoding="utf-8"))
         found = _knots_from(raw)
-        if raw.get("coordinates") != "scene":  # they lie as their part is printed
-            found = found.moved(_read_pose(path))
         closed = all(k.closed for k in found.knots) and bool(found.knots)
         shapes = [k.points.ndim == 2 and k.points.shape[1] == 3 for k in found.knots]
         if not (closed and all(shapes) and all(len(k.points) >= _FEWEST for k in found.knots)):
             raise ValueError("it holds no closed knots")
+        if raw.get("coordinates") != "scene":  # they lie as their part is printed
+            found = found.moved(_read_pose(path))
+            # a printer's thinnest tube stays that when it was enlarged and is not any more
+            found = Knots(found.knots, round(found.radius_mm, _DIGITS))
         if not (np.isfinite(found.points).all() and 0 < found.radius_mm < np.inf):
             raise ValueError("a number in it is not finite")
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", remedy) from error
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:
         why = str(error) if type(error) is ValueError else "it is no file of knots"
         raise InputError(str(path), why, remedy) from error
     return found
@@ -153,7 +158,7 @@ def _read_pose(path: Path) -> NDArray[np.float64]:
         matrix = np.array(
             tomllib.loads(beside.read_text(encoding="utf-8"))["pose"]["matrix"], dtype=np.float64
         )
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Array, Mask
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
@@ -69,7 +70,7 @@ def _resample(at: Array, radius: Array) -> tuple[Array, Array]:
     """Points (n, 2) along a closed line, two thirds of a dot apart, and their radii."""
     rows = np.column_stack([at, radius])
     rows = np.concatenate([rows, rows[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1))])
+    along = arc_lengths(at)
     wanted = np.arange(0.0, along[-1], 2 / 3) if along[-1] else np.zeros(1)
     x, y, wide = (np.interp(wanted, along, column) for column in rows.T)
     return np.column_stack([x, y]), wide

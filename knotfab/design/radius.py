@@ -156,7 +156,7 @@ def choose_radius(
     found: dict[float, float] = {}
     if trials.one_view:
         _require_picture(question, scores)
-        if budget is not None:
+        if budget is not None and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
         well = max(scores.values()) - give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too

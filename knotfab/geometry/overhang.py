@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from knotfab.arrays import Array, Indices
 from knotfab.compiled import compiled
+from knotfab.geometry.sampling import arc_lengths
 
 __all__ = [
     "EDGES",
@@ -105,9 +106,7 @@ def strands_along(
     """
     closed = [True] * len(curves) if closed is None else closed
     whole = [np.vstack([c, c[:1]]) if shut else c for c, shut in zip(curves, closed, strict=True)]
-    arcs = [
-        np.concatenate([[0.0], np.linalg.norm(np.diff(c, axis=0), axis=1).cumsum()]) for c in whole
-    ]
+    arcs = [arc_lengths(curve, closed=False) for curve in whole]
     pitch = max(FINEST_RADII * radius, sum(float(arc[-1]) for arc in arcs) / most)
     ends, counts = [], []
     for curve, arc in zip(whole, arcs, strict=True):

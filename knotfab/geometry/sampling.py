@@ -11,9 +11,10 @@ from knotfab.arrays import Array, Indices
 __all__ = ["arc_lengths", "number_runs", "pair_nearby", "sample_evenly"]
 
 
-def arc_lengths(points: Array) -> Array:
-    """(n + 1,) arc length at each vertex of a closed polyline (n, k), the whole length last."""
-    edges = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
+def arc_lengths(points: Array, *, closed: bool = True) -> Array:
+    """(n + 1,) arc length at each vertex of a polyline (n, k), the whole length last; (n,) of an open one."""
+    steps = np.diff(points, axis=0, append=points[:1]) if closed else np.diff(points, axis=0)
+    edges = np.linalg.norm(steps, axis=1)
     return np.concatenate([[0.0], np.cumsum(edges)])
 
 

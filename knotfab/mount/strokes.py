@@ -9,6 +9,7 @@ import numpy as np
 
 from knotfab.arrays import Array
 from knotfab.drawing.dimensions import length
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.scene.model import View
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def draw_lamp(axes: Axes, at: Array, across: float) -> None:
 def hatch(axes: Axes, wall: Array) -> None:
     """Short strokes behind the wall's line (n, 2)."""
     steps = np.diff(wall, axis=0)
-    ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    ends = arc_lengths(wall, closed=False)
     for s in np.arange(1.5, ends[-1], 2.5):
         k = int(np.searchsorted(ends, s)) - 1
         unit = steps[k] / (ends[k + 1] - ends[k])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
 from knotfab.sequence.gif import write_shadows_gif
-from knotfab.sequence.kept import keep_for
+from knotfab.sequence.kept import KeptFrames, keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
 from knotfab.sequence.report import Ring, check_closing, check_motion, check_ring, sequence_report
 from knotfab.sequence.require import require_sequence
@@ -73,6 +74,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         jobs = min(len(targets), max(1, count_jobs() // 2))
         mounted = request.is_mounted(knots)
         with (
+            _tell_kept(kept, len(targets)),
             keep_modeller(mounted),
             Verifier(request.skipped, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
@@ -86,14 +88,8 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
                 work = folder, request, verifier, slicer, progress
                 return write_piece(frame.made, [target], *work, frame_suffix(target))
 
-            try:
-                for frame in chain.frames():
-                    found[frame.number] = frame, write(frame)
-            except KeyboardInterrupt:
-                searched = (
-                    f"{len(kept)} of {len(targets)} frames are searched, and kept for this call"
-                )
-                raise KeyboardInterrupt(searched) from None
+            for frame in chain.frames():
+                found[frame.number] = frame, write(frame)
             for number, (frame, piece) in found.items():
                 with progress.stage("verify"):
                     _ = piece.verdict
@@ -122,6 +118,18 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         outcome = finish_build(folder, request, report, "a sequence", pieces, progress)
         kept.discard()
         return outcome
+
+
+@contextmanager
+def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
+    """Say of an interrupt what a next call goes on from."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if len(kept) == 0:
+            raise
+        said = f"{len(kept)} of {count} frames are searched, and kept for the same call"
+        raise KeyboardInterrupt(said) from None
 
 
 def _fails(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:

@@ -21,6 +21,7 @@ from shapely import MultiPoint, MultiPolygon
 
 from knotfab.arrays import Array, Mask
 from knotfab.errors import SceneError
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.scene.knot_names import Factor, load_knot
 from knotfab.start.depth import lower
 
@@ -330,7 +331,7 @@ def _round_corners(corners: Array, step: float) -> Array:
         r = 0.25 * line[:-1] + 0.75 * line[1:]
         inner = np.stack([q, r], axis=1).reshape(-1, 3)
         line = np.concatenate([line[:1], inner[1:-1], line[-1:]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    arc = arc_lengths(line, closed=False)
     count = max(4, round(arc[-1] / step))
     at = np.linspace(0.0, arc[-1], count + 1)
     return np.stack([np.interp(at, arc, line[:, k]) for k in range(3)], axis=1)

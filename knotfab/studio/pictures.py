@@ -49,8 +49,9 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         image, _ = raster.decode(svg.render_svg(data, what), what)
         suffix = ".svg"
     else:
-        _check_pixels(data, what)
-        image, kind = raster.decode(data, what)
+        if raster.looks_like_raster(data):
+            _check_pixels(data, what)
+        image, kind = raster.decode(data, what)  # says what it is not
         suffix = raster.SUFFIXES[kind][0]
     path = _keep(data, name_picture(what), suffix, folder)
     return StudioPicture(path.stem, str(path), image.width, image.height, _show(image))

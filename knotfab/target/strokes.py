@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab.arrays import Array, Mask
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.target.masks import fill_holes
 from knotfab.target.silhouette import resample_mask
 
@@ -201,8 +202,7 @@ def _smooth(points: Line, closed: bool) -> Line:
     """Evenly sampled and smoothed; the ends stay, but for a ring's."""
     from scipy.ndimage import gaussian_filter1d
 
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    arc = arc_lengths(points, closed=False)
     count = max(3, round(arc[-1]) + 1)
     at = np.linspace(0.0, arc[-1], count)
     even = np.stack([np.interp(at, arc, c) for c in points.T], axis=1)

@@ -47,8 +47,13 @@ def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
                 getattr(less, key) <= getattr(own, key)
                 for key in ("coarse_px", "depth_candidates", "radius_candidates", "mesh_sides")
             )
-            assert less.radius_give >= own.radius_give
     assert spare(PRESETS["fine"], 100.0) == PRESETS["fine"]
+    for seconds, like in ((0.1, "sketch"), (4.0, "draft"), (100.0, "standard")):
+        less = spare(PRESETS["standard"], seconds)
+        assert less.radius_give == PRESETS[like].radius_give
+        assert less.settle_edge_radii == PRESETS[like].settle_edge_radii
+        assert spare(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.0
+    assert spare(PRESETS["sketch"], 4.0) == PRESETS["sketch"]  # never a thinner tube either
 
 
 def test_what_follows_the_search_is_kept_back() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from knotfab.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.survey import survey
+from knotfab.knots import Knot, Knots
 from knotfab.scene.model import Mount, ResolvedView
 
 
@@ -32,5 +33,5 @@ def design_under(world: World, points: Array) -> Any:
         result=SimpleNamespace(effects=effects),
         settings=SimpleNamespace(tolerance_px=0.25, mesh_sides=24),
         scene=scene,
-        knots=SimpleNamespace(points=points, radius_mm=2.0, knots=[SimpleNamespace(points=points)]),
+        knots=Knots((Knot(points),), 2.0),
     )

@@ -63,7 +63,7 @@ def test_the_knots_of_a_part_are_taken_back_to_its_scene(tmp_path: Path, suffix:
     found = read_start(path)
     there = lies.points @ matrix[:3, :3].T + matrix[:3, 3]
     assert found.points == pytest.approx(there, abs=1e-12)
-    assert found.radius_mm == pytest.approx(1.7 / 1.02) and found.knots[0].type == "3_1"
+    assert found.radius_mm == round(1.7 / 1.02, 6) and found.knots[0].type == "3_1"
     if not suffix:
         assert (read_start(tmp_path).points == found.points).all()  # the folder does as well
 
@@ -79,6 +79,31 @@ def test_a_part_without_a_pose_is_no_start(tmp_path: Path, scene: str | None) ->
         (tmp_path / "scene.toml").write_text(scene)
     with pytest.raises(InputError, match=r"as they are printed, and no scene\.toml"):
         read_start(path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"knots": [{"closed": True, "type": "unknot", "points": []}]}, "no closed knots"),
+        ({"knots": [{"closed": True, "type": "unknot", "points": [[0, 0]] * 9}]}, "no closed knots"),
+        ({"radius_mm": 10**400}, "no file of knots"),
+    ],
+)  # fmt: skip
+def test_a_damaged_part_is_told_before_it_is_moved(
+    tmp_path: Path, changed: dict[str, Any], why: str
+) -> None:
+    path, _, _ = _lay_part(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changed}))
+    with pytest.raises(InputError, match=why):
+        read_start(path)
+
+
+def test_the_thinnest_tube_stays_no_thinner(tmp_path: Path) -> None:
+    path, lies, matrix = _lay_part(tmp_path)
+    for shrunk in np.random.default_rng(4).uniform(0.95, 1.0, 50):
+        scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
+        Knots(lies.knots, 0.8 / scale * (1 + 1e-15 * shrunk)).write(path)
+        assert read_start(path).radius_mm == 0.8
 
 
 @pytest.mark.slow
