@@ -12,6 +12,7 @@ SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 
 def test_arc_lengths_close_the_curve() -> None:
     assert arc_lengths(SQUARE).tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
+    assert arc_lengths(SQUARE, closed=False).tolist() == [0.0, 4.0, 8.0, 12.0]
 
 
 @pytest.mark.parametrize(

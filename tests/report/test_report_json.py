@@ -150,6 +150,17 @@ def test_limits_stand_apart_and_for_earlier_readers_among_the_effects() -> None:
     assert "penumbra" in one and "clearance" not in one and "clearance" in two
 
 
+def test_settings_are_a_row_each_however_deep() -> None:
+    report = assemble(**sample())
+    report["settings"]["tube_radius"] = {
+        "trials": [{"radius_mm": 1.5, "start_iou": None}, {"radius_mm": 2.0, "start_iou": 0.97}]
+    }
+    table = render_html(report).split('<table class="settings">')[1].split("</table>")[0]
+    assert "{" not in table and "None" not in table
+    rows = ("trials.1.radius_mm</td><td>1.5<", "trials.2.start_iou</td><td>0.97<")
+    assert all(f"tube_radius.{row}" in table for row in rows)
+
+
 def test_what_is_not_required_warns_and_does_not_fail() -> None:
     data = sample()
     data["checks"] = [check("closing", "fail", required=False), check("shadow", "fail")]

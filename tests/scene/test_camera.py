@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import Camera, camera_of, cameras_of
 from knotfab.scene.model import ResolvedView
 
 
@@ -147,3 +149,36 @@ def test_a_light_as_far_as_the_sun_casts_parallel_rays() -> None:
     seen = camera(light_distance_mm=1e7).project(points)
     parallel = np.column_stack([points[:, 0], -points[:, 1]]) * 400 / 180 + [199.5, 99.5]
     assert np.abs(seen - parallel).max() < 0.008 * 400 / 1024
+
+
+TURNED = {"azimuth_deg": 30.0, "elevation_deg": 20.0, "wall_tilt_deg": 15.0, "frame_up_mm": 12.0}
+
+
+@pytest.mark.parametrize("keys", [{}, TURNED])
+def test_a_shadow_lies_on_the_wall_where_its_point_is_seen(keys: dict[str, float]) -> None:
+    cam = camera(**keys)
+    points = np.random.default_rng(2).uniform(-40, 40, (50, 3))
+    feet = cam.cast(points)
+    assert feet @ cam.receiver[:3] + cam.receiver[3] == pytest.approx(np.zeros(50), abs=1e-9)
+    assert cam.project(feet) == pytest.approx(cam.project(points), abs=1e-9)
+    away = points - cam.eye  # and on the ray through the point, behind it
+    assert np.cross(away, feet - cam.eye) == pytest.approx(np.zeros((50, 3)), abs=1e-6)
+    assert (((feet - points) * away).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("keys", [{}, TURNED])
+def test_shadows_are_larger_by_what_their_feet_move(keys: dict[str, float]) -> None:
+    cam = camera(**keys)
+    points = np.random.default_rng(3).uniform(-40, 40, (50, 3))
+    across = 1e-3 * cam.du / np.linalg.norm(cam.du)  # along the wall
+    moved = np.linalg.norm(cam.cast(points + across) - cam.cast(points), axis=1) / 1e-3
+    assert cam.magnify(points) == pytest.approx(moved, rel=1e-6)
+    assert (cam.magnify(points) > 1).all()
+
+
+def test_each_view_has_the_pixels_of_its_picture() -> None:
+    sizes = [SimpleNamespace(width=40, height=20), SimpleNamespace(width=30, height=60)]
+    found = cameras_of([view(), view(azimuth_deg=90.0)], sizes)
+    assert [(c.width, c.height) for c in found] == [(40, 20), (30, 60)]
+    with pytest.raises(ValueError, match="longer"):
+        cameras_of([view()], sizes)

@@ -40,6 +40,7 @@ REFUSED = {
     "[[views]]\nwall_tilt_rad = 0.5": ("knotfab takes degrees: wall_tilt_deg = 28.6478",),
     "[[views]]\nlight_distance_cm = 'far'": ("knotfab takes millimetres: light_distance_mm.",),
     "[[views]]\nlight_distance = 50": ("Did you mean 'light_distance_mm'?",),
+    "[[views]]\nlamp_distance_mm = 50": ("Did you mean 'light_distance_mm'?",),
     "[piece]\nclearence_mm = 1": ("[piece]", "'clearence_mm'", "Did you mean 'clearance_mm'?"),
     "[[views]]\n[[views]]\nname = 'b'\nfoo = 1": ("[[views]] number 2", "'foo'", "Its keys are"),
     "[printers]": ("the top level", "Did you mean 'printer'?"),
