@@ -83,6 +83,8 @@ def radius_for_all(
     given = question.scene.piece.tube_radius_mm
     if not isinstance(given, str):
         return given, None
+    if "radius_give" not in question.scene.search:  # what this frame can spare another may need
+        settings = settings.model_copy(update={"radius_give": 0.0})
     choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
     wanted = question.opening(radius) - _GIVE

@@ -9,7 +9,11 @@ import pytest
 from PIL import Image, ImageDraw
 from quick_sequences import QUICK, discs, in_order
 
+from knotfab.design.question import Question, ask
+from knotfab.design.radius import RadiusChoice
 from knotfab.scene.model import Material, Piece, Scene, Sequence
+from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab.sequence import chain
 from knotfab.sequence.chain import Chain, list_ties, pick_first
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.starts import Tie
@@ -40,6 +44,23 @@ def test_the_scene_says_whether_the_frames_are_bound_to_close(tmp_path: Path) ->
     targets = discs(tmp_path, (40, 36))
     for loop in (True, False):
         assert Chain(Scene(sequence=Sequence(loop=loop)), targets)._closing is loop
+
+
+@pytest.mark.parametrize(("search", "given"), [({}, 0.0), ({"radius_give": 0.02}, 0.02)])
+def test_frames_get_no_thicker_tube_than_they_draw_well_unless_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, search: dict[str, float], given: float
+) -> None:
+    """What one frame could spare another may need: letters that turn into each other lost theirs."""
+    seen: list[float] = []
+
+    def choose(question: Question, settings: SearchSettings, knots: int) -> RadiusChoice:
+        seen.append(settings.radius_give)
+        return RadiusChoice(2.0, ())
+
+    monkeypatch.setattr(chain, "choose_radius", choose)
+    question = ask(Scene(search=search), discs(tmp_path, (40, 36))[:1])
+    settings = PRESETS["draft"].model_copy(update=search)
+    assert chain.radius_for_all(question, (), settings)[0] == 2.0 and seen == [given]
 
 
 @pytest.mark.slow
