@@ -66,6 +66,7 @@ def build(
     """
     from knotfab.options import options_from
     from knotfab.prepare import prepare_build
+    from knotfab.verify.verifier import load_early
 
     sources = [pictures] if isinstance(pictures, str | Path) else list(pictures)
     given = options_from({**options, "out": out})
@@ -74,10 +75,11 @@ def build(
         f"knotfab.build({', '.join([repr([str(s) for s in sources]), repr(str(out)), *words])})"
     )
     progress = Progress("quiet")
-    request = prepare_build([str(s) for s in sources], given, command, progress)
-    from knotfab.pipeline import run_build
+    with load_early(given.skip):
+        request = prepare_build([str(s) for s in sources], given, command, progress)
+        from knotfab.pipeline import run_build
 
-    return run_build(request, progress)
+        return run_build(request, progress)
 
 
 def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> Target:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+from numba.core.runtime.nrt import rtsys
 
 __all__ = ["compiled", "count_loops"]
 
@@ -27,24 +28,34 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # no place for the cache
         loop = numba.njit(nogil=True, error_model="numpy")(function)
-    _save_if_possible(loop)
+    _keep_lightly(loop)
     _LOOPS.append(loop)
     return loop
 
 
-def _save_if_possible(loop: Any) -> None:
-    """A disk that is full keeps nobody from running what is compiled already; numba's own cache raises."""
-    # none where NUMBA_DISABLE_JIT leaves the function as it is
-    cache = getattr(loop, "_cache", None)
-    if cache is None:
+def _keep_lightly(loop: Any) -> None:
+    """Load what is kept without what only compiling needs, and let a full disk keep nobody from running.
+
+    Numba's own cache first loads the tables of all that it can compile, a fifth of a second; its compiler
+    loads them itself where it is called. Machine code that is ready needs the runtime alone.
+    """
+    # none where NUMBA_DISABLE_JIT leaves the function as it is, or where there is no place for it
+    cache: Any = getattr(loop, "_cache", None)
+    if not hasattr(cache, "_load_overload"):
         return
-    save = cache.save_overload
+    load, save = cache._load_overload, cache.save_overload
+
+    def load_alone(signature: Any, target: Any) -> Any:
+        rtsys.initialize(target)
+        with contextlib.suppress(OSError):
+            return load(signature, target)
+        return None  # it is compiled anew
 
     def try_to_save(*overload: Any) -> None:
         with contextlib.suppress(OSError):
             save(*overload)
 
-    cache.save_overload = try_to_save
+    cache.load_overload, cache.save_overload = load_alone, try_to_save
 
 
 def count_loops() -> tuple[int, int, str]:

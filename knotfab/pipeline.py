@@ -57,6 +57,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             # only now: the search is loaded while the validators load what they need
             from knotfab.design.design import design_knots
             from knotfab.piece import finish_build, report_piece, write_piece
+            from knotfab.report.report_html import load_template
             from knotfab.slicer.profile import write_profile
             from knotfab.slicer.run import SlicerQueue
 
@@ -69,8 +70,9 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
                         write_profile(folder.work, made.scene)
                     piece = write_piece(made, targets, folder, request, verifier, slicer, progress)
                 if piece.part is not None:
-                    with progress.stage("verify"):
+                    with progress.stage("verify"):  # while the validators measure
                         _draw(piece.part, piece.scene, folder.file("part.png"))
+                        load_template()
                 report = report_piece(piece, folder, request, progress)
         title = " and ".join(target.name for target in targets)
         return finish_build(folder, request, report, title, [piece], progress)

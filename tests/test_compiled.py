@@ -6,6 +6,8 @@ import ast
 import errno
 import importlib
 import pkgutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -70,3 +72,49 @@ def test_a_full_disk_keeps_no_loop_from_running(
     monkeypatch.setattr(module, "_LOOPS", [], raising=False)
     assert module.compiled(double)(1.5) == 3.0
     assert tried
+
+
+_IN_A_PROCESS_OF_ITS_OWN = """
+import sys
+import numpy as np
+from numba.core.registry import cpu_target
+from {package}.compiled import compiled
+sys.path.insert(0, {folder!r})
+import kept_loops
+loops = [compiled(f) for f in (kept_loops.total, kept_loops.rows)]
+assert loops[0](np.arange(4.0)) == 6.0
+assert (loops[1](np.arange(4), 2) == np.array([[0, 1], [2, 3]])).all()
+print(sum(sum(loop.stats.cache_hits.values()) for loop in loops), len(cpu_target.target_context._defns))
+assert loops[0](np.arange(4)) == 6  # of integers: compiled now, after others were only loaded
+"""
+_LOOPS_IN_A_FILE = """
+import math
+import numpy as np
+def total(numbers):
+    found = 0.0
+    for number in numbers:
+        found += math.fabs(number)
+    return found
+def rows(numbers, width):
+    return np.stack((numbers[:width], numbers[width:])) + np.zeros(1, np.int64)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package", ["knotfab", "knotfab_validators"])
+def test_what_is_kept_runs_without_the_tables_that_compiling_needs(
+    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of functions whose code allocates, calls C and raises; and more can still be compiled afterwards."""
+    (tmp_path / "kept_loops.py").write_text(_LOOPS_IN_A_FILE, "utf-8")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
+    code = _IN_A_PROCESS_OF_ITS_OWN.format(package=package, folder=str(tmp_path))
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    (compiled_hits, compiled_tables), (kept_hits, kept_tables) = said
+    assert (compiled_hits, kept_hits) == ("0", "2")
+    assert int(kept_tables) < int(compiled_tables) / 10

@@ -1,8 +1,8 @@
 """Build the project's own pictures with default settings and print what they reach.
 
-`python -m examples.studies.accuracy_table [--flat] [--skip-slicer] [--out DIR] [NAME ...]`: IoU, radius,
-depth, legibility (with --flat also that of each picture's own flat build), violations, seconds and peak
-memory of whole builds.
+`python -m examples.studies.accuracy_table [--accuracy NAME] [--unprinted] [--flat] [--skip-slicer]
+[--out DIR] [NAME ...]`: IoU, radius, depth, legibility (with --flat also that of each picture's own flat
+build), violations, seconds and peak memory of whole builds, with --print unless they are `--unprinted`.
 """
 
 from __future__ import annotations
@@ -15,18 +15,23 @@ from examples.pictures import pictures
 
 
 def main(
-    *names: str, flat: bool = False, skip_slicer: bool = False, out: Path | None = None
+    *names: str,
+    accuracy: str = "standard",
+    unprinted: bool = False,
+    flat: bool = False,
+    skip_slicer: bool = False,
+    out: Path | None = None,
 ) -> None:
     """Print the table and its summary."""
     folder = make_folder(out, "table")
-    skipped = ["--skip", "slicer"] if skip_slicer else []
+    given = ["--accuracy", accuracy, *(["--skip", "slicer"] if skip_slicer else [])]
     rows: list[dict[str, float]] = []
     print(
         f"{'picture':<10} code    IoU  r/width%  depth  leg30  leg45  flat45   bend  turns  failed  "
         "seconds  peak MB"
     )
     for name, path in save_pictures(pictures(), folder, names).items():
-        built = build_apart(path, folder / name, *skipped)
+        built = build_apart(path, folder / name, *given, printing=not unprinted)
         report = built.report
         if report is None:
             print(f"{name:<10} {built.code:>4}  {built.said}", flush=True)
@@ -40,7 +45,10 @@ def main(
         length = sum(k["length_mm"] for k in knots)
         plain = None
         if flat:
-            other = build_apart(path, folder / f"{name}-flat", "--depth", "flat", *skipped).report
+            level = build_apart(
+                path, folder / f"{name}-flat", "--depth", "flat", *given, printing=not unprinted
+            )
+            other = level.report
             plain = other["views"][0]["legibility"]["45"] if other else None
         row = {
             "iou": view["iou_tube"],

@@ -84,6 +84,15 @@ def build(
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
+    from knotfab.verify.verifier import load_early
+
+    with load_early(options.skip):
+        return _build(pictures, options, open_, watch, events)
+
+
+def _build(
+    pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
+) -> int:
     from knotfab.cli.options import open_events, open_page
     from knotfab.cli.terminal_shadow import draw_shadow
     from knotfab.prepare import prepare_build

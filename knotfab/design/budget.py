@@ -20,7 +20,7 @@ _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
-_MORE = ("settle_edge_radii", "radius_give")
+_MORE = ("settle_edge_radii", "radius_give", "outline_px")
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:

@@ -325,7 +325,7 @@ def _knots_asked(scene: Scene) -> int | None:
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """The settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
-    limit_px = question.scene.accuracy.max_outline_error_px
+    limit_px = _outline_px(question.scene, settings)
     allowed = []
     for view in question.views:
         light = view.light_distance_mm
@@ -336,6 +336,12 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
         largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
         allowed.append(limit_px * view.pixel_mm / largest)
     return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))
+
+
+def _outline_px(scene: Scene, settings: SearchSettings) -> float:
+    """How far the file's shadow may be off the exact tube's: the scene's word, or else the accuracy's."""
+    asked = scene.accuracy.max_outline_error_px
+    return settings.outline_px if isinstance(asked, str) else asked
 
 
 def _resolve(
@@ -360,7 +366,13 @@ def _resolve(
         "material": ResolvedMaterial(
             **{**scene.material.model_dump(exclude_unset=True), "min_bend_radius_mm": bend}
         ),
-        "accuracy": ResolvedAccuracy(**{**scene.accuracy.model_dump(), "iou_floor": floor}),
+        "accuracy": ResolvedAccuracy(
+            **{
+                **scene.accuracy.model_dump(),
+                "iou_floor": floor,
+                "max_outline_error_px": _outline_px(scene, settings),
+            }
+        ),
         "search": settings.model_dump(),
     }
     kept = {

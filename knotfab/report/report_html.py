@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import ceil, floor, isfinite, log10
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from PIL import Image
 
@@ -20,6 +21,7 @@ __all__ = [
     "VIEWER",
     "Picture",
     "encode_for_script",
+    "load_template",
     "make_environment",
     "render_html",
     "write_report_html",
@@ -67,7 +69,7 @@ class Picture:
         """The file as a data URI; a large one as WebP, so that the page stays small."""
         data = self.path.read_bytes()
         if len(data) > _LARGE_BYTES:
-            return image_uri(Image.open(self.path), "webp", quality=_QUALITY)
+            return image_uri(Image.open(self.path), "webp", quality=_QUALITY, method=2)
         return data_uri(data, MEDIA[self.path.suffix.lower()])
 
 
@@ -80,6 +82,22 @@ def make_environment(folder: Path) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+@cache
+def load_template() -> Template:
+    """The page's template, compiled; a build does so while its part is verified."""
+    environment = make_environment(Path(__file__).parent)
+    environment.filters |= {
+        "number": _number,
+        "fixed": _format_fixed,
+        "percent": _percent,
+        "duration": _duration,
+        "share": _share,
+        "flat": _flat,
+        "mark": mark_of,
+    }
+    return environment.get_template(TEMPLATE)
 
 
 def render_html(
@@ -101,16 +119,8 @@ def render_html(
         drawings: how to set the piece up, data URIs, two at most.
         files: beside the page, each with what it is for.
     """
-    environment = make_environment(Path(__file__).parent)
-    environment.filters["number"] = _number
-    environment.filters["fixed"] = _format_fixed
-    environment.filters["percent"] = _percent
-    environment.filters["duration"] = _duration
-    environment.filters["share"] = _share
-    environment.filters["flat"] = _flat
-    environment.filters["mark"] = mark_of
     script = VIEWER.read_text(encoding="utf-8") if shown is not None else ""
-    return environment.get_template(TEMPLATE).render(
+    return load_template().render(
         report=report,
         pictures=pictures,
         title=title,

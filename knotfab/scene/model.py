@@ -244,7 +244,7 @@ class Accuracy(_Table):
 
     name: Literal["sketch", "draft", "standard", "fine"] = "standard"
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
-    max_outline_error_px: Positive = 0.5
+    max_outline_error_px: Positive | Literal["auto"] = "auto"  # auto: the accuracy's `outline_px`
     accept: tuple[Literal["unrecognisable"], ...] = ()  # kept, though it would be rejected
 
 
@@ -391,9 +391,10 @@ class ResolvedView(View):
 
 
 class ResolvedAccuracy(Accuracy):
-    """What the verified part must reach, as a number."""
+    """What the verified part must reach, as numbers."""
 
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)]
+    max_outline_error_px: Positive = 0.5
 
 
 class ResolvedScene(Scene):

@@ -84,7 +84,12 @@ KNOBS = (
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
     Knob("thicker tube", "{:g} given", ("radius_give",), (0.03, 0.012)),
     Knob("effect tolerance", "effects {:g} px", ("tolerance_px",), (1.0, 0.1)),
-    Knob("mesh facets", "{:g} sides", ("mesh_sides",), (12, 48)),
+    Knob(
+        "mesh",
+        "outline within {:g} px, {:g} sides",
+        ("outline_px", "mesh_sides"),
+        ((1.0, 12), (0.25, 48)),
+    ),
     Knob("grace", "grace {:g}", ("grace",), (0.05, 0.0), alike=True),
     Knob(
         "search",

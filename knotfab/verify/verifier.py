@@ -5,8 +5,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,15 @@ from knotfab.errors import InputError, MachineError
 from knotfab.pool import Crash, Workers, count_jobs
 from knotfab.verify.checks import place_of
 
-__all__ = ["Answer", "Files", "Verifier", "borrow", "explain_unreadable", "stand_by"]
+__all__ = [
+    "Answer",
+    "Files",
+    "Verifier",
+    "borrow",
+    "explain_unreadable",
+    "load_early",
+    "stand_by",
+]
 
 NO_GRAPHICS = "--no-graphics"
 # -P: modules come from the installation, never from the folder one happens to be in
@@ -61,8 +70,7 @@ class Verifier:
 
     def __init__(self, skip: Collection[str] = (), shadows: bool = True, jobs: int = 1) -> None:
         self._skip, self._jobs = frozenset(skip), jobs
-        rendered = shadows and "shadow-render" not in self._skip
-        self._command = _COMMAND if rendered else [*_COMMAND, NO_GRAPHICS]
+        self._command = _command(self._skip, shadows)
 
     def __enter__(self) -> Verifier:
         self._workers = Workers(self._command, self._jobs, lent=_lent)
@@ -100,10 +108,32 @@ def stand_by() -> Workers:
     return Workers([*_COMMAND, NO_GRAPHICS])  # those come when a shadow is to be rendered
 
 
-def borrow(validators: subprocess.Popen[str]) -> None:
-    """Ask these, which are the parent's, instead of starting own ones."""
+@contextmanager
+def load_early(skip: Collection[str] = ()) -> Iterator[None]:
+    """Validators for the build of a call that is still to be read: they load meanwhile.
+
+    Those that a parent has lent load nothing any more, and serve.
+    """
+    if _lent is not None:
+        yield
+        return
+    with Workers(_command(skip)) as workers:
+        borrow(workers.lend())
+        try:
+            yield
+        finally:
+            borrow(None)
+
+
+def borrow(validators: subprocess.Popen[str] | None) -> None:
+    """Ask these, which are somebody else's to end, instead of starting own ones."""
     global _lent
     _lent = validators
+
+
+def _command(skip: Collection[str], shadows: bool = True) -> list[str]:
+    rendered = shadows and "shadow-render" not in skip
+    return _COMMAND if rendered else [*_COMMAND, NO_GRAPHICS]
 
 
 def _crashed(crash: Crash) -> MachineError:

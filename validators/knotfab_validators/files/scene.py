@@ -284,7 +284,7 @@ def parse_scene(
         accuracy=Accuracy(
             name=accuracy.word("name", "standard"),
             iou_floor=accuracy.open_number("iou_floor", 0.96, least=0),
-            max_outline_error_px=accuracy.number("max_outline_error_px", 0.5, above=0),
+            max_outline_error_px=accuracy.open_number("max_outline_error_px", 0.5, above=0) or 0.5,
             accept=accuracy.words("accept", ("unrecognisable",)),
         ),
         mount=_mount(data.get("mount", {}), f"{name}: [mount]"),

@@ -34,7 +34,7 @@ def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingF
         frame.pad_y : frame.pad_y + frame.height, frame.pad_x : frame.pad_x + frame.width
     ]
     grey = np.rint(255.0 * (1.0 - inside)).astype(np.uint8)
-    Image.fromarray(grey).save(path, optimize=True)
+    Image.fromarray(grey).save(path)
 
 
 def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -> None:
@@ -58,7 +58,7 @@ def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -
     for i, panel in enumerate(panels):
         small = Image.fromarray(panel).resize((width, height), Image.Resampling.BOX)
         sheet.paste(small, (GAP_PX + i * (width + GAP_PX), GAP_PX))
-    sheet.save(path, optimize=True)
+    sheet.save(path)
 
 
 def _crop_window(drawn: Mask, frame: WorkingFrame) -> tuple[slice, slice]:
