@@ -17,7 +17,7 @@ from typing import Literal
 
 from knotfab.pool import count_cores, measure_memory_gb
 
-__all__ = ["Finding", "compile_loops", "examine"]
+__all__ = ["Finding", "compile_loops", "examine", "run_loops"]
 
 Status = Literal["ok", "missing", "warning"]
 
@@ -98,29 +98,34 @@ def examine() -> list[Finding]:
     ]
 
 
-def compile_loops() -> Finding:
-    """Run every compiled loop once, in a search of a few steps: what it compiles is kept for all builds.
-
-    The validators have loops of their own, which they run before they answer.
-    """
+def run_loops() -> None:
+    """Run every compiled loop, in the sketch of a bar: this process has them loaded then."""
     import numpy as np
 
-    from knotfab.compiled import count_loops
     from knotfab.design.design import design_knots
-    from knotfab.errors import MachineError
     from knotfab.report.shading import draw_faces
     from knotfab.scene.model import Accuracy, Scene
     from knotfab.target.read import read_target
+
+    few = {"depth_candidates": 4, "radius_candidates": 2}
+    scene = Scene(accuracy=Accuracy(name="sketch"), search=few)
+    design_knots(scene, [read_target("text:▬")])  # a bar: little to fill
+    draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
+
+
+def compile_loops() -> Finding:
+    """Run every compiled loop: what it compiles is kept for all builds.
+
+    The validators have loops of their own, which they run before they answer.
+    """
+    from knotfab.compiled import count_loops
+    from knotfab.errors import MachineError
     from knotfab.verify.verifier import Files, Verifier
 
     begun = time.perf_counter()
-    few = ("coarse", "fine", "settle", "network")
-    least = {f"{phase}_iterations": 2 for phase in few}
-    tiny = {**least, "coarse_px": 64, "fine_px": 64, "depth_candidates": 4, "radius_candidates": 2}
     with Verifier({"shadow-render"}, shadows=False) as verifier:
         validators = verifier.submit(Files(None))
-        design_knots(Scene(accuracy=Accuracy(name="draft"), search=tiny), [read_target("text:♥")])
-        draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
+        run_loops()
         failed = None
         try:
             validators.result()

@@ -8,17 +8,16 @@ import json
 import sys
 import time
 
+from knotfab.doctor import run_loops
+from knotfab.report.report_html import load_template
+
 
 def load() -> None:
-    """Load what every build needs, to the drawing of its part."""
-    for name in (
-        "knotfab.pipeline",
-        "knotfab.piece",
-        "knotfab.preview.survey",
-        "knotfab.report.shading",
-        "trimesh",
-    ):
+    """Load what every build needs, to the page of its report."""
+    for name in ("knotfab.pipeline", "knotfab.piece", "knotfab.preview.survey", "trimesh"):
         importlib.import_module(name)
+    run_loops()
+    load_template()
 
 
 def wait_for_call() -> None:
