@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
-from knotfab.design.fineness import fine_enough
+from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.design.free_view import place_start, start_pose
 from knotfab.design.hull import HullBound
 from knotfab.design.knobs import better, start_without_knobs
@@ -325,7 +325,7 @@ def _knots_asked(scene: Scene) -> int | None:
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """The settings with facets and vertices fine enough for the outline's limit in every view."""
     problem: Problem = question.problem
-    limit_px = _outline_px(question.scene, settings)
+    limit_px = outline_px(question.scene, settings)
     allowed = []
     for view in question.views:
         light = view.light_distance_mm
@@ -336,12 +336,6 @@ def refine_settings(question: Question, settings: SearchSettings, radius: float)
         largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
         allowed.append(limit_px * view.pixel_mm / largest)
     return fine_enough(settings, radius, problem.limits(radius).bend_radius, min(allowed))
-
-
-def _outline_px(scene: Scene, settings: SearchSettings) -> float:
-    """How far the file's shadow may be off the exact tube's: the scene's word, or else the accuracy's."""
-    asked = scene.accuracy.max_outline_error_px
-    return settings.outline_px if isinstance(asked, str) else asked
 
 
 def _resolve(
@@ -370,7 +364,7 @@ def _resolve(
             **{
                 **scene.accuracy.model_dump(),
                 "iou_floor": floor,
-                "max_outline_error_px": _outline_px(scene, settings),
+                "max_outline_error_px": outline_px(scene, settings),
             }
         ),
         "search": settings.model_dump(),

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.geometry.tube import sides_for
+from knotfab.scene.model import Scene
 from knotfab.scene.settings import SearchSettings
 
-__all__ = ["fine_enough"]
+__all__ = ["fine_enough", "outline_px"]
 
 
 def fine_enough(
@@ -29,3 +30,9 @@ def fine_enough(
             ),
         }
     )
+
+
+def outline_px(scene: Scene, settings: SearchSettings) -> float:
+    """How far the file's shadow may be off the exact tube's: the scene's word, or else the accuracy's."""
+    asked = scene.accuracy.max_outline_error_px
+    return settings.outline_px if isinstance(asked, str) else asked

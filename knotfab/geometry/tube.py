@@ -101,7 +101,7 @@ def _ring_radius(radius_mm: float, sides: int) -> float:
     return radius_mm * sqrt(step / sin(step))
 
 
-def sides_for(radius_mm: float, tolerance_mm: float, least: int = 12, most: int = 256) -> int:
+def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int = 256) -> int:
     """Corners of a ring whose outline is within `tolerance_mm` of the round tube's, an even number.
 
     A corner stands out by radius * a² / 12 in lowest order, twice as far as a face stays behind.

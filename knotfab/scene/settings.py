@@ -42,7 +42,9 @@ class SearchSettings(BaseModel):
         0.02, ge=0, le=10
     )  # weight of bending and length: how smoothly, and how straight, strands run
     grace_of: Literal["curves", "bends"] = "curves"  # bends: as few as can be, of a wire
-    mesh_sides: int = Field(20, ge=8)  # facets around the tube, at least
+    # facets around the tube, at least; of 18 a corner stands out by 1 % of the radius, which is as much
+    # as the check of clearance allows for
+    mesh_sides: int = Field(20, ge=8)
     outline_px: float = Field(0.5, gt=0)  # the outline's limit, where the scene leaves it open
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
     free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too
@@ -86,8 +88,8 @@ PRESETS: dict[str, SearchSettings] = {
         radius_candidates=8,
         radius_give=0.03,
         tolerance_px=0.5,
-        mesh_sides=12,
-        outline_px=1.0,
+        mesh_sides=18,
+        outline_px=0.75,
         iou_slack=0.12,
     ),
     "draft": SearchSettings(
@@ -99,7 +101,7 @@ PRESETS: dict[str, SearchSettings] = {
         radius_candidates=8,
         radius_give=0.012,
         tolerance_px=0.5,
-        mesh_sides=16,
+        mesh_sides=18,
         outline_px=0.75,
         iou_slack=0.08,
     ),

@@ -88,7 +88,7 @@ KNOBS = (
         "mesh",
         "outline within {:g} px, {:g} sides",
         ("outline_px", "mesh_sides"),
-        ((1.0, 12), (0.25, 48)),
+        ((1.0, 18), (0.25, 48)),
     ),
     Knob("grace", "grace {:g}", ("grace",), (0.05, 0.0), alike=True),
     Knob(

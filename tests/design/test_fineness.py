@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from knotfab.arrays import Array
-from knotfab.design.fineness import fine_enough
+from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.geometry.tube import sweep
-from knotfab.scene.settings import SearchSettings
+from knotfab.scene.model import Accuracy, Scene
+from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 
 COARSE = SearchSettings(mesh_sides=8, settle_edge_radii=0.79)
 
@@ -42,3 +43,26 @@ def test_at_the_sharpest_bend_the_mesh_stands_out_by_no_more_than_is_allowed(
 def test_what_is_fine_enough_stays() -> None:
     fine = SearchSettings(mesh_sides=64, settle_edge_radii=0.2)
     assert fine_enough(fine, 1.5, 1.8, 0.2) == fine
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_corners_of_a_preset_stand_out_by_no_more_than_the_check_of_clearance_allows_for(
+    name: str,
+) -> None:
+    """Of 14 sides they took .02 mm of a gap of .4 mm on either side, and a knight in 5 s was rejected."""
+    thick = fine_enough(PRESETS[name], 3.0, 3.5, 10.0)
+    straight = np.zeros((400, 3))
+    turn = 2.0 * np.pi * np.arange(400) / 400
+    straight[:, :2] = 1000.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    assert stand_out(straight, 3.0, thick.mesh_sides) <= 0.0105 * 3.0
+
+
+def test_the_outline_is_held_to_what_the_accuracy_says_where_the_scene_says_nothing() -> None:
+    """And to the scene's own word where it gives one; the resolved scene holds the number."""
+    for given, name, expected in (
+        ({}, "sketch", 0.75),
+        ({}, "standard", 0.5),
+        ({"max_outline_error_px": 0.3}, "sketch", 0.3),
+    ):
+        scene = Scene(accuracy=Accuracy(name=name, **given))
+        assert outline_px(scene, search_settings(name, {})) == expected
