@@ -129,7 +129,7 @@ verdict-table: system $(DONE)
 mutations: system $(DONE)
 	$(BIN)/python -m examples.studies.mutations
 
-# what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 45 min)
+# what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 25 min of one core)
 frontier: $(DONE)
 	$(BIN)/python -m examples.studies.frontier --write docs
 
