@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
     from knotfab.render.tensors import DeviceImage
 
-__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at"]
+__all__ = ["CUTOFF", "Precision", "ViewImage", "grid_at", "image_at"]
+
+Precision = Literal["single", "double"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
@@ -37,7 +39,7 @@ class ViewImage:
     """
 
     frame: Frame
-    target: NDArray[np.float32]
+    target: NDArray[np.floating[Any]]  # in the precision that pictures are drawn in
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
     device: str = "cpu"
@@ -94,17 +96,22 @@ class ViewImage:
 
 
 def image_at(
-    view: ResolvedView, mask: Mask, radius: float, pixels: int, device: str = "cpu"
+    view: ResolvedView,
+    mask: Mask,
+    radius: float,
+    pixels: int,
+    device: str = "cpu",
+    precision: Precision = "single",
 ) -> ViewImage:
     """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm."""
-    frame, target, pixel_mm = _picture_at(view, mask, pixels)
+    frame, target, pixel_mm = _picture_at(view, mask, pixels, precision)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     return ViewImage(frame, target, sheet, radius * view.magnification / pixel_mm, device)
 
 
 def _picture_at(
-    view: ResolvedView, mask: Mask, pixels: int
-) -> tuple[Frame, NDArray[np.float32], float]:
+    view: ResolvedView, mask: Mask, pixels: int, precision: Precision
+) -> tuple[Frame, NDArray[np.floating[Any]], float]:
     """(frame, target, pixel in mm) with square pixels, `pixels` on the longer side, and a margin.
 
     The target is the exact share of each pixel that the mask covers. Pixels need not fit the frame's
@@ -117,7 +124,8 @@ def _picture_at(
     exact = view.model_copy(
         update={"frame_width_mm": width * pixel, "frame_height_mm": height * pixel}
     )
-    frame = frame_of(camera_of(exact, width, height), np.float32)
+    kind = np.float32 if precision == "single" else np.float64
+    frame = frame_of(camera_of(exact, width, height), kind)
     rows, columns = mask.shape
     # the grown frame in the mask's own pixels, and the mask padded to hold it
     wide, high = width * pixel / width_mm * columns, height * pixel / height_mm * rows
@@ -126,7 +134,7 @@ def _picture_at(
     padded = np.pad(mask.astype(np.float32), ((pad_v, pad_v), (pad_u, pad_u)))
     box = (left + pad_u, top + pad_v, left + pad_u + wide, top + pad_v + high)
     coverage = Image.fromarray(padded).resize((width, height), Image.Resampling.BOX, box=box)
-    return frame, np.array(coverage, dtype=np.float32), pixel
+    return frame, np.array(coverage, dtype=kind), pixel
 
 
 def grid_at(

@@ -15,7 +15,10 @@ from knotfab.limits.base import Felt, Guard, Limits, State, weigh
 from knotfab.render.frame import Frame
 from knotfab.render.picture import ViewImage
 
-__all__ = ["Objective", "Term", "Weights", "add_limits"]
+__all__ = ["SHARPEST", "Objective", "Term", "Weights", "add_limits"]
+
+# tau per px: beyond, a pixel's middle sees too little of the outline that crosses it
+SHARPEST = 5.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Objective:
         felt: list[tuple[float, Felt]] = []
         if self.weights.image > 0:
             for number, share in enumerate(self.shares.tolist()):
-                seen = self.image_term(number, points, self._tau(number, progress))
+                seen = self.image_term(number, points, self.tau_px(number, progress))
                 felt.append((self.weights.image * share, seen))
         state = State.at(points, self.rings, near)
         if self._turn is None:
@@ -90,9 +93,11 @@ class Objective:
             slope[~self.loose] = 0.0
         return total, slope
 
-    def _tau(self, number: int, progress: float) -> float:
+    def tau_px(self, number: int, progress: float) -> float:
+        """Sharpness of a view's image, per px, where a share `progress` of the phase is done."""
         start, end = self.tau
-        return float(start * (end / start) ** progress / self.images[number].radius_px)
+        sharp = start * (end / start) ** progress / self.images[number].radius_px
+        return float(min(sharp, SHARPEST))
 
     def image_term(self, number: int, points: Array, tau: float) -> Felt:
         """Squared difference of a view's images, integrated, in squared projected tube radii; tau per px."""
@@ -121,7 +126,7 @@ class Objective:
         if self.weights.image == 0:
             return
         for number, image in enumerate(self.images):
-            tau = self._tau(number, progress)
+            tau = self.tau_px(number, progress)
             self.won[number] = image.find_winners(points, self.rings, self.limits.radius, tau)
 
     def look_from(self, frame: Frame, limits: Limits, turn: Array) -> None:

@@ -12,7 +12,6 @@ from knotfab.search.objective import Weights
 __all__ = ["SETTLE", "Phase", "Plan", "plan_of", "repair_phase", "three_phases"]
 
 SETTLE = Weights(clearance=20.0, bend=5.0, region=50.0)  # of the phase that ends feasible
-_SHARP = 6.0  # tau times the projected radius, from the end of the fine phase on
 
 
 @dataclass(frozen=True)
@@ -87,13 +86,13 @@ def three_phases(
             settings.fine_px,
             FlowSettings(iterations=settings.fine_iterations, rate=middle, rate_end=end),
             Weights(clearance=3.0, bend=0.5, grace=smooth[1]),
-            (3.0, _SHARP),
+            (3.0, settings.tau),
         ),
         Phase(
             settings.fine_px,
             FlowSettings(iterations=settings.settle_iterations, rate=0.03, rate_end=0.01),
             SETTLE,
-            (_SHARP, _SHARP),
+            (settings.tau, settings.tau),
         ),
     )
 
@@ -109,4 +108,4 @@ def repair_phase(settings: SearchSettings, number: int) -> Phase:
         hold=160.0,
     )
     walk = FlowSettings(iterations=60, rate=0.02 if number < 2 else 0.04, rate_end=0.005)
-    return Phase(settings.fine_px, walk, weights, (_SHARP, _SHARP))
+    return Phase(settings.fine_px, walk, weights, (settings.tau, settings.tau))

@@ -99,7 +99,8 @@ class SearchState:
         return tuple(i.iou(self.points, self.rings, self.radius) for i in images)
 
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
-        return tuple(v.image_at(self.radius, pixels, self.device) for v in self.problem.views)
+        given = (self.radius, pixels, self.device, self.settings.precision)
+        return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:
         """The objective of a phase on the polylines as they are; `loose` (N,): the vertices that may move."""

@@ -72,7 +72,7 @@ class Knob:
 
 
 _NETWORK = ("method", "network_depth", "network_width")
-# tau, precision and the renderer are no settings: the search's own are compiled in
+# the renderer is no setting: the search has one, on the CPU as compiled loops
 KNOBS = (
     Knob("iterations", "× {:g}", (), (0.125, 0.25, 0.5, 0.75, 1.5)),
     Knob("picture size", "{:g} px", ("fine_px",), (192, 256, 512)),
@@ -80,6 +80,8 @@ KNOBS = (
     Knob("vertex spacing", "{:g} r", ("edge_radii",), (0.6, 0.45)),
     Knob("last spacing", "{:g} r last", ("settle_edge_radii",), (0.6, 0.3)),
     Knob("winner search", "winners every {:g}", ("winners_every",), (8, 3)),
+    Knob("sharpness", "τ {:g}", ("tau",), (3.0, 12.0, 18.0)),
+    Knob("precision", "{} precision", ("precision",), ("double",), alike=True),
     Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 250)),
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
     Knob("thicker tube", "{:g} given", ("radius_give",), (0.03, 0.012)),

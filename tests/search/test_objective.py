@@ -16,7 +16,7 @@ from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
-from knotfab.search.objective import Objective, Weights, add_limits
+from knotfab.search.objective import SHARPEST, Objective, Weights, add_limits
 from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 from knotfab.search.state import begin
@@ -160,3 +160,36 @@ def test_a_view_sees_along_its_axes(both: Problem) -> None:
         middle, right, up = image.frame.pixels(image.frame.local(moved)).tolist()
         assert right[0] - middle[0] == pytest.approx(middle[1] - up[1], rel=1e-4)
         assert right[0] > middle[0] and abs(right[1] - middle[1]) < 1e-4
+
+
+@pytest.mark.parametrize(("radius", "capped"), [(RADIUS, False), (0.3, True)])
+def test_the_picture_gets_sharper_as_far_as_its_pixels_show_it(
+    points: Array, radius: float, capped: bool
+) -> None:
+    """A thin tube's outline would lie between the pixels' middles, which then pull on nothing."""
+    state = begin(ask_views([DISC], 0.0), Start((points,), "for its tau alone"), radius, DRAFT)
+    objective = state.objective(Phase(96, FlowSettings(), Weights(), (1.5, 15.0)))
+    taus = [objective.tau_px(0, progress) for progress in np.linspace(0.0, 1.0, 5)]
+    wanted = [1.5 * 10.0**k / objective.images[0].radius_px for k in np.linspace(0.0, 1.0, 5)]
+    assert taus == pytest.approx(np.minimum(wanted, SHARPEST))
+    assert (taus[-1] == SHARPEST) is capped
+    assert sorted(taus) == taus
+
+
+def test_pictures_in_double_precision_tell_the_same_more_exactly(points: Array) -> None:
+    problem, start = ask_views([DISC], 0.0), Start((points,), "for its slope alone")
+    found = {}
+    for precision in ("single", "double"):
+        settings = DRAFT.model_copy(update={"precision": precision})
+        phase = Phase(96, FlowSettings(), IMAGE_ALONE, (TAU, TAU))
+        objective = begin(problem, start, RADIUS, settings).objective(phase)
+        found[precision] = value_and_slope(objective, points)
+        # along the slope it changes as the slope says
+        total, slope = found[precision]
+        step = 1e-4 * slope / np.linalg.norm(slope)
+        rise = objective(points + step, near_of(points), 0.0)[0] - total
+        if precision == "double":
+            assert rise == pytest.approx(float((slope * step).sum()), rel=1e-3)
+    (one, slope), (exact, exact_slope) = found["single"], found["double"]
+    assert one == pytest.approx(exact, rel=1e-4) and one != exact
+    assert slope == pytest.approx(exact_slope, abs=1e-3 * np.abs(exact_slope).max())
