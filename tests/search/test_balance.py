@@ -84,7 +84,7 @@ def test_the_objective_weighs_each_image_by_its_share() -> None:
     near = find_neighbours(points, state.rings, 12.0, 6)
 
     objective = state.objective(phase)
-    terms = [objective.image_term(n, points, objective._tau(n, 0.0))[0] for n in (0, 1)]
+    terms = [objective.image_term(n, points, objective.tau_px(n, 0.0))[0] for n in (0, 1)]
     assert objective(points, near, 0.0)[0] == pytest.approx(0.5 * sum(terms), rel=1e-5)
     front, side = objective.ious(points)
     assert front > side  # nearly flat: the side sees a thin line
