@@ -32,9 +32,8 @@ class SearchSettings(BaseModel):
     edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
     winners_every: int = Field(1, ge=1)  # iterations between full searches for the winning capsules
-    tau: float = Field(
-        6.0, gt=0, le=1000
-    )  # the picture's last sharpness, over the projected radius
+    # sharpness of the picture at last, over the projected radius; never above 5 a pixel
+    tau: float = Field(6.0, gt=0, le=1000)
     precision: Literal["single", "double"] = "single"  # of pictures; all else is in double
     depth_candidates: int = Field(500, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
