@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.polylines import Polylines
@@ -17,6 +16,7 @@ from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
 from knotfab.target.masks import mask_iou, sample_mask
+from knotfab.target.silhouette import resample_mask
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -127,14 +127,11 @@ def _picture_at(
     kind = np.float32 if precision == "single" else np.float64
     frame = frame_of(camera_of(exact, width, height), kind)
     rows, columns = mask.shape
-    # the grown frame in the mask's own pixels, and the mask padded to hold it
+    # the grown frame in the mask's own pixels
     wide, high = width * pixel / width_mm * columns, height * pixel / height_mm * rows
     left, top = 0.5 * (columns - wide), 0.5 * (rows - high)
-    pad_u, pad_v = int(np.ceil(-left)) + 1, int(np.ceil(-top)) + 1
-    padded = np.pad(mask.astype(np.float32), ((pad_v, pad_v), (pad_u, pad_u)))
-    box = (left + pad_u, top + pad_v, left + pad_u + wide, top + pad_v + high)
-    coverage = Image.fromarray(padded).resize((width, height), Image.Resampling.BOX, box=box)
-    return frame, np.array(coverage, dtype=kind), pixel
+    coverage = resample_mask(mask, width, height, (left, top, left + wide, top + high))
+    return frame, coverage.astype(kind), pixel
 
 
 def grid_at(

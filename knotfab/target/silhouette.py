@@ -28,37 +28,47 @@ _SIMPLIFY = 0.05  # px
 _LEVEL = 0.499
 
 
-def _overlaps(source: int, wanted: int) -> scipy.sparse.csr_array:
-    """(wanted, source) rows of box weights that sum to 1: how target pixels cover source pixels."""
+def _overlaps(source: int, wanted: int, low: float, high: float) -> scipy.sparse.csr_array:
+    """(wanted, source) box weights: how target pixels, evenly from low to high, cover source pixels.
+
+    Rows sum to 1 where low to high lies in the source, to less where a target pixel stands out of it.
+    """
     from scipy.sparse import csr_array
 
-    edges = np.linspace(0.0, source, wanted + 1)
+    edges = np.linspace(low, high, wanted + 1)
     cuts = np.union1d(edges, np.arange(source + 1.0))
+    cuts = cuts[(cuts >= max(low, 0.0)) & (cuts <= min(high, source))]
     middle = 0.5 * (cuts[1:] + cuts[:-1])
     rows = np.clip(np.searchsorted(edges, middle) - 1, 0, wanted - 1)
-    weights = (np.diff(cuts) * (wanted / source)).astype(np.float32)
-    return csr_array((weights, (rows, middle.astype(np.int64))), shape=(wanted, source))
+    cells = np.clip(middle.astype(np.int64), 0, source - 1)
+    weights = (np.diff(cuts) * (wanted / (high - low))).astype(np.float32)
+    return csr_array((weights, (rows, cells)), shape=(wanted, source))
 
 
-def resample_mask(mask: Mask, width: int, height: int) -> NDArray[np.float32]:
-    """The mask's coverage at another resolution of the same frame, by an exact box filter.
+def resample_mask(
+    mask: Mask, width: int, height: int, window: tuple[float, float, float, float] | None = None
+) -> NDArray[np.float32]:
+    """The mask's coverage at another resolution, by an exact box filter.
 
     Args:
         mask: (H, W).
         width, height: of the result, smaller or larger than the mask's.
+        window: left, top, right and bottom of the result in the mask's pixels; None: the mask's own frame.
+            Beyond the mask nothing is covered.
 
     Returns:
         (height, width) in 0 .. 1: the part of each pixel's area that the shape covers.
     """
     rows, columns = mask.shape
-    if (rows, columns) == (height, width):
+    left, top, right, bottom = window or (0.0, 0.0, float(columns), float(rows))
+    if window is None and (rows, columns) == (height, width):
         return mask.astype(np.float32)
-    across = _overlaps(columns, width).T.tocsr()
-    down = _overlaps(rows, height)
+    across = _overlaps(columns, width, left, right).T.tocsr()
+    down = _overlaps(rows, height, top, bottom)
     narrow = np.empty((rows, width), dtype=np.float32)
     step = max(1, 2**24 // columns)  # bounds the float copy of a large mask
-    for top in range(0, rows, step):
-        narrow[top : top + step] = mask[top : top + step].astype(np.float32) @ across
+    for first in range(0, rows, step):
+        narrow[first : first + step] = mask[first : first + step].astype(np.float32) @ across
     return np.asarray(np.clip(down @ narrow, 0.0, 1.0), dtype=np.float32)
 
 
