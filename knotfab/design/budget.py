@@ -20,7 +20,8 @@ _SEARCH_VERTEX_S = 0.12e-3  # of the least search, for each vertex
 _USUAL_VERTICES = 2500
 _MOST = 4.0  # times slower: more is no measure of anything
 _LESS = ("coarse_px", "fine_px", "depth_candidates", "radius_candidates", "mesh_sides")
-_MORE = ("settle_edge_radii", "radius_give", "outline_px")
+_THICKER = (0.012, 0.03)  # IoU given where what follows would not fit otherwise
+_MORE = ("settle_edge_radii", "radius_give", "radius_from", "outline_px")
 
 
 def require_budget(seconds: float, views: int, free: bool, frames: int = 0) -> None:
@@ -75,7 +76,7 @@ class Budget:
         Args:
             vertices: of the knots that some IoU given leads to.
         """
-        for more in (PRESETS["draft"].radius_give, PRESETS["sketch"].radius_give):
+        for more in _THICKER:
             count = vertices(give)
             if self.search_s(count) >= _SEARCH_VERTEX_S * count:
                 break

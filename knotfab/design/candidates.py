@@ -42,13 +42,15 @@ class RadiusRange:
     thinner: int  # of these
     hopeless: float  # score behind the best that nothing makes up for; of several views
     trials: int  # starts that are drawn of these
-    give: float  # IoU of the template, or of the start
+    give: (
+        float  # IoU of the start, at least; of one view the settings say how much of the template's
+    )
 
 
 # A start for several views is drawn already (start.views): its own pictures tell.
 # With three views or more the pictures ask so much of every strand that only a thin tube serves.
 _RANGES = {
-    1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.0, 1, 0.004),
+    1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.0, 1, 0.0),
     2: RadiusRange(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
     3: RadiusRange(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
 }
@@ -75,17 +77,18 @@ def line_radius(view: View) -> float:
 
 
 def usual_radii(
-    views: Sequence[ResolvedView], thinnest: float, count: int
+    views: Sequence[ResolvedView], thinnest: float, count: int, least: float = 1.0
 ) -> tuple[list[float], list[float]]:
     """The radii, mm, that are tried at once, thinnest first, and thinner ones for fine pictures.
 
     Args:
         thinnest: that the printer makes, mm. count: how many for one view.
+        least: of those that are tried at once, over the usual one.
     """
     span = range_of(len(views))
     one = len(views) == 1
     side = views[0].frame_width_mm if one else max(v.longer_mm for v in views)
-    usual = max(thinnest, span.usual * side)
+    usual = max(thinnest, least * span.usual * side)
     thick = max(span.thickest * side, (1.5 if one else 1.2) * usual)
     radii = np.geomspace(usual, thick, span.candidates or count).round(4).tolist()
     thin: list[float] = []

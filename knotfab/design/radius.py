@@ -134,7 +134,7 @@ def choose_radius(
     span = range_of(len(views))
     give = max(span.give, settings.radius_give)
     thinnest = question.scene.printer.min_tube_radius_mm
-    radii, thin = usual_radii(views, thinnest, settings.radius_candidates)
+    radii, thin = usual_radii(views, thinnest, settings.radius_candidates, settings.radius_from)
     if question.problem.views[0].lines:  # strokes are as wide as one tube
         radii, thin = [line_radius(views[0])], []
         require_radius(

@@ -24,21 +24,23 @@ class SearchSettings(BaseModel):
     network_width: int = Field(128, ge=1, le=65536)  # hidden units of each S and T
     network_iterations: int = Field(300, ge=1)
     network_rate_radii: float = Field(0.25, gt=0, lt=2)  # a vertex's first steps; a circle's: twice
-    coarse_px: int = Field(128, ge=32, le=4096)  # longer side of the picture in the first phase
-    fine_px: int = Field(384, ge=32, le=4096)  # in the later ones
+    coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
+    fine_px: int = Field(640, ge=32, le=4096)  # in the later ones
     coarse_iterations: int = Field(120, ge=0)
     fine_iterations: int = Field(120, ge=0)
     settle_iterations: int = Field(60, ge=0)  # the last phase: feasibility first
     edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
-    winners_every: int = Field(1, ge=1)  # iterations between full searches for the winning capsules
+    winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     # sharpness of the picture at last, over the projected radius; never above 5 a pixel
-    tau: float = Field(6.0, gt=0, le=1000)
+    tau: float = Field(24.0, gt=0, le=1000)
     precision: Literal["single", "double"] = "single"  # of pictures; all else is in double
-    depth_candidates: int = Field(500, ge=1)  # depth profiles tried, by descent
+    depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
-    # IoU of the template, or the start, that may be given for a thicker tube, of fewer vertices
-    radius_give: float = Field(0.0, ge=0, lt=0.5)
+    # IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: .012 or more
+    radius_give: float = Field(0.004, ge=0, lt=0.5)
+    # thinnest tube that is tried at once, over the usual one: 1 % of the frame's side
+    radius_from: float = Field(1.0, gt=0, le=2)
     # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
     tolerance_px: float = Field(0.25, gt=0)
     grace: float = Field(
@@ -80,29 +82,30 @@ class SearchSettings(BaseModel):
 
 PRESETS: dict[str, SearchSettings] = {
     "sketch": SearchSettings(
-        coarse_px=96,
-        fine_px=192,
+        fine_px=256,
         coarse_iterations=30,
-        fine_iterations=20,
+        fine_iterations=30,
         settle_iterations=20,
-        edge_radii=0.75,
         settle_edge_radii=0.6,
+        tau=18.0,
         depth_candidates=60,
-        radius_candidates=8,
-        radius_give=0.03,
+        radius_candidates=6,
+        radius_give=0.02,
         tolerance_px=0.5,
         mesh_sides=18,
         outline_px=0.75,
         iou_slack=0.12,
     ),
     "draft": SearchSettings(
+        fine_px=512,
         coarse_iterations=40,
         fine_iterations=40,
         settle_iterations=20,
         settle_edge_radii=0.6,
+        tau=18.0,
         depth_candidates=60,
         radius_candidates=8,
-        radius_give=0.012,
+        radius_give=0.008,
         tolerance_px=0.5,
         mesh_sides=18,
         outline_px=0.75,
@@ -110,13 +113,9 @@ PRESETS: dict[str, SearchSettings] = {
     ),
     "standard": SearchSettings(),
     "fine": SearchSettings(
-        coarse_px=192,
-        coarse_iterations=200,
-        fine_iterations=200,
-        settle_iterations=100,
-        edge_radii=0.6,
-        depth_candidates=1000,
-        radius_candidates=16,
+        fine_px=1024,
+        radius_give=0.002,
+        radius_from=0.75,
         tolerance_px=0.1,
         mesh_sides=32,
         iou_slack=0.04,

@@ -17,7 +17,7 @@ from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.knots import Knots
 from knotfab.progress import Progress
 from knotfab.scene.model import ResolvedScene, Scene
-from knotfab.scene.settings import SearchSettings, search_settings
+from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.sequence.frames import count_knots
 from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
@@ -84,7 +84,8 @@ def radius_for_all(
     if not isinstance(given, str):
         return given, None
     if "radius_give" not in question.scene.search:  # what this frame can spare another may need
-        settings = settings.model_copy(update={"radius_give": 0.0})
+        give = min(settings.radius_give, PRESETS["standard"].radius_give)
+        settings = settings.model_copy(update={"radius_give": give})
     choice = choose_radius(question, settings, knots)
     radius, thinnest = choice.radius_mm, question.scene.printer.min_tube_radius_mm
     wanted = question.opening(radius) - _GIVE

@@ -75,16 +75,17 @@ _NETWORK = ("method", "network_depth", "network_width")
 # the renderer is no setting: the search has one, on the CPU as compiled loops
 KNOBS = (
     Knob("iterations", "× {:g}", (), (0.125, 0.25, 0.5, 0.75, 1.5)),
-    Knob("picture size", "{:g} px", ("fine_px",), (192, 256, 512)),
-    Knob("coarse picture", "{:g} px coarse", ("coarse_px",), (96, 192)),
+    Knob("picture size", "{:g} px", ("fine_px",), (256, 384, 512, 1024)),
+    Knob("coarse picture", "{:g} px coarse", ("coarse_px",), (128, 256)),
     Knob("vertex spacing", "{:g} r", ("edge_radii",), (0.6, 0.45)),
     Knob("last spacing", "{:g} r last", ("settle_edge_radii",), (0.6, 0.3)),
-    Knob("winner search", "winners every {:g}", ("winners_every",), (8, 3)),
-    Knob("sharpness", "τ {:g}", ("tau",), (3.0, 12.0, 18.0)),
+    Knob("winner search", "winners every {:g}", ("winners_every",), (8, 1)),
+    Knob("sharpness", "τ {:g}", ("tau",), (6.0, 12.0, 36.0)),
     Knob("precision", "{} precision", ("precision",), ("double",), alike=True),
-    Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 250)),
+    Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 600)),
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
-    Knob("thicker tube", "{:g} given", ("radius_give",), (0.03, 0.012)),
+    Knob("thicker tube", "{:g} given", ("radius_give",), (0.02, 0.008, 0.0)),
+    Knob("thinner tube", "from {:g} of the usual radius", ("radius_from",), (0.75, 0.6)),
     Knob("effect tolerance", "effects {:g} px", ("tolerance_px",), (1.0, 0.1)),
     Knob(
         "mesh",

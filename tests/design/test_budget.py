@@ -52,7 +52,7 @@ def test_what_is_spared_is_never_more_and_never_what_is_given() -> None:
         less = spare(PRESETS["standard"], seconds)
         assert less.radius_give == PRESETS[like].radius_give
         assert less.settle_edge_radii == PRESETS[like].settle_edge_radii
-        assert spare(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.0
+        assert spare(PRESETS["standard"], seconds, {"radius_give"}).radius_give == 0.004
     assert spare(PRESETS["sketch"], 4.0) == PRESETS["sketch"]  # never a thinner tube either
 
 

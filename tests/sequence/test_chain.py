@@ -46,7 +46,7 @@ def test_the_scene_says_whether_the_frames_are_bound_to_close(tmp_path: Path) ->
         assert Chain(Scene(sequence=Sequence(loop=loop)), targets)._closing is loop
 
 
-@pytest.mark.parametrize(("search", "given"), [({}, 0.0), ({"radius_give": 0.02}, 0.02)])
+@pytest.mark.parametrize(("search", "given"), [({}, 0.004), ({"radius_give": 0.02}, 0.02)])
 def test_frames_get_no_thicker_tube_than_they_draw_well_unless_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, search: dict[str, float], given: float
 ) -> None:

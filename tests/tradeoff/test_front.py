@@ -97,16 +97,16 @@ def test_steps_are_between_neighbours_on_the_same_pictures() -> None:
     turned = {p.label: p for p in points() if p.knob == "picture size"}
     measured = [
         Measured(Point("preset", "standard", middle), tuple(make_run(4.0, 0.99) for _ in range(3))),
-        Measured(turned["192 px"], (make_run(1.0, 0.97), make_run(1.0, 0.99))),
-        Measured(turned["512 px"], (make_run(8.0, 0.996),)),
+        Measured(turned["384 px"], (make_run(1.0, 0.97), make_run(1.0, 0.99))),
+        Measured(turned["1024 px"], (make_run(8.0, 0.996),)),
     ]
     steps = [s for s in list_steps(measured, middle) if s.knob == "picture size"]
     assert [(s.before, s.after, s.pictures) for s in steps] == [
-        ("192 px", "384 px", 2),
-        ("384 px", "512 px", 1),
+        ("384 px", "640 px", 2),
+        ("640 px", "1024 px", 1),
     ]
     assert steps[0].iou == pytest.approx(0.01) and steps[0].seconds == pytest.approx(4.0)
-    assert str(steps[1]) == "picture size 384 px → 512 px: +.0060 IoU, ×2.00 seconds"
+    assert str(steps[1]) == "picture size 640 px → 1024 px: +.0060 IoU, ×2.00 seconds"
 
 
 def test_combinations_are_new_the_same_for_a_seed_and_of_what_was_good() -> None:
