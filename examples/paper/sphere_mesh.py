@@ -29,6 +29,7 @@ from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
 from knotfab.search.search import search
 from knotfab.target.masks import mask_iou
+from knotfab.target.silhouette import resample_mask
 from knotfab.tradeoff.measure import find_shadows
 
 NAMES = ("ring", "wheel", "smiley", "teapot")
@@ -143,12 +144,11 @@ def holes(mask: Mask, least: int = 20) -> int:
 
 def _square(mask: Mask, pixels: int) -> Array:
     """The mask's coverage on a square of its own middle, `pixels` on a side."""
+    height, width = mask.shape
     side = max(mask.shape)
-    top, left = (side - mask.shape[0]) // 2, (side - mask.shape[1]) // 2
-    padded = np.zeros((side, side), dtype=np.float32)
-    padded[top : top + mask.shape[0], left : left + mask.shape[1]] = mask
-    image = Image.fromarray(padded).resize((pixels, pixels), Image.Resampling.BOX)
-    return np.asarray(image, dtype=np.float64)
+    left, top = 0.5 * (width - side), 0.5 * (height - side)
+    window = (left, top, left + side, top + side)
+    return resample_mask(mask, pixels, pixels, window).astype(np.float64)
 
 
 def _tube(picture: Image.Image) -> tuple[Mask, Mask]:

@@ -32,6 +32,7 @@ from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import mask_iou
 from knotfab.target.raster import decode
 from knotfab.target.read import read_bytes, read_target
+from knotfab.target.silhouette import resample_mask
 
 __all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 
@@ -130,8 +131,8 @@ def compare_photo(
         at = through(homography(cards, marks), _corners_of(view))
     else:
         at = _corners_of_plate(image, scene, view, str(photo))
-    asked = Image.fromarray(target.asked).resize((width, height), Image.Resampling.BOX)
-    wanted = np.pad(np.asarray(asked, dtype=bool), ((pad[1], pad[1]), (pad[0], pad[0])))
+    asked = resample_mask(target.asked, width, height) >= 0.5
+    wanted = np.pad(asked, ((pad[1], pad[1]), (pad[0], pad[0])))
     camera = camera_of(view, width, height).padded(*pad)
     knots = _read_knots(folder / f"knots{suffix}.json", scene)
 
@@ -173,10 +174,9 @@ def _best_iou(iou: float, lamp: LampFit | None) -> float:
 def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
     """What `find_lamp` asks for, with fewer vertices and pixels."""
     small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
-    seen = Image.fromarray((255 * shadow).astype(np.uint8))
-    seen = seen.resize((small.width, small.height), Image.Resampling.BOX)
+    seen = resample_mask(shadow, small.width, small.height) >= 0.5
     fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)
-    return Knots(fewer, knots.radius_mm), small, np.asarray(seen) > 127
+    return Knots(fewer, knots.radius_mm), small, seen
 
 
 def _find_orders(

@@ -13,6 +13,7 @@ from knotfab.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab.target.masks import mask_iou
+from knotfab.target.silhouette import resample_mask
 
 __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 
@@ -68,8 +69,7 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
     """
     full = camera
     camera = camera.resized(camera.width // _COARSER, camera.height // _COARSER)
-    coarse = Image.fromarray((255 * seen).astype(np.uint8))
-    coarse = coarse.resize((camera.width, camera.height), Image.Resampling.BOX)
+    coarse = resample_mask(seen, camera.width, camera.height).astype(np.float64)
     axes = np.stack([camera.du / np.linalg.norm(camera.du), -camera.dv / np.linalg.norm(camera.dv)])
     axes = np.concatenate([axes, np.cross(axes[0], axes[1])[None]])
     if axes[2] @ camera.receiver[:3] < 0:
@@ -80,7 +80,7 @@ def find_lamp(knots: Knots, camera: Camera, seen: Mask) -> LampFit:
     front = float((knots.points @ wall).max()) + offset + knots.radius_mm
     found = np.zeros(3)
     for soft in _SOFT_PX:
-        wanted = ndimage.gaussian_filter(np.asarray(coarse, dtype=np.float64) / 255, soft)
+        wanted = ndimage.gaussian_filter(coarse, soft)
 
         def unlike(unknown: Array, soft: float = soft, wanted: Array = wanted) -> float:
             eye = camera.eye + (unknown * step) @ axes
