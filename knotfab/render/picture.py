@@ -21,11 +21,13 @@ from knotfab.target.silhouette import resample_mask
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from knotfab.render.outline_image import OutlineImage
     from knotfab.render.tensors import DeviceImage
 
-__all__ = ["CUTOFF", "Precision", "ViewImage", "grid_at", "image_at"]
+__all__ = ["CUTOFF", "Precision", "Renderer", "ViewImage", "grid_at", "image_at"]
 
 Precision = Literal["single", "double"]
+Renderer = Literal["ray", "capsule", "ellipse"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
@@ -35,7 +37,8 @@ _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline noth
 class ViewImage:
     """One view's picture at the resolution of a phase: `target` (H, W) is the coverage of `frame`.
 
-    On the CPU it is seen by compiled loops, on another `device` by torch.
+    By ray distance it is seen by compiled loops on the CPU and by torch on another `device`; by the
+    distance to outlines always by torch.
     """
 
     frame: Frame
@@ -43,10 +46,19 @@ class ViewImage:
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
     device: str = "cpu"
+    renderer: Renderer = "ray"
+
+    @property
+    def _compiled(self) -> bool:
+        return self.device == "cpu" and self.renderer == "ray"
 
     @cached_property
-    def _on_device(self) -> DeviceImage:
+    def _on_device(self) -> DeviceImage | OutlineImage:
         """The same for tensors, on the device."""
+        if self.renderer != "ray":
+            from knotfab.render.outline_image import OutlineImage
+
+            return OutlineImage.of(self.frame, self.target, self.device, self.renderer)
         from knotfab.render.tensors import DeviceImage
 
         return DeviceImage.of(self.frame, self.target, self.device)
@@ -56,8 +68,8 @@ class ViewImage:
         moved = replace(self, frame=frame)
         if "_on_device" in self.__dict__:  # where a cached property keeps what it found
             there = self._on_device
-            own = replace(there, frame=frame.tensors(there.target.dtype, self.device))
-            moved.__dict__["_on_device"] = own
+            seen_from = frame.tensors(there.target.dtype, self.device)
+            moved.__dict__["_on_device"] = replace(there, frame=seen_from)
         return moved
 
     @property
@@ -70,7 +82,7 @@ class ViewImage:
     ) -> tuple[float, Array]:
         """What `silhouette.squared_error` is of the tube about vertices (N, 3), and its gradient there."""
         p = points.astype(self.target.dtype)
-        if self.device != "cpu":
+        if not self._compiled:
             return self._on_device.squared_error(p, rings, radius, tau, CUTOFF, won)
         given = (self.frame, radius, tau, self.target, CUTOFF, won)
         total, one, two = silhouette.squared_error(p, p[rings.next], *given)
@@ -79,14 +91,14 @@ class ViewImage:
     def find_winners(self, points: Array, rings: Polylines, radius: float, tau: float) -> Any:
         """Which capsule of the tube colours each pixel, for `squared_error` of vertices that moved little."""
         p = points.astype(self.target.dtype)
-        if self.device != "cpu":
+        if not self._compiled:
             return self._on_device.find_winners(p, rings, radius, CUTOFF / tau)
         return silhouette.winners(p, p[rings.next], self.frame, radius, CUTOFF / tau)
 
     def seen(self, points: Array, rings: Polylines, radius: float) -> Mask:
         """(H, W) the tube's hard silhouette about vertices (N, 3), mm, at half coverage."""
         p = points.astype(self.target.dtype)
-        if self.device != "cpu":
+        if not self._compiled:
             return self._on_device.render(p, rings, radius, _HARD, CUTOFF) > 0.5
         return silhouette.render(p, p[rings.next], self.frame, radius, _HARD, CUTOFF) > 0.5
 
@@ -102,11 +114,13 @@ def image_at(
     pixels: int,
     device: str = "cpu",
     precision: Precision = "single",
+    renderer: Renderer = "ray",
 ) -> ViewImage:
     """The picture of a view with `pixels` on the longer side; `radius` of the tube in mm."""
     frame, target, pixel_mm = _picture_at(view, mask, pixels, precision)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
-    return ViewImage(frame, target, sheet, radius * view.magnification / pixel_mm, device)
+    radius_px = radius * view.magnification / pixel_mm
+    return ViewImage(frame, target, sheet, radius_px, device, renderer)
 
 
 def _picture_at(

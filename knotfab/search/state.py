@@ -99,7 +99,8 @@ class SearchState:
         return tuple(i.iou(self.points, self.rings, self.radius) for i in images)
 
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
-        given = (self.radius, pixels, self.device, self.settings.precision)
+        asked = self.settings
+        given = (self.radius, pixels, self.device, asked.precision, asked.renderer)
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:

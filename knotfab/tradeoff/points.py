@@ -72,7 +72,6 @@ class Knob:
 
 
 _NETWORK = ("method", "network_depth", "network_width")
-# the renderer is no setting: the search has one, on the CPU as compiled loops
 KNOBS = (
     Knob("iterations", "× {:g}", (), (0.125, 0.25, 0.5, 0.75, 1.5)),
     Knob("picture size", "{:g} px", ("fine_px",), (256, 384, 512, 1024)),
@@ -82,6 +81,7 @@ KNOBS = (
     Knob("winner search", "winners every {:g}", ("winners_every",), (8, 1)),
     Knob("sharpness", "τ {:g}", ("tau",), (6.0, 12.0, 36.0)),
     Knob("precision", "{} precision", ("precision",), ("double",), alike=True),
+    Knob("renderer", "{} distance", ("renderer",), ("capsule", "ellipse"), alike=True),
     Knob("depth candidates", "{:g} depths", ("depth_candidates",), (100, 600)),
     Knob("radius candidates", "{:g} radii", ("radius_candidates",), (4, 16)),
     Knob("thicker tube", "{:g} given", ("radius_give",), (0.02, 0.008, 0.0)),
