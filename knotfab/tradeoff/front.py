@@ -28,6 +28,7 @@ _LEAST = 1e-6  # an error of 0 has no logarithm
 _ROUGHER = 1.1  # times the middle's curvature, that a point on the front has at most
 _PLAINER = 0.05  # of legibility from aside over the middle's, likewise
 _NEAR = log(1.15)  # of the front: within 15 % in seconds or in error
+_DEAR = log(4.0)  # of the middle's seconds: more is only worth while for less error
 
 
 @dataclass(frozen=True)
@@ -149,16 +150,24 @@ def _distance(one: Measured, others: Sequence[Measured]) -> float:
     return farther
 
 
+def _in_vain(one: Measured, middle: Measured) -> bool:
+    """Whether it takes several times the middle's seconds and is no better: a network, a slow renderer."""
+    dear = log(one.seconds / middle.seconds) > _DEAR
+    return dear and log(one.error / middle.error) > -_NEAR
+
+
 def halve(
     measured: Sequence[Measured], middle: Measured, beside: Sequence[Measured]
 ) -> list[Point]:
     """The half of the points that are nearest to the front, the best and the fastest on it first.
 
+    What takes several times the middle's seconds and is no better is known well enough.
+
     Args:
         beside: points that the front is drawn with, and that stay in any case.
     """
     sound = [m for m in (*measured, *beside) if m.keeps(middle)]
-    own = [m for m in measured if m.keeps(middle)]
+    own = [m for m in measured if m.keeps(middle) and not _in_vain(m, middle)]
     ends = {id(m) for m in (frontier(own)[:1] + frontier(own)[-1:])}
     ranked = sorted(own, key=lambda m: (id(m) not in ends, _distance(m, sound)))
     return [m.point for m in ranked[: ceil(len(measured) / 2)]]
@@ -208,7 +217,9 @@ def list_effects(measured: Sequence[Measured], middle: Measured) -> dict[str, di
     for knob in KNOBS:
         for value in knob.values:
             one = known.get(knob.turn(middle.point.settings, value))
-            if one is None or one is middle or one not in sound or _distance(one, sound) > _NEAR:
+            if one is None or one is middle or one not in sound or _in_vain(one, middle):
+                continue
+            if _distance(one, sound) > _NEAR:
                 continue
             effect = log(one.seconds / middle.seconds), log(one.error / middle.error)
             found.setdefault(knob.name, {})[value] = effect

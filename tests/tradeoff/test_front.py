@@ -78,6 +78,20 @@ def test_halving_keeps_the_best(seed: int) -> None:
     assert all(p in [m.point for m in sound] for p in kept)
 
 
+def test_what_is_slow_and_no_better_goes_no_further() -> None:
+    """A renderer 25 times as slow as the middle's, of its error, kept a study busy for hours."""
+    middle = PRESETS["standard"]
+    capsule, ellipse = (p for p in points() if p.knob == "renderer")
+    at = Measured(Point("preset", "standard", middle), (make_run(2.0, 0.99),))
+    slow = Measured(capsule, (make_run(50.0, 0.9901),))
+    for iou, kept in ((0.9901, False), (0.995, True)):
+        other = Measured(ellipse, (make_run(50.0, iou),))
+        assert (ellipse in halve([slow, other], at, [at])) is kept
+        assert (capsule in halve([slow, other], at, [at])) is False
+        effects = list_effects([at, slow, other], at)
+        assert list(effects.get("renderer", {})) == (["ellipse"] if kept else [])
+
+
 def test_repeated_runs_are_one_with_their_median() -> None:
     turns = [make_run(s, 0.99) for s in (3.0, 1.0, 2.0)]
     assert merge_turns(turns) == make_run(2.0, 0.99)
