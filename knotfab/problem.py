@@ -14,7 +14,7 @@ from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
-from knotfab.render.picture import Precision, Renderer, ViewImage, image_at
+from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch
 
@@ -46,16 +46,9 @@ class TargetView:
     left: MultiPolygon | None = None  # what the other views' pictures leave of it; None: all
     lines: tuple[Array, ...] = ()  # its centre lines in that plane, where they are what is drawn
 
-    def image_at(
-        self,
-        radius: float,
-        pixels: int,
-        device: str = "cpu",
-        precision: Precision = "single",
-        renderer: Renderer = "ray",
-    ) -> ViewImage:
+    def image_at(self, radius: float, pixels: int, device: str = "cpu") -> ViewImage:
         """The picture with `pixels` on the longer side; `radius` of the tube in mm."""
-        return image_at(self.view, self.mask, radius, pixels, device, precision, renderer)
+        return image_at(self.view, self.mask, radius, pixels, device)
 
     @cached_property
     def axes(self) -> Array:

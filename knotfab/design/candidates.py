@@ -42,9 +42,7 @@ class RadiusRange:
     thinner: int  # of these
     hopeless: float  # score behind the best that nothing makes up for; of several views
     trials: int  # starts that are drawn of these
-    give: (
-        float  # IoU of the start, at least; of one view the settings say how much of the template's
-    )
+    give: float  # IoU of the start, at least; of one view's template as much as the settings say
 
 
 # A start for several views is drawn already (start.views): its own pictures tell.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
+from knotfab.scene.settings import Precision, Renderer
 from knotfab.target.masks import mask_iou, sample_mask
 from knotfab.target.silhouette import resample_mask
 
@@ -24,10 +25,7 @@ if TYPE_CHECKING:
     from knotfab.render.outline_image import OutlineImage
     from knotfab.render.tensors import DeviceImage
 
-__all__ = ["CUTOFF", "Precision", "Renderer", "ViewImage", "grid_at", "image_at"]
-
-Precision = Literal["single", "double"]
-Renderer = Literal["ray", "capsule", "ellipse"]
+__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left

@@ -8,7 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from knotfab.errors import InputError
 
-__all__ = ["PRESETS", "SearchSettings", "search_settings"]
+__all__ = ["PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
+
+Precision = Literal["single", "double"]
+Renderer = Literal["ray", "capsule", "ellipse"]
 
 
 class SearchSettings(BaseModel):
@@ -34,10 +37,10 @@ class SearchSettings(BaseModel):
     winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
     # sharpness of the picture at last, over the projected radius; never above 5 a pixel
     tau: float = Field(24.0, gt=0, le=1000)
-    precision: Literal["single", "double"] = "single"  # of pictures; all else is in double
+    precision: Precision = "single"  # of pictures; all else is in double
     # what a picture's pixels measure: the ray's distance, or that to outlines of capsules, or of ellipses
     # at the vertices, as the paper has it; these by torch, in double precision
-    renderer: Literal["ray", "capsule", "ellipse"] = "ray"
+    renderer: Renderer = "ray"
     depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
     radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
     # IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: .012 or more

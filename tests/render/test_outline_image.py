@@ -5,8 +5,9 @@ import pytest
 
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.render.picture import Renderer, ViewImage, image_at
+from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.model import ResolvedView
+from knotfab.scene.settings import Renderer
 
 VIEW = ResolvedView(
     frame_width_mm=120.0, frame_height_mm=90.0, azimuth_deg=30.0, light_distance_mm=600.0
@@ -26,8 +27,8 @@ def tangle() -> Array:
     return np.concatenate([one, np.column_stack([9 * np.cos(u), 3 * np.sin(u), 9 * np.sin(u)])])
 
 
-def image(renderer: Renderer, device: str = "cpu") -> ViewImage:
-    return image_at(VIEW, disc(), RADIUS, 96, device, "double", renderer)
+def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
+    return image_at(view, disc(), RADIUS, 96, "cpu", "double", renderer)
 
 
 def test_capsules_have_the_silhouette_of_rays_and_ellipses_lie_within() -> None:
@@ -71,7 +72,7 @@ def test_near_the_outline_the_errors_are_those_of_rays() -> None:
 
 def test_another_pose_keeps_the_renderer_and_what_is_on_the_device() -> None:
     turned = VIEW.model_copy(update={"azimuth_deg": 50.0})
-    here, there = image("capsule"), image_at(turned, disc(), RADIUS, 96, "cpu", "double", "capsule")
+    here, there = image("capsule"), image("capsule", turned)
     before = here.tensor
     moved = here.from_frame(there.frame)
     assert moved.tensor is before
