@@ -58,7 +58,7 @@ def build(
 
     Returns:
         `exit_code` by the contract, `folder` (where the files are), and `report`, the content of
-        report.json.
+        report.json. The process of the validators stays for the next call, and ends with this one.
 
     Raises:
         InputError: an option, the scene or a picture is wrong. SceneError: the scene cannot be met.
@@ -75,7 +75,7 @@ def build(
         f"knotfab.build({', '.join([repr([str(s) for s in sources]), repr(str(out)), *words])})"
     )
     progress = Progress("quiet")
-    with load_early(given.skip):
+    with load_early(given.skip, keep=True):
         request = prepare_build([str(s) for s in sources], given, command, progress)
         from knotfab.pipeline import run_build
 

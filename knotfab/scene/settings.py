@@ -99,7 +99,7 @@ PRESETS: dict[str, SearchSettings] = {
         radius_give=0.02,
         tolerance_px=0.5,
         mesh_sides=18,
-        outline_px=0.75,
+        outline_px=1.5,
         iou_slack=0.12,
     ),
     "draft": SearchSettings(
@@ -114,7 +114,7 @@ PRESETS: dict[str, SearchSettings] = {
         radius_give=0.008,
         tolerance_px=0.5,
         mesh_sides=18,
-        outline_px=0.75,
+        outline_px=1.0,
         iou_slack=0.08,
     ),
     "standard": SearchSettings(),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Collection, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +32,19 @@ __all__ = [
 NO_GRAPHICS = "--no-graphics"
 # -P: modules come from the installation, never from the folder one happens to be in
 _COMMAND = [sys.executable, "-P", "-m", "knotfab_validators"]
-_lent: subprocess.Popen[str] | None = None
+# of a thread: two builds side by side do not read each other's answers
+_lent: ContextVar[subprocess.Popen[str] | None] = ContextVar("validators", default=None)
+_idle: list[_Kept] = []  # one at most
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Validators that wait for the next build of the process that keeps them."""
+
+    process: int
+    command: list[str]
+    environment: dict[str, str]  # it says where graphics are, and how many may run
+    workers: Workers
 
 
 @dataclass(frozen=True)
@@ -73,7 +88,8 @@ class Verifier:
         self._command = _command(self._skip, shadows)
 
     def __enter__(self) -> Verifier:
-        self._workers = Workers(self._command, self._jobs, lent=_lent)
+        self._lent = _lent.get()
+        self._workers = Workers(self._command, self._jobs, lent=self._lent)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -81,7 +97,9 @@ class Verifier:
 
     def submit(self, files: Files, skip: Collection[str] = ()) -> Answer:
         """Hand over one piece's written files; `result` of what is returned waits for the verdict."""
-        request = {k: None if p is None else str(p) for k, p in asdict(files).items()}
+        # lent ones may have begun in another folder
+        name = str if self._lent is None else os.path.abspath
+        request = {k: None if p is None else name(p) for k, p in asdict(files).items()}
         every = {"skip": sorted(self._skip.union(skip)), "processes": min(2, count_jobs())}
         return Answer(self._workers.ask({**request, **every}))
 
@@ -109,26 +127,50 @@ def stand_by() -> Workers:
 
 
 @contextmanager
-def load_early(skip: Collection[str] = ()) -> Iterator[None]:
+def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]:
     """Validators for the build of a call that is still to be read: they load meanwhile.
 
     Those that a parent has lent load nothing any more, and serve.
+
+    Args:
+        keep: let them stay for the next call of this process, and end with it: loading takes longer than
+            verifying a small part.
     """
-    if _lent is not None:
+    if _lent.get() is not None:
         yield
         return
-    with Workers(_command(skip)) as workers:
+    command = _command(skip)
+    workers = _take_idle(command) or Workers(command)
+    try:
         borrow(workers.lend())
-        try:
-            yield
-        finally:
-            borrow(None)
+        yield
+    finally:
+        borrow(None)
+        if keep and not _idle:
+            _idle.append(_Kept(os.getpid(), command, dict(os.environ), workers))
+        else:
+            workers.__exit__()
+
+
+def _take_idle(command: list[str]) -> Workers | None:
+    """Kept validators of this command; those of the process that this one was forked from stay its own."""
+    while _idle:
+        kept = _idle.pop()
+        if kept.process == os.getpid():
+            if (kept.command, kept.environment) == (command, dict(os.environ)):
+                return kept.workers
+            kept.workers.__exit__()
+    return None
+
+
+@atexit.register
+def _end_idle() -> None:
+    _take_idle([])
 
 
 def borrow(validators: subprocess.Popen[str] | None) -> None:
     """Ask these, which are somebody else's to end, instead of starting own ones."""
-    global _lent
-    _lent = validators
+    _lent.set(validators)
 
 
 def _command(skip: Collection[str], shadows: bool = True) -> list[str]:

@@ -60,7 +60,7 @@ def test_corners_of_a_preset_stand_out_by_no_more_than_the_check_of_clearance_al
 def test_the_outline_is_held_to_what_the_accuracy_says_where_the_scene_says_nothing() -> None:
     """And to the scene's own word where it gives one; the resolved scene holds the number."""
     for given, name, expected in (
-        ({}, "sketch", 0.75),
+        ({}, "sketch", 1.5),
         ({}, "standard", 0.5),
         ({"max_outline_error_px": 0.3}, "sketch", 0.3),
     ):

@@ -15,12 +15,14 @@ from examples.measurement import (
     Built,
     Stopwatch,
     build_apart,
+    build_warm,
     failed_checks,
     paint_comparison,
     read_question,
     read_report,
     save_pictures,
 )
+from examples.pictures import pictures
 
 BUILT = Built(0, 1.0, 1.0, 1.0, None, "")
 
@@ -31,6 +33,19 @@ def test_a_refused_picture_is_a_clear_end_without_a_report(tmp_path: Path) -> No
     assert (built.code, built.report) == (2, None)
     assert built.clear and built.said.startswith("knotfab: ")
     assert built.wall_s > 0 and built.cpu_s > 0 and built.peak_mb > 1
+
+
+@pytest.mark.slow
+def test_a_build_in_this_process_gives_what_one_of_its_own_gives(tmp_path: Path) -> None:
+    path = save_pictures(pictures(), tmp_path, ["heart"])["heart"]
+    options = ["--accuracy=sketch", "--tube-radius=2"]
+    apart = build_apart(path, tmp_path / "apart", *options, printing=False)
+    warm = build_warm(path, tmp_path / "warm", accuracy="sketch", tube_radius="2")
+    assert (apart.code, warm.code) == (0, 0)
+    part = "part.stl"
+    assert (tmp_path / "apart" / part).read_bytes() == (tmp_path / "warm" / part).read_bytes()
+    refused = build_warm(tmp_path / "nowhere.png", tmp_path / "out")
+    assert (refused.code, refused.report) == (2, None) and "nowhere.png" in refused.said
 
 
 def test_a_build_past_its_limit_is_stopped(tmp_path: Path) -> None:

@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
+import os
+import sys
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import permutations
+from pathlib import Path
+from threading import Barrier
 from typing import Any
 
-from knotfab.verify.verifier import Answer
+import pytest
+
+from knotfab.pool import Workers, may_fork
+from knotfab.verify import verifier
+from knotfab.verify.verifier import Answer, Files, Verifier, load_early
+
+# answers with its own number and the file that it was asked about
+ECHO = """
+import json, os, sys
+for line in sys.stdin:
+    asked = json.loads(line)
+    told = {"seconds": {"pid": os.getpid()}, "views": [asked["part"]], "checks": []}
+    print(json.dumps({**told, "asked": asked["asked"]}), flush=True)
+"""
 
 
 def answer(*names: str) -> Future[dict[str, Any]]:
@@ -24,3 +41,86 @@ def test_a_report_lists_checks_in_one_order_however_they_were_measured() -> None
         for some in permutations(names)
     }
     assert set(order) == set(names) and order[-1] == "thing of tomorrow"
+
+
+@pytest.fixture
+def echo(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Validators that measure nothing and are there at once."""
+    monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", ECHO])
+    monkeypatch.setattr(verifier, "_idle", [])
+    monkeypatch.setattr(verifier, "Workers", Workers)  # those of conftest.py are kept anyway
+    yield
+    verifier._end_idle()
+
+
+def ask(part: str = "part.stl", keep: bool = True) -> tuple[int, str]:
+    """The process that answers a build, and the file that it is asked about."""
+    with load_early(keep=keep), Verifier() as validators:
+        answer = validators.submit(Files(Path(part))).result()
+    return answer["seconds"]["pid"], answer["views"][0]
+
+
+def is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_validators_stay_for_the_next_build_where_asked(echo: None) -> None:
+    kept, _ = ask()
+    assert is_there(kept) and [ask()[0], ask(keep=False)[0]] == [kept, kept]
+    assert not is_there(kept)  # the last one did not keep them
+    assert ask(keep=False)[0] != ask(keep=False)[0]
+
+
+def test_kept_validators_that_died_are_replaced(echo: None) -> None:
+    first, _ = ask()
+    ((kept,),) = [verifier._idle]
+    process = kept.workers.lend()
+    process.kill()
+    process.wait()
+    second, _ = ask()
+    assert second != first and is_there(second)
+
+
+def test_kept_validators_find_a_file_from_another_folder(
+    echo: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask()
+    monkeypatch.chdir(tmp_path)
+    assert ask("part.stl")[1] == str(tmp_path / "part.stl")
+
+
+def test_builds_of_two_threads_ask_validators_of_their_own(echo: None) -> None:
+    together = Barrier(2)
+
+    def build(name: str) -> list[str]:
+        with load_early(keep=True), Verifier() as validators:
+            together.wait(20)
+            answers = [validators.submit(Files(Path(name))).result() for _ in range(20)]
+        return [answer["views"][0] for answer in answers]
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(build, ["/a", "/b"], timeout=60))
+    assert found == [["/a"] * 20, ["/b"] * 20]
+    assert len(verifier._idle) == 1
+
+
+@pytest.mark.skipif(not may_fork(), reason="it cannot fork here")
+def test_a_fork_leaves_its_parents_validators_alone(echo: None) -> None:
+    kept, _ = ask()
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            own, _ = ask(keep=False)
+            os.write(write, str(own).encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    os.waitpid(pid, 0)
+    own = int(os.read(read, 100))
+    os.close(read)
+    assert own != kept and ask()[0] == kept
