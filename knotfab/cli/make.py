@@ -1,0 +1,177 @@
+"""The commands that make something: a part, a preview of it, many parts, the studio's page."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import webbrowser
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from knotfab.errors import InputError, needs_extra
+from knotfab.options import OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
+
+__all__ = ["batch", "build", "call_clock", "preview", "studio"]
+
+
+@dataclass
+class CallClock:
+    """`time.perf_counter()` where the call that runs began: its times are those that a person waits."""
+
+    began: float | None = None
+
+
+call_clock = CallClock()
+_DEFAULTS = BuildOptions()
+_READ = PictureOptions()
+
+
+def build(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    open_: Annotated[Flag, Parameter(name="--open", group=OUTPUT)] = False,
+    watch: Annotated[Flag, Parameter(group=OUTPUT)] = False,
+    events: Annotated[str | None, Parameter(show=False)] = None,
+) -> int:
+    """Turn a picture, or several, into a verified part.
+
+    Parameters
+    ----------
+    pictures
+        An image file, an SVG, or text:… (a glyph or a word); not needed where the scene names it. Several
+        pictures are several views of one part, spread about the vertical axis: two at right angles, three
+        at 60°.
+    open_
+        Open the report in the browser when it is done.
+    watch
+        Open a page in the browser that shows knot and shadow as they grow.
+    events
+        Where a line of JSON is written for each thing that happens: a file, or - for standard output.
+    """
+    from knotfab.verify.verifier import load_early
+
+    with load_early(options.skip):
+        return _build(pictures, options, open_, watch, events)
+
+
+def _build(
+    pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
+) -> int:
+    from knotfab.cli.options import open_events, open_page
+    from knotfab.cli.terminal_shadow import draw_shadow
+    from knotfab.prepare import prepare_build
+    from knotfab.progress import Progress
+    from knotfab.verify.checks import list_unmet
+
+    quiet = options.quiet or events == "-"
+    mode = "quiet" if quiet else options.mode
+    command = shlex.join(["knotfab", *sys.argv[1:]])
+    with (
+        ExitStack() as page,
+        open_events(events) as told,
+        Progress(mode, events=told, began=call_clock.began, draw=draw_shadow) as progress,
+    ):
+        request = prepare_build(pictures, options, command, progress)
+        if watch:
+            events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
+            progress.listen(events_of_page)
+        from knotfab.pipeline import run_build  # heavy: only once the call is known to be right
+
+        outcome = run_build(request, progress)
+        progress.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
+    failed = [c["name"] for c in list_unmet(outcome.report["checks"]) if c["status"] == "fail"]
+    if quiet and failed:
+        print(
+            f"knotfab: {', '.join(failed)} failed: see {outcome.folder}/report.html",
+            file=sys.stderr,
+        )
+    if not quiet:
+        from knotfab.cli.summary import print_summary
+
+        print_summary(outcome)
+    if open_:
+        webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
+    return outcome.exit_code
+
+
+def preview(
+    *pictures: str,
+    options: Annotated[PictureOptions, Parameter(name="*")] = _READ,
+    out: Place = Path("knotfab-preview.png"),
+    sequence: Flag = False,
+    json: Flag = False,
+) -> int:
+    """Show in a second what a picture will become: its silhouette, and what tubes lose of it.
+
+    Parameters
+    ----------
+    pictures
+        As for knotfab build.
+    out
+        The PNG to write: the silhouette and, in red, what a tube of each radius loses.
+    sequence
+        The pictures are frames of one motion.
+    json
+        Print the figures as JSON.
+    """
+    from knotfab.cli.summary import print_survey
+    from knotfab.files.whole import write_whole
+    from knotfab.prepare import survey_pictures
+    from knotfab.preview.draw import draw_survey
+
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
+    found = survey_pictures(pictures, BuildOptions(**vars(options), sequence=sequence))
+    write_whole(out, draw_survey(found))
+    print_survey(found, out, json)
+    return 0
+
+
+def batch(
+    *pictures: str,
+    options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
+    jobs: Whole | None = None,
+    cluster: str | None = None,
+) -> int:
+    """Build many pictures, each into a folder of its own in --out; skip those that are built already.
+
+    Parameters
+    ----------
+    pictures
+        Picture files, folders of them, or text:…
+    jobs
+        How many builds run side by side; by default as many as cores and memory allow.
+    cluster
+        The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
+    """
+    from knotfab.batch.run import batch as run
+    from knotfab.prepare import check_options
+
+    check_options(options)
+    records = run(pictures, options, jobs, cluster)
+    failed = sum(record["exit_code"] != 0 for record in records)
+    if not options.quiet:
+        print(f"{len(records) - failed} of {len(records)} passed: see {options.out}/index.html")
+    return 1 if failed else 0
+
+
+def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab-studio")) -> int:
+    """Open a local page: drop a picture on it, set the scene, and watch the knot grow.
+
+    Parameters
+    ----------
+    port
+        The port, which only this machine can reach; 0: any free one.
+    no_open
+        Print the address, but open no browser.
+    out
+        The folder for pictures and builds.
+    """
+    with needs_extra("knotfab studio", "studio"):
+        from knotfab.studio.run import run_studio
+    run_studio(port, not no_open, out)
+    return 0
