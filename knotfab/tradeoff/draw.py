@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from itertools import product
 
 from knotfab.tradeoff.explore import Explored
 from knotfab.tradeoff.points import COMBINED, PRESET
@@ -13,6 +14,7 @@ _COLORS = (
     "#1f4e79", "#c55a11", "#548235", "#7f6000", "#7030a0", "#a61c3c",
     "#2e8b8b", "#8c564b", "#d18f00", "#5b6abf", "#b05fa0", "#3f7f3f",
 )  # fmt: skip
+_MARKERS = ("o", "^", "v")  # the colours' first turn, their second, ...
 _SAID = {"cpu": "CPU seconds", "wall": "seconds"}
 
 
@@ -23,12 +25,16 @@ def draw(explored: Explored, title: str) -> bytes:
     than the frontier's may.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
     figure = Figure(figsize=(8.6, 5.4), dpi=130, layout="constrained")
     axes = figure.add_subplot()
     middle = explored.middle
     knobs = list(dict.fromkeys(m.point.knob for m in explored.measured))
-    colors = dict(zip([k for k in knobs if k not in (PRESET, COMBINED)], _COLORS * 9, strict=False))
+    looks = zip(
+        (k for k in knobs if k not in (PRESET, COMBINED)), product(_MARKERS, _COLORS), strict=False
+    )
+    marks = {**dict(looks), **({COMBINED: ("s", "#9a9a9a")} if COMBINED in knobs else {})}
     for m in explored.measured:
         knob, (seconds, error) = m.point.knob, explored.place(m)
         if knob == PRESET:
@@ -42,7 +48,7 @@ def draw(explored: Explored, title: str) -> bytes:
                 zorder=5,
             )
             continue
-        color = colors.get(knob, "#9a9a9a")
+        marker, color = marks[knob]
         axes.scatter(
             seconds,
             error,
@@ -50,11 +56,10 @@ def draw(explored: Explored, title: str) -> bytes:
             facecolors="none" if explored.sets_apart(m) else color,
             edgecolors=color,
             linewidths=1.0,
-            marker="o" if knob != COMBINED else "s",
+            marker=marker,
             zorder=2,
         )
-    for knob, color in [*colors.items(), *([(COMBINED, "#9a9a9a")] if COMBINED in knobs else [])]:
-        marker = "s" if knob == COMBINED else "o"
+    for knob, (marker, color) in marks.items():
         axes.scatter([], [], s=24, color=color, marker=marker, label=knob)
     best = explored.front
     axes.step(
@@ -70,13 +75,22 @@ def draw(explored: Explored, title: str) -> bytes:
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
         axis.set_minor_formatter("{x:g}")
         axis.set_tick_params(which="both", labelsize=8)
     axes.set_xlabel(f"{_SAID[middle.clock]} a picture: radius, search and sweep")
     axes.set_ylabel("1 − IoU")
     axes.set_title(title, fontsize=10)
     axes.grid(True, which="both", linewidth=0.3, color="#cccccc")
-    axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes.legend(
+        fontsize=7.5,
+        frameon=False,
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.0),
+        title="hollow: fewer pictures,\nor bends more, or is\nplainer from aside",
+        title_fontsize=7.5,
+        alignment="left",
+    )
     written = io.BytesIO()
     figure.savefig(written, format="png")
     return written.getvalue()
