@@ -12,6 +12,7 @@ import numpy as np
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.start.filling import simple_curves, smooth_closed
+from knotfab.target.silhouette import resample_mask
 
 __all__ = ["draw_tones", "shortest_tour", "spread_points"]
 
@@ -206,12 +207,9 @@ def _nearest_first(points: Array) -> list[int]:
 
 def _shrink(darkness: Array, cell: float) -> tuple[Array, Array]:
     """The mean darkness over cells of about so many px, and their width and height."""
-    from PIL import Image
-
     height, width = darkness.shape
     size = (max(8, round(width / cell)), max(8, round(height / cell)))
-    image = Image.fromarray(darkness.astype(np.float32))
-    small = np.asarray(image.resize(size, Image.Resampling.BOX), dtype=np.float64)
+    small = resample_mask(darkness, *size).astype(np.float64)
     return small, np.array([width / size[0], height / size[1]])
 
 

@@ -46,12 +46,15 @@ def _overlaps(source: int, wanted: int, low: float, high: float) -> scipy.sparse
 
 
 def resample_mask(
-    mask: Mask, width: int, height: int, window: tuple[float, float, float, float] | None = None
+    mask: Mask | Array,
+    width: int,
+    height: int,
+    window: tuple[float, float, float, float] | None = None,
 ) -> NDArray[np.float32]:
     """The mask's coverage at another resolution, by an exact box filter.
 
     Args:
-        mask: (H, W).
+        mask: (H, W); or greys in 0 .. 1, whose means are taken.
         width, height: of the result, smaller or larger than the mask's.
         window: left, top, right and bottom of the result in the mask's pixels; None: the mask's own frame.
             Beyond the mask nothing is covered.
