@@ -80,30 +80,33 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
 
 # of one view in draft; what they come to on this machine is learned as they pass
 _USUAL_S = {
-    "question": 0.2,
-    "radius": 1.5,
-    "template": 1.0,
-    "search": 3.0,
-    "part": 2.0,
-    "verify": 4.5,
+    "question": 0.1,
+    "radius": 0.6,
+    "template": 0.1,
+    "search": 0.5,
+    "part": 0.4,
+    "verify": 1.2,
+    "report": 0.1,
 }
-_USUAL_PRINTED_S = {"verify": 5.0, "slicer": 8.0, "drawings": 3.0}
-_LONGER = {"sketch": 0.5, "draft": 1.0, "standard": 3.0, "fine": 12.0}
+_USUAL_PRINTED_S = {"verify": 0.3, "slicer": 8.0, "drawings": 2.0}
+_LONGER = {"sketch": 0.4, "draft": 1.0, "standard": 3.5, "fine": 7.0}  # a search
+_FREE = 10.0  # times: one that finds the pose as well
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:
     """What the stages of this build usually take, for the time that is left."""
-    scene, usual = request.scene, {**_USUAL_S, "report": 1.0}
-    longer = _LONGER[scene.accuracy.name]
-    for name in ("template", "search"):
-        usual[name] *= longer * len(scene.views) ** 2
-    usual["radius"] *= longer**0.5
+    scene = request.scene
+    longer, views = _LONGER[scene.accuracy.name], len(scene.views)
+    usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}
+    usual["search"] *= longer**0.5 * (_FREE if scene.search.get("free_view") else 1.0)
     if not isinstance(scene.piece.tube_radius_mm, str) or scene.search.get("start"):
         del usual["radius"]
     if request.time_budget_s is not None:
         usual["search"] = max(1.0, request.time_budget_s - sum(usual.values()) + usual["search"])
     if request.printing:
         usual |= {name: usual.get(name, 0.0) + s for name, s in _USUAL_PRINTED_S.items()}
+        if "slicer" in request.skip:
+            del usual["slicer"]
     return usual
 
 

@@ -20,6 +20,7 @@ from PIL import Image
 import knotfab.design.design as designing
 import knotfab.piece as piece
 from knotfab.design.design import Design
+from knotfab.scene.settings import PRESETS
 from knotfab.verify.checks import CHECKS
 from knotfab_validators.names import KNOTS, MESH, PRINTING
 
@@ -120,7 +121,7 @@ def test_the_report_has_the_keys_of_the_contract(good: Good) -> None:
     assert all(0 < v < 1 for v in view["legibility"].values())
     assert 0.95 < view["iou"] == view["iou_tube"] <= 1
     assert min(view["precision"], view["recall"]) > 0.95
-    assert 0 <= view["outline_error_px"] <= 0.5
+    assert 0 <= view["outline_error_px"] <= PRESETS["draft"].outline_px
     fine = 1024 / max(view["width"], view["height"])
     pixel_mm = 180 / max(view["width"], view["height"]) / fine
     assert view["outline_error_mm"] == pytest.approx(view["outline_error_px"] * pixel_mm, rel=1e-6)

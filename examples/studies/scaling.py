@@ -34,7 +34,7 @@ FRAME_MM = 180.0
 SPACING = 0.45  # of vertices, in tube radii, as in a finished part
 PITCH = 2.4  # of the windings, in tube radii
 FILLED = 0.64  # of the frame's side
-SHORT, LONG = 3, 9  # iterations, with one and three searches for the winners
+SHORT, LONG = 3, 33  # iterations, with one and eleven searches for the winners
 TAU = (6.0, 6.0)
 MARK = "<!-- written by make scaling -->"
 
