@@ -144,7 +144,7 @@ batch-throughput: system $(DONE)
 budgets: system $(DONE)
 	$(BIN)/python -m examples.studies.budgets --kept out/budgets.json --figure docs/budgets.png
 
-# what an iteration costs against vertices, pixels, knots and views: exponents, and a 2 m wall (about 4 min)
+# what an iteration costs against vertices, pixels, knots and views: exponents, and a 2 m wall (about a minute)
 scaling: $(DONE)
 	$(BIN)/python -m examples.studies.scaling --write docs/scaling.md
 

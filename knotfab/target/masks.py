@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.arrays import Mask
+from knotfab.target.silhouette import resample_mask
 
 __all__ = [
     "drop_specks",
@@ -18,6 +19,8 @@ __all__ = [
     "sample_mask",
     "smooth",
 ]
+
+_HALF = 0.5 - 1e-5  # coverage is summed in single precision
 
 
 def mask_iou(one: Mask, other: Mask) -> float:
@@ -33,13 +36,8 @@ def outline_px(mask: Mask) -> int:
 
 
 def sample_mask(mask: Mask, width: int, height: int) -> Mask:
-    """The mask (H, W) at another resolution of the same frame, by nearest sampling: (height, width)."""
-    # in whole numbers, so that a centre between two pixels falls on the same side everywhere
-    rows, columns = (
-        (2 * np.arange(wanted) + 1) * source // (2 * wanted)
-        for wanted, source in zip((height, width), mask.shape, strict=True)
-    )
-    return np.asarray(mask[np.ix_(rows, columns)])
+    """(height, width) the mask (H, W) at another resolution: where it covers half of a pixel or more."""
+    return resample_mask(mask, width, height) >= _HALF
 
 
 def pieces_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

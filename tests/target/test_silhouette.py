@@ -181,11 +181,11 @@ def test_a_sampled_mask_is_that_of_the_validators() -> None:
         assert (sample_mask(mask, frame.width, frame.height) == inner).all()
 
 
-def test_the_nearest_pixel_is_sampled() -> None:
-    mask = np.random.default_rng(2).random((300, 2000)) > 0.5
-    small = sample_mask(mask, 1024, 154)
-    assert small.shape == (154, 1024)
-    for j, i in ((0, 0), (153, 1023), (77, 512), (20, 900)):
-        assert small[j, i] == mask[int((j + 0.5) * 300 / 154), int((i + 0.5) * 2000 / 1024)]
+def test_half_a_pixel_is_enough_where_a_mask_is_sampled() -> None:
+    mask = np.zeros((300, 2000), dtype=bool)
+    mask[31:201, 501:1801] = True
+    small = sample_mask(mask, 1000, 150)
+    assert small.shape == (150, 1000) and small.sum() == 86 * 651 - 4  # corners: a quarter
+    assert (small[::-1, ::-1] == sample_mask(mask[::-1, ::-1], 1000, 150)).all()
     tiny = np.random.default_rng(3).random((16, 8)) > 0.5
     assert (sample_mask(tiny, 512, 1024) == np.kron(tiny, np.ones((64, 64), dtype=bool))).all()

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from knotfab_validators.arrays import Mask
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["LONGER_SIDE", "WorkingFrame", "padded_mask", "working_frame"]
 
@@ -45,15 +49,27 @@ def working_frame(width: int, height: int, longer: int = LONGER_SIDE) -> Working
 
 
 def padded_mask(mask: Mask, frame: WorkingFrame) -> Mask:
-    """The mask (H, W) on the padded working frame: True where the pixel square under the centre is.
+    """The mask (H, W) on the padded working frame: True where it covers half of a pixel or more.
 
-    Each working pixel takes the value of the picture's pixel that its centre lies in; nothing is
-    smoothed. The padding is False.
+    Looked up under a working pixel's centre instead, a picture of twice as many pixels would lie aside by
+    half of one of its own. The padding is False.
     """
     height, width = mask.shape
-    # whole numbers: a centre on the line between two pixels always takes the latter
-    rows = (2 * np.arange(frame.height) + 1) * height // (2 * frame.height)
-    columns = (2 * np.arange(frame.width) + 1) * width // (2 * frame.width)
+    across = mask.astype(np.int32) @ _overlaps(width, frame.width).T
+    covered = _overlaps(height, frame.height) @ across.astype(np.int64)
     return np.pad(
-        mask[np.ix_(rows, columns)], ((frame.pad_y, frame.pad_y), (frame.pad_x, frame.pad_x))
+        2 * covered >= height * width, ((frame.pad_y, frame.pad_y), (frame.pad_x, frame.pad_x))
     )
+
+
+def _overlaps(pixels: int, wanted: int) -> csr_array:
+    """(wanted, pixels) how much of each of `pixels` each of `wanted` covers, times `wanted`.
+
+    Whole numbers, so that ties are ties; each row sums to `pixels`.
+    """
+    from scipy.sparse import csr_array
+
+    cuts = np.union1d(np.arange(wanted + 1) * pixels, np.arange(pixels + 1) * wanted)
+    at = cuts[:-1]
+    places = (at // pixels, at // wanted)
+    return csr_array((np.diff(cuts).astype(np.int32), places), shape=(wanted, pixels))
