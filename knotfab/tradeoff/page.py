@@ -25,6 +25,7 @@ _WIDTH, _HEIGHT = 760.0, 480.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 24.0, 18.0, 52.0
 _SHADOW_BYTES = 1_300_000  # of all small pictures together, so that the page stays below 2 MB
 _ROOM = 0.06  # of an axis beyond the last point
+_COLOURS = 12  # of knobs; those of their second turn have triangles
 
 
 class _Told(Protocol):
@@ -108,6 +109,7 @@ def render_page(explored: Explored, steps: Sequence[Step], told: _Told) -> str:
         first=next(i for i, m in enumerate(measured) if m.point == explored.middle.point),
         knobs=[(knob, order.get(knob, 99)) for knob in knobs],
         preset=PRESET,
+        colours=_COLOURS,
         steps=steps,
         front=_staircase([(x(m.seconds), y(m.error)) for m in explored.front]),
         ticks_x=x.ticks,

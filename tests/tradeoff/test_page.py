@@ -54,6 +54,16 @@ def test_the_page_holds_every_point_and_loads_nothing(found: Tradeoff) -> None:
         assert f"× {step.seconds:.2f}" in page
 
 
+def test_every_knob_has_a_look_of_its_own(found: Tradeoff) -> None:
+    """The thirteenth and what came after it were grey, with no mark beside their names."""
+    page = (found.folder / "tradeoff.html").read_text()
+    rules = re.findall(r"((?:\.k\d+,? )+)\{ --knob: (#\w+)", page)
+    colours = {kind: colour for kinds, colour in rules for kind in re.findall(r"\d+", kinds)}
+    buttons = [a for tag, a in _Seen(page).tags if tag == "button" and a.get("data-knob")]
+    looks = {(colours[str(a["data-knob"])], "turn" in str(a["class"])) for a in buttons}
+    assert len(buttons) > 12 and len(looks) == len(buttons)
+
+
 def test_names_are_escaped(found: Tradeoff) -> None:
     page = (found.folder / "tradeoff.html").read_text()
     assert "<script>alert" not in page and "&lt;script&gt;alert" in page
