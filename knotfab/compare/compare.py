@@ -29,10 +29,9 @@ from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.target.data_uri import encode_image
-from knotfab.target.masks import mask_iou
+from knotfab.target.masks import mask_iou, sample_mask
 from knotfab.target.raster import decode
 from knotfab.target.read import read_bytes, read_target
-from knotfab.target.silhouette import resample_mask
 
 __all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 
@@ -131,7 +130,7 @@ def compare_photo(
         at = through(homography(cards, marks), _corners_of(view))
     else:
         at = _corners_of_plate(image, scene, view, str(photo))
-    asked = resample_mask(target.asked, width, height) >= 0.5
+    asked = sample_mask(target.asked, width, height)
     wanted = np.pad(asked, ((pad[1], pad[1]), (pad[0], pad[0])))
     camera = camera_of(view, width, height).padded(*pad)
     knots = _read_knots(folder / f"knots{suffix}.json", scene)
@@ -174,7 +173,7 @@ def _best_iou(iou: float, lamp: LampFit | None) -> float:
 def _coarsen(knots: Knots, camera: Camera, shadow: Mask) -> tuple[Knots, Camera, Mask]:
     """What `find_lamp` asks for, with fewer vertices and pixels."""
     small = camera.resized(camera.width // _ROUGH, camera.height // _ROUGH)
-    seen = resample_mask(shadow, small.width, small.height) >= 0.5
+    seen = sample_mask(shadow, small.width, small.height)
     fewer = tuple(Knot(knot.points[::_ROUGH]) for knot in knots.knots)
     return Knots(fewer, knots.radius_mm), small, seen
 

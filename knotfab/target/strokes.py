@@ -8,8 +8,7 @@ import numpy as np
 
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.sampling import arc_lengths
-from knotfab.target.masks import fill_holes
-from knotfab.target.silhouette import resample_mask
+from knotfab.target.masks import fill_holes, sample_mask
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -47,7 +46,7 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
     height, width = mask.shape
     zoom = _RADIUS_PX / (0.5 * width_px)
     columns, rows = max(1, round(zoom * width)), max(1, round(zoom * height))
-    fine = np.pad(resample_mask(mask, columns, rows) >= 0.5, 1)
+    fine = np.pad(sample_mask(mask, columns, rows), 1)
     fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
     skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
     pixels = _pixel_graph(skeleton)

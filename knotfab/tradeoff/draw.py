@@ -31,10 +31,10 @@ def draw(explored: Explored, title: str) -> bytes:
     axes = figure.add_subplot()
     middle = explored.middle
     knobs = list(dict.fromkeys(m.point.knob for m in explored.measured))
-    looks = zip(
-        (k for k in knobs if k not in (PRESET, COMBINED)), product(_MARKERS, _COLORS), strict=False
-    )
-    marks = {**dict(looks), **({COMBINED: ("s", "#9a9a9a")} if COMBINED in knobs else {})}
+    single = [k for k in knobs if k not in (PRESET, COMBINED)]
+    looks = dict(zip(single, product(_MARKERS, _COLORS), strict=False))
+    if COMBINED in knobs:
+        looks[COMBINED] = ("s", "#9a9a9a")
     for m in explored.measured:
         knob, (seconds, error) = m.point.knob, explored.place(m)
         if knob == PRESET:
@@ -48,7 +48,7 @@ def draw(explored: Explored, title: str) -> bytes:
                 zorder=5,
             )
             continue
-        marker, color = marks[knob]
+        marker, color = looks[knob]
         axes.scatter(
             seconds,
             error,
@@ -59,7 +59,7 @@ def draw(explored: Explored, title: str) -> bytes:
             marker=marker,
             zorder=2,
         )
-    for knob, (marker, color) in marks.items():
+    for knob, (marker, color) in looks.items():
         axes.scatter([], [], s=24, color=color, marker=marker, label=knob)
     best = explored.front
     axes.step(

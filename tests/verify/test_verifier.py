@@ -77,7 +77,7 @@ def test_validators_stay_for_the_next_build_where_asked(echo: None) -> None:
 
 def test_kept_validators_that_died_are_replaced(echo: None) -> None:
     first, _ = ask()
-    ((kept,),) = [verifier._idle]
+    (kept,) = verifier._idle
     process = kept.workers.lend()
     process.kill()
     process.wait()
