@@ -38,14 +38,15 @@ def validate(
     skip
         Leave out these checks, such as shadow-render.
     """
-    from knotfab.cli.options import files_to_validate
-    from knotfab.read_options import read_skips
-    from knotfab.verify.verifier import Verifier
+    from knotfab.verify.verifier import Verifier, load_early
 
-    files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
-    shadows = files.part is not None and files.scene is not None
-    with Verifier(skipped, shadows) as verifier:
-        verdict = verifier.submit(files).result()
+    with load_early(skip):
+        from knotfab.cli.options import files_to_validate
+        from knotfab.read_options import read_skips
+
+        files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
+        with Verifier(skipped) as verifier:
+            verdict = verifier.submit(files).result()
     if json:
         import json as codec
 

@@ -17,7 +17,6 @@ from typing import Any
 
 from knotfab.errors import InputError, MachineError
 from knotfab.pool import Crash, Workers, count_jobs
-from knotfab.verify.checks import place_of
 
 __all__ = [
     "Answer",
@@ -118,6 +117,8 @@ class Answer:
             raise _crashed(crash) from None
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
+        from knotfab.verify.checks import place_of
+
         return {**answer, "checks": sorted(answer["checks"], key=place_of)}
 
 

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from knotfab_validators.forked import Forked, may_fork
+from knotfab_validators.forked import Baton, Forked, may_fork
 from knotfab_validators.validate import _measure_apart
 
 pytestmark = pytest.mark.skipif(not may_fork(), reason="this system makes no copies of a process")
@@ -33,6 +33,15 @@ def test_the_value_comes_whole_however_large_while_this_process_goes_on() -> Non
 def test_what_the_call_refuses_is_refused_here() -> None:
     with Forked(_refuse) as other, pytest.raises(ValueError, match="is no mesh"):
         other.result()
+
+
+def test_two_processes_take_each_number_once() -> None:
+    before = os.listdir("/proc/self/fd")
+    with Baton(200) as baton, Forked(lambda: list(baton)) as other:
+        here = list(baton)
+        there = other.result()
+        assert sorted(here + there) == list(range(200)) and list(baton) == []
+    assert len(os.listdir("/proc/self/fd")) == len(before)
 
 
 def test_one_that_nobody_waits_for_is_ended() -> None:

@@ -1,7 +1,7 @@
 """`python -m knotfab_validators`: requests as JSON lines on stdin, a verdict as a JSON line for each.
 
-Everything slow to load is loaded while the first request is still awaited, so that a parent can start this
-process early; and a graphics library that crashes takes only this process with it.
+What is slow to load is loaded while no request waits, so that a parent can start this process early; and a
+graphics library that crashes takes only this process with it.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
 "processes": 1, or 2 that share the work, "asked": whatever tells it from others}.
@@ -11,18 +11,38 @@ bad files; and "asked", as it was.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import json
 import os
+import select
 import sys
-from typing import Any
+from collections.abc import Iterator
+from typing import IO, TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from knotfab_validators.geometry.mesh import Mesh
+    from knotfab_validators.shadows.view import ViewGeometry
 
 NO_GRAPHICS = "--no-graphics"
 
 
-def _warm_up(graphics: bool) -> None:
-    """Measure and draw one triangle, so that compiled loops, VTK and its OpenGL are loaded."""
+def _steps(graphics: bool) -> Iterator[Literal[True]]:
+    """Load what the checks use, piece by piece: their libraries, compiled loops, VTK and its OpenGL."""
+    importlib.import_module(".validate", __package__)
+    for name in ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph", "scipy.ndimage"):
+        yield True
+        with contextlib.suppress(ImportError):  # the check that needs it will say so
+            importlib.import_module(name)
+    yield True
+    geometry, mesh = _measure_triangle()
+    yield True
+    if graphics:
+        _draw(geometry, mesh)
+
+
+def _measure_triangle() -> tuple[ViewGeometry, Mesh]:
     import numpy as np
 
     from knotfab_validators.files.number_rows import cut_rows
@@ -33,7 +53,6 @@ def _warm_up(graphics: bool) -> None:
     from knotfab_validators.mesh.second_opinion import overlapping_boxes
     from knotfab_validators.shadows.cast import ShadowCaster
     from knotfab_validators.shadows.distance import depth_in
-    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
     from knotfab_validators.shadows.tube_field import tube_field
     from knotfab_validators.shadows.view import ViewGeometry
     from knotfab_validators.tube.clearance import check_clearance
@@ -51,20 +70,22 @@ def _warm_up(graphics: bool) -> None:
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
     depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
     tube_field([np.eye(3)], 0.1, geometry)
-    if not graphics or why_no_rendering() is not None:
-        return
-    with SilhouetteRenderer(mesh.vertices, mesh.faces) as renderer:
-        renderer.render(geometry)
+    return geometry, mesh
 
 
-def _load() -> None:
-    """What the checks import as they go."""
-    import contextlib
+def _draw(geometry: ViewGeometry, mesh: Mesh) -> None:
+    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
 
-    importlib.import_module(".validate", __package__)
-    for name in ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph", "scipy.ndimage"):
-        with contextlib.suppress(ImportError):  # the check that needs it will say so
-            importlib.import_module(name)
+    if why_no_rendering() is None:
+        with SilhouetteRenderer(mesh.vertices, mesh.faces) as renderer:
+            renderer.render(geometry)
+
+
+def _is_asked(requests: IO[bytes]) -> bool:
+    """Whether a request is waiting, or none will come any more; Windows cannot say."""
+    if os.name == "nt":
+        return False
+    return bool(select.select([requests], [], [], 0)[0])
 
 
 def main() -> None:
@@ -73,9 +94,14 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     gc.set_threshold(20_000, 20, 20)  # the libraries make a million things that stay
-    _load()
-    _warm_up(graphics=NO_GRAPHICS not in sys.argv)
-    for line in sys.stdin:
+    requests = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  (nothing read ahead: `_is_asked`)
+    steps = _steps(graphics=NO_GRAPHICS not in sys.argv)
+    while True:
+        while not _is_asked(requests) and next(steps, False):
+            pass  # once asked, each of two processes that share the work loads its own part of the rest
+        line = requests.readline()
+        if not line:
+            break
         if line.strip():
             request = json.loads(line)
             answer = {**_answer(request), "asked": request.get("asked")}

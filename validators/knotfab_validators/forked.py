@@ -9,11 +9,11 @@ import pickle
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
-__all__ = ["Forked", "may_fork"]
+__all__ = ["Baton", "Forked", "may_fork"]
 
 T = TypeVar("T")
 
@@ -78,6 +78,32 @@ class Forked(Generic[T]):
         if isinstance(found, Exception):
             raise found
         return found
+
+
+class Baton:
+    """Numbers below `count` that a process and its copies take in turn, each of them once.
+
+        baton = Baton(count)
+        with Forked(lambda: [work(k) for k in baton]) as other:
+            mine = [work(k) for k in baton]
+
+    Which process takes which is for their haste to say; leaving it closes this one's end.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._out, into = os.pipe()
+        os.write(into, bytes(range(count)))
+        os.close(into)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._out)
+
+    def __iter__(self) -> Iterator[int]:
+        while taken := os.read(self._out, 1):
+            yield taken[0]
 
 
 def may_fork() -> bool:

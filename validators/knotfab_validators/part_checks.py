@@ -29,8 +29,7 @@ from knotfab_validators.tube.tube_fit import check_tube
 
 __all__ = ["Group", "part_checks"]
 
-Group = Literal["surface", "strands"]
-_TUBE = ("tube", "clearance")
+Group = Literal["surface", "lines", "tube"]
 PLATE_HOLES = 2  # for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
@@ -43,7 +42,7 @@ def part_checks(
     plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
     printed: Mesh | None = None,
-    groups: Collection[Group] = ("surface", "strands"),
+    groups: Collection[Group] = ("surface", "lines", "tube"),
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 
@@ -58,19 +57,32 @@ def part_checks(
     knot type and clearance are measured then; they are an estimate, and not required.
 
     Args:
-        groups: what is measured: "strands" (centre lines, tube, clearance, thickness, knot types) and
-            "surface", the rest.
+        groups: what is measured: "lines" (centre lines, clearance, thickness, knot types), "tube" (whether
+            the surface is that of the lines) and "surface", the rest. None needs what another found.
     """
     checks: list[Check] = []
-    left = _leave_out(PRINTING, skip)
+    if "lines" in groups:
+        checks += _check_lines(mesh, curves, scene, seconds, skip)
+    if "tube" in groups:
+        checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
     if "surface" in groups:
-        # of a broken surface printability means nothing: where that is asked, the surface is too
-        checks = (left and _leave_out(MESH, skip)) or _check_surface(mesh, curves, scene, seconds)
-    if "strands" in groups:
-        line, strands = _check_strands(mesh, curves, scene, seconds, skip)
-        checks = [line, *checks, *strands]
-    if "surface" not in groups:
-        return checks
+        checks += _check_surface(mesh, curves, scene, seconds, plates, skip, printed)
+    return checks
+
+
+def _check_surface(
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    seconds: dict[str, float],
+    plates: Sequence[Plate],
+    skip: Collection[str],
+    printed: Mesh | None,
+) -> list[Check]:
+    """Mesh, region and printer."""
+    left = _leave_out(PRINTING, skip)
+    # of a broken surface printability means nothing: where that is asked, the surface is too
+    checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
     printed = mesh if printed is None else printed
     if scene is None:
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
@@ -92,22 +104,22 @@ def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
     return [] if asked else [skip_check(name, "left out on request") for name in names]
 
 
-def _check_strands(
+def _check_lines(
     mesh: Mesh | None,
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
     skip: Collection[str],
-) -> tuple[Check, list[Check]]:
-    """Whether centre lines were found, and the checks that know strands."""
+) -> list[Check]:
+    """Whether centre lines were found, the gaps between strands, and what knots they are."""
     line, found = _find_lines(mesh, curves, scene, seconds, skip)
     kinds = _leave_out(KNOTS, skip) or _check_knots(mesh, curves or found, scene, seconds)
     if found is not None:
         kinds = [replace(kind, required=False) for kind in kinds]
     elif curves is None and line.status == "fail":
         kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
-    tube = _leave_out(_TUBE, skip) or _check_tube(mesh, curves, scene, seconds, found)
-    return line, [*tube, *kinds]
+    gap = _leave_out(["clearance"], skip) or [_check_gap(mesh, curves, scene, seconds, found)]
+    return [line, *gap, *kinds]
 
 
 def _find_lines(
@@ -118,9 +130,8 @@ def _find_lines(
     skip: Collection[str],
 ) -> tuple[Check, Curves | None]:
     """The centre lines of a part that came without any, and what there is to say of them."""
-    mounted = scene is not None and scene.mount.kind != "none"
     why = "not given the part" if mesh is None else "given with the knots" if curves else None
-    if why is None and mounted:
+    if why is None and _is_mounted(scene):
         why = "a part with a mount is more than tubes"
     if mesh is None or why is not None or "centre_line" in skip:
         return skip_check("centre_line", why or "left out on request"), None
@@ -128,7 +139,7 @@ def _find_lines(
         return check_centre_lines(mesh)
 
 
-def _check_surface(
+def _check_mesh(
     mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
 ) -> list[Check]:
     if mesh is None:
@@ -141,28 +152,35 @@ def _check_surface(
 
 
 def _check_tube(
+    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+) -> Check:
+    """Whether the surface is the tube of the curves."""
+    if mesh is None:
+        return skip_check("tube", "not given the part")
+    asked = scene.piece.tube_radius_mm if scene is not None else None
+    with time_stage(seconds, "tube"):
+        return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked)
+
+
+def _check_gap(
     mesh: Mesh | None,
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
-    found: Curves | None = None,
-) -> list[Check]:
-    """Whether the surface is the tube of the curves, and the gaps between its strands.
-
-    The strands of a part without curves are told apart by those that were `found`.
-    """
+    found: Curves | None,
+) -> Check:
+    """The gaps between strands, which those that were `found` tell apart where the part has no curves."""
     if mesh is None:
-        return [skip_check(name, "not given the part") for name in _TUBE]
-    mounted = scene is not None and scene.mount.kind != "none"
-    with time_stage(seconds, "tube"):
-        asked = scene.piece.tube_radius_mm if scene is not None else None
-        checks = [check_tube(mesh, curves, mounted=mounted, asked_mm=asked)]
+        return skip_check("clearance", "not given the part")
     with time_stage(seconds, "clearance"):
         required = scene.piece.clearance_mm if scene is not None and curves is not None else None
-        strands = _keep_strands(mesh, curves) if mounted else mesh
+        strands = _keep_strands(mesh, curves) if _is_mounted(scene) else mesh
         gap = check_clearance(strands, curves or found, required)
-        checks.append(gap if found is None else replace(gap, required=False))
-    return checks
+    return gap if found is None else replace(gap, required=False)
+
+
+def _is_mounted(scene: Scene | None) -> bool:
+    return scene is not None and scene.mount.kind != "none"
 
 
 def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -18,7 +17,7 @@ from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.plates import read_plates
 from knotfab_validators.files.scene import Scene, read_scene
-from knotfab_validators.forked import Forked, may_fork
+from knotfab_validators.forked import Baton, Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
@@ -34,6 +33,7 @@ T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
+GROUPS: tuple[Group, ...] = ("surface", "lines", "tube")  # the longest first
 AS_PRINTED = {*PRINTING, *PLATES, *FILES, "build_volume"}  # checks of the part before it shrinks
 
 
@@ -60,8 +60,8 @@ def validate(
         pictures_dir: where to write shadow-NAME.png and compare-NAME.png of each view.
         failures: the PNG to write when a required check fails: the part with the places marked.
         only: one half of the work, "geometry" or "shadows".
-        processes: 2: a copy of this one measures the geometry of a part in a scene meanwhile, or, where
-            it is to be printed, what of it knows no strands: that takes as long as what does.
+        processes: 2: a copy of this one begins with the geometry of a part in a scene while this one measures
+            its shadows; whichever is done first goes on with what is left.
 
     Raises:
         ValueError: a file cannot be read, or the part reaches the light (each error of the
@@ -78,27 +78,36 @@ def validate(
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
 
-    def measure(
-        groups: Collection[Group], seconds: dict[str, float]
-    ) -> tuple[list[Check], dict[str, float]]:
-        checks = part_checks(mesh, curves, setting, seconds, laid, skip, printed, groups)
-        if "surface" in groups:
-            checks.append(_check_beside(printed, part, skip, seconds))
-        return checks, seconds
+    groups: tuple[Group, ...] = () if only == "shadows" else GROUPS
+    apart = processes > 1 and only is None and mesh is not None and setting is not None
+    with Baton(len(groups)) as baton:
 
-    here: set[Group] = set() if only == "shadows" else {"surface", "strands"}
-    there: set[Group] = set()
-    if processes > 1 and may_fork() and only is None and mesh is not None and setting is not None:
-        there = set(here) if set(PRINTING) <= set(skip) else {"surface"}
-    views: list[dict[str, Any]] = []
-    with _measure_apart(partial(measure, there, {}) if there else None) as copy:
-        checks, _ = measure(here if copy is None else here - there, seconds)
-        if only != "geometry":
-            found, views = _check_shadows(mesh, curves, setting, scene, skip, pictures_dir, seconds)
-            checks += found
-        if copy is not None:
-            others, spent = copy.result()
-            checks, seconds = [*others, *checks], {**spent, **seconds}
+        def measure() -> tuple[dict[Group, list[Check]], dict[str, float]]:
+            found: dict[Group, list[Check]] = {}
+            spent: dict[str, float] = {}
+            for group in (groups[k] for k in baton):
+                found[group] = part_checks(
+                    mesh, curves, setting, spent, laid, skip, printed, [group]
+                )
+                if group == "surface":
+                    found[group].append(_check_beside(printed, part, skip, spent))
+            return found, spent
+
+        views: list[dict[str, Any]] = []
+        shadows: list[Check] = []
+        with _measure_apart(measure if apart and may_fork() else None) as copy:
+            if only != "geometry":
+                shadows, views = _check_shadows(
+                    mesh, curves, setting, scene, skip, pictures_dir, seconds
+                )
+            measured = [measure()]
+            if copy is not None:
+                measured.append(copy.result())
+    by_group: dict[Group, list[Check]] = {}
+    for found, spent in measured:
+        by_group |= found
+        seconds |= spent
+    checks = [check for group in groups for check in by_group[group]] + shadows
     checks = [_leave_out(c) if c.name in skip else _in_file(c, left) for c in checks]
     drawn = False
     if failures is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.compiled import compiled
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.mesh import Mesh, bound_triangles
 
 __all__ = ["Opinions", "crossing_faces", "opinions", "overlapping_boxes", "self_intersections"]
 
@@ -111,9 +111,7 @@ def overlapping_boxes(mesh: Mesh) -> float:
     A few long faces aslant may have more overlaps than all others together: by size the faces are told
     apart in layers, each 16 times as many as the one before.
     """
-    corners = [mesh.vertices[mesh.faces[:, i]] for i in range(3)]
-    low = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
-    high = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
+    low, high = bound_triangles(mesh.vertices[mesh.faces])
     count = len(mesh.faces)
     order = np.argsort(-np.linalg.norm(high - low, axis=1), kind="stable")
     draw = np.random.default_rng(0)

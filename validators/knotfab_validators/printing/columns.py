@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.mesh import Mesh, bound_triangles
 from knotfab_validators.geometry.sampling import number_runs
 
 __all__ = ["CELL_MM", "Columns", "columns"]
@@ -88,7 +88,7 @@ def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, I
     A row's axes are those between the places where it enters and leaves the face, and a hair more.
     """
     place = (corner - start) / cell
-    low, high = place.min(axis=1), place.max(axis=1)
+    low, high = bound_triangles(place)
     first = np.ceil(low[:, 1]).astype(np.int64)
     face, number = number_runs(np.maximum(np.floor(high[:, 1]).astype(np.int64) - first + 1, 0))
     iy = first[face] + number

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.geometry.mesh import Mesh, connect, face_normals
+from knotfab_validators.geometry.mesh import Mesh, connect
 from knotfab_validators.printing.bridges import Stretches
 
 __all__ = ["find_islands"]
@@ -41,7 +41,7 @@ def find_islands(mesh: Mesh, air: Stretches, layer_mm: float) -> Array:
         way = further
     lowest_corner = faces[start][np.arange(len(start)), z[faces[start]].argmin(axis=1)]
     ends = np.unique(way[place[lowest_corner]])
-    normals, _ = face_normals(mesh)
+    normals, _ = mesh.normals
     upward = np.full(len(z), -1.0)
     np.maximum.at(upward, place[faces].reshape(-1), np.repeat(normals[:, 2], 3))
     lowest = ends[(z[ends] > layer_mm) & (upward[ends] < UPWARD)]

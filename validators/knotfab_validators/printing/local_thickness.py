@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.geometry.mesh import Mesh, corner_faces, face_normals
+from knotfab_validators.geometry.mesh import Mesh, corner_faces
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
 
@@ -87,7 +87,7 @@ class Probe:
         self.mesh = mesh
         self.vertices = np.ascontiguousarray(mesh.vertices)
         self.faces = np.ascontiguousarray(mesh.faces)
-        self.normals, areas = face_normals(mesh)
+        self.normals, areas = mesh.normals
         corner = mesh.vertices[mesh.faces]
         sides = corner - corner[:, [1, 2, 0]]
         edges = np.sqrt(np.einsum("fki,fki->fk", sides, sides))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.geometry.mesh import Mesh, face_normals
+from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.columns import Columns
 
 __all__ = ["ANGLE_TOLERANCE", "above", "overhang_areas", "support_volume"]
@@ -21,7 +21,7 @@ def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Arra
     A face overhangs by 90° less the angle between its normal and straight down: a vertical wall by
     0°, a ceiling by 90°. It counts from above the first layer on (z > `layer_mm`), where it is cut.
     """
-    normals, areas = face_normals(mesh)
+    normals, areas = mesh.normals
     steep = _steep(normals, max_overhang_deg)
     over: Array = np.zeros(len(areas))
     over[steep] = areas[steep] * above(mesh.vertices[mesh.faces[steep], 2], layer_mm + BED_MM)
@@ -37,7 +37,7 @@ def support_volume(
     height times the cell's area (the midpoint rule: off by about half a cell along the rim of each
     overhang). Also the place (3,) of the tallest one's top, NaN where there is none.
     """
-    normals, _ = face_normals(mesh)
+    normals, _ = mesh.normals
     needs = _steep(normals, max_overhang_deg)[grid.face] & (grid.low > layer_mm + BED_MM)
     same = np.diff(grid.column, prepend=-1) == 0
     floor = np.where(same, np.concatenate([[0.0], grid.high[:-1]]), 0.0)

@@ -14,7 +14,7 @@ from knotfab_validators.shadows.exact_shadow import (
 )
 from knotfab_validators.shadows.renderer import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.shadows.winding import Linework, winding_raster
+from knotfab_validators.shadows.winding import Linework, wound_mask
 
 __all__ = ["ShadowCaster"]
 
@@ -65,7 +65,7 @@ class ShadowCaster(Renderer):
                 np.concatenate([lines.end, cut.end]),
                 np.concatenate([lines.weight, cut.weight]),
             )
-        return np.asarray(winding_raster(lines, geometry.width, geometry.height) != 0)
+        return wound_mask([lines], geometry.width, geometry.height)
 
     def _find_table(self, whole: Mask) -> EdgeTable:
         """The table of the faces that are seen whole: one for all places of the light before a receiver."""

@@ -41,24 +41,33 @@ def _square_depth(mask: Mask) -> Array:
     squares = np.zeros((height, width))
     apex, begins = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     for y in range(height):
-        g, last = down[y], 0
-        apex[0], begins[0] = 0, 0
-        for x in range(1, width):
-            while last >= 0:
-                at, old = begins[last], apex[last]
-                if (at - old) ** 2 + g[old] ** 2 <= (at - x) ** 2 + g[x] ** 2:
-                    break
-                last -= 1
-            if last < 0:
-                last, apex[0], begins[0] = 0, x, 0
+        g, end = down[y], 0
+        while end < width:
+            if g[end] == 0:
+                end += 1
                 continue
-            old = apex[last]
-            meet = 1 + (x * x - old * old + g[x] ** 2 - g[old] ** 2) // (2 * (x - old))
-            if meet < width:
-                last += 1
-                apex[last], begins[last] = x, meet
-        for x in range(width - 1, -1, -1):
-            squares[y, x] = (x - apex[last]) ** 2 + g[apex[last]] ** 2
-            if x == begins[last]:
-                last -= 1
+            # a run of the mask and the pixels beside it, nearer to it than what is beyond them
+            begin = max(end - 1, 0)
+            while end < width and g[end] > 0:
+                end += 1
+            stop, last = min(end + 1, width), 0
+            apex[0], begins[0] = begin, begin
+            for x in range(begin + 1, stop):
+                while last >= 0:
+                    at, old = begins[last], apex[last]
+                    if (at - old) ** 2 + g[old] ** 2 <= (at - x) ** 2 + g[x] ** 2:
+                        break
+                    last -= 1
+                if last < 0:
+                    last, apex[0], begins[0] = 0, x, begin
+                    continue
+                old = apex[last]
+                meet = 1 + (x * x - old * old + g[x] ** 2 - g[old] ** 2) // (2 * (x - old))
+                if meet < stop:
+                    last += 1
+                    apex[last], begins[last] = x, meet
+            for x in range(stop - 1, begin - 1, -1):
+                squares[y, x] = (x - apex[last]) ** 2 + g[apex[last]] ** 2
+                if x == begins[last]:
+                    last -= 1
     return squares

@@ -11,7 +11,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.shadows.winding import Linework, winding_at, winding_raster
+from knotfab_validators.shadows.winding import Linework, winding_at, wound_mask
 
 __all__ = [
     "NEAREST",
@@ -161,8 +161,17 @@ def shadow_lines(
 
 def on_page(homogeneous: Array) -> Array:
     """Pixels (n, 2) of (u w, v w, w) (n, 3)."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # corners that no face uses
-        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+    return _divide(np.ascontiguousarray(homogeneous))
+
+
+@compiled
+def _divide(homogeneous: Array) -> Array:
+    page = np.empty((len(homogeneous), 2))
+    for k in range(len(homogeneous)):
+        # w is 0 at corners that no face uses only
+        page[k, 0] = homogeneous[k, 0] / homogeneous[k, 2]
+        page[k, 1] = homogeneous[k, 1] / homogeneous[k, 2]
+    return page
 
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
@@ -176,8 +185,7 @@ def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
             geometry.bend(lines.start[which] + s / count * along[which]) for s in (step, step + 1)
         )
         lines = Linework(start, end, lines.weight[which])
-    mask: Mask = winding_raster(lines, geometry.width, geometry.height) != 0
-    return mask
+    return wound_mask([lines], geometry.width, geometry.height)
 
 
 def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.compiled import compiled
 from knotfab_validators.files.scene import Effects
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.shadows.winding import Linework, winding_raster
+from knotfab_validators.shadows.winding import Linework, wound_mask
 
 __all__ = ["layer_shift_px", "layered_mask", "measure_layers", "shows_layers"]
 
@@ -38,8 +38,9 @@ def shows_layers(effects: Effects, shift_px: float) -> bool:
     return shift_px > LAYER_TOLERANCES * effects.tolerance_px
 
 
+@compiled
 def _contours(
-    mesh: Mesh, first: Ints, layers: tuple[int, int], layer_mm: float
+    vertices: Array, faces: Ints, first: Ints, begin: int, stop: int, layer_mm: float
 ) -> tuple[Array, Array, Ints]:
     """Starts and ends (k, 3) of slices' edges, matter on their left from above, and their layers (k,).
 
@@ -48,29 +49,34 @@ def _contours(
     at the same point, to the last bit.
 
     Args:
-        first: of each vertex the layer in whose middle, or below which, it lies. layers: from and up to.
+        first: of each vertex the layer in whose middle, or below which, it lies. begin, stop: the layers,
+            from and up to.
     """
-    spans = first[mesh.faces]
-    low, high = np.maximum(spans.min(axis=1), layers[0]), np.minimum(spans.max(axis=1), layers[1])
-    face, layer = number_runs(np.maximum(high - low, 0))
-    layer = layer + low[face]
-    corners = mesh.faces[face]
-    over = first[corners] > layer[:, None]
-    ends = []
-    for upward in (False, True):
-        found = np.zeros((len(face), 3))
-        for side in range(3):
-            ahead = (side + 1) % 3
-            some = np.flatnonzero((over[:, ahead] == upward) & (over[:, side] != upward))
-            a, b = corners[some, side], corners[some, ahead]
-            one, other = mesh.vertices[np.minimum(a, b)], mesh.vertices[np.maximum(a, b)]
-            height = (layer[some] + 0.5) * layer_mm
-            share = ((height - one[:, 2]) / (other[:, 2] - one[:, 2]))[:, None]
-            cut = (1 - share) * one + share * other
-            cut[:, 2] = height
-            found[some] = cut
-        ends.append(found)
-    return ends[0], ends[1], layer
+    low, high = np.empty(len(faces), dtype=np.int64), np.empty(len(faces), dtype=np.int64)
+    count = 0
+    for k in range(len(faces)):
+        a, b, c = first[faces[k, 0]], first[faces[k, 1]], first[faces[k, 2]]
+        low[k], high[k] = max(min(a, b, c), begin), min(max(a, b, c), stop)
+        count += max(high[k] - low[k], 0)
+    start, end = np.zeros((count, 3)), np.zeros((count, 3))
+    number = np.empty(count, dtype=np.int64)
+    cuts = 0
+    for k in range(len(faces)):
+        for layer in range(low[k], high[k]):
+            number[cuts], height = layer, (layer + 0.5) * layer_mm
+            for side in range(3):
+                here, ahead = faces[k, side], faces[k, (side + 1) % 3]
+                upward = first[ahead] > layer
+                if (first[here] > layer) == upward:
+                    continue
+                one, other = vertices[min(here, ahead)], vertices[max(here, ahead)]
+                share = (height - one[2]) / (other[2] - one[2])
+                cut = end if upward else start
+                cut[cuts, 0] = (1 - share) * one[0] + share * other[0]
+                cut[cuts, 1] = (1 - share) * one[1] + share * other[1]
+                cut[cuts, 2] = height
+            cuts += 1
+    return start, end, number
 
 
 def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
@@ -85,13 +91,13 @@ def layered_mask(mesh: Mesh, geometry: ViewGeometry, layer_mm: float) -> Mask:
     """
     # at and above which slices a vertex is not above: slices lie half a layer above whole layers
     first = np.ceil(mesh.vertices[:, 2] / layer_mm - 0.5).astype(np.int64)
-    raster = np.zeros((geometry.height, geometry.width), dtype=np.int64)
-    for begin in range(int(first.min()), int(first.max()), BLOCK):
-        found = _contours(mesh, first, (begin, begin + BLOCK), layer_mm)
-        lines = _slice_lines(*found, geometry, layer_mm)
-        raster += winding_raster(lines, geometry.width, geometry.height)
-    mask: Mask = raster != 0
-    return mask
+    vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
+    slices = (
+        _contours(vertices, faces, first, begin, begin + BLOCK, layer_mm)
+        for begin in range(int(first.min()), int(first.max()), BLOCK)
+    )
+    lines = (_slice_lines(*found, geometry, layer_mm) for found in slices)
+    return wound_mask(lines, geometry.width, geometry.height)
 
 
 def _slice_lines(

@@ -210,8 +210,8 @@ def _shrink(mask: Mask, reach: float) -> Mask:
 def _label(mask: Mask, neighbours: Mask) -> tuple[Ints, int]:
     from scipy.ndimage import label
 
-    labels, count = label(mask, neighbours)
-    return labels.astype(np.int64), int(count)
+    labels = np.empty(mask.shape, dtype=np.int64)
+    return labels, int(label(mask, neighbours, output=labels))
 
 
 def _regions(labels: Ints, count: int, reach: float) -> list[tuple[int, Box]]:

@@ -13,7 +13,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.curves import edges_of
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.shadows.winding import Linework, winding_raster
+from knotfab_validators.shadows.winding import Linework, wound_mask
 
 __all__ = ["OutlineError", "TubeField", "outline_error", "tube_field"]
 
@@ -98,7 +98,7 @@ def tube_field(
     begin, stop = _trace_hulls(pictures)
     lines = Linework(begin, stop, np.ones(len(begin), dtype=np.int64))
     middles, _ = geometry.project((start + end) / 2 + geometry.light)
-    mask = winding_raster(lines, geometry.width, geometry.height) != 0
+    mask = wound_mask([lines], geometry.width, geometry.height)
     bounds = np.concatenate([pictures.min(axis=1), pictures.max(axis=1)], axis=1)
     return TubeField(start, end, radius, geometry, middles, bounds, mask)
 

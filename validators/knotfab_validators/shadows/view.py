@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from knotfab_validators.arrays import Array
+from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.axes import view_axes
 from knotfab_validators.shadows.cylinder import Cylinder
 from knotfab_validators.shadows.frame import WorkingFrame
@@ -129,8 +130,7 @@ class ViewGeometry:
 
     def lift(self, points: Array) -> Array:
         """(u w, v w, w) (n, 3) of points (n, 3), on the flat receiver: straight lines stay straight in it."""
-        matrix = self.projection
-        return np.asarray(points @ matrix[:, :3].T + matrix[:, 3])
+        return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
 
     def bend(self, pixels: Array) -> Array:
         """Where the light's rays through pixels (n, 2) of the flat receiver meet the curved one, pixels."""
@@ -185,6 +185,17 @@ class ViewGeometry:
             up=self.up @ rotation,
             cylinder=self.cylinder and self.cylinder.in_part(pose),
         )
+
+
+@compiled
+def _lift(points: Array, matrix: Array) -> Array:
+    """`matrix` (3, 4) times (x, y, z, 1), of points (n, 3)."""
+    lifted = np.empty((len(points), 3))
+    for k in range(len(points)):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        for i in range(3):
+            lifted[k, i] = matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z + matrix[i, 3]
+    return lifted
 
 
 def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from knotfab_validators.arrays import Array, Ints
+from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
 
-__all__ = ["Linework", "winding_at", "winding_raster"]
+__all__ = ["Linework", "winding_at", "wound_mask"]
 
 
 @dataclass(frozen=True)
@@ -37,20 +39,24 @@ def _rising_edges(lines: Linework) -> tuple[Linework, Array]:
     return Linework(low, high, weight), slope
 
 
-def winding_raster(lines: Linework, width: int, height: int) -> Ints:
-    """Winding numbers (height, width) at the pixel centres, which lie at integers.
+def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
+    """Where the winding number of all `parts` together is not 0, (height, width); pixel centres are integers.
 
     A scan line algorithm: each edge adds its weight to all pixels of a row that lie to the right
     of its crossing, by one entry and a running sum. An edge meets the rows of the half-open
     interval [y_low, y_high), so a vertex on a row counts once.
     """
-    start, end = (np.ascontiguousarray(x, dtype=np.float64) for x in (lines.start, lines.end))
-    return _wind(start, end, np.ascontiguousarray(lines.weight, dtype=np.int64), width, height)
+    raster = np.zeros((height, width), dtype=np.int32)
+    for lines in parts:
+        start, end = (np.ascontiguousarray(x, dtype=np.float64) for x in (lines.start, lines.end))
+        _add_edges(raster, start, end, np.ascontiguousarray(lines.weight, dtype=np.int64))
+    return _find_wound(raster)
 
 
 @compiled
-def _wind(start: Array, end: Array, weight: Ints, width: int, height: int) -> Ints:
-    raster = np.zeros((height, width), dtype=np.int64)
+def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints) -> None:
+    """Add each edge's weight to the first pixel right of it in each row that it crosses."""
+    height, width = raster.shape
     for k in range(len(start)):
         low, high, turn = start[k], end[k], weight[k]
         if high[1] < low[1]:
@@ -64,10 +70,19 @@ def _wind(start: Array, end: Array, weight: Ints, width: int, height: int) -> In
             column = max(np.ceil(low[0] + (row - low[1]) * slope), 0.0)
             if column < width:
                 raster[row, int(column)] += turn
+
+
+@compiled
+def _find_wound(raster: NDArray[np.int32]) -> Mask:
+    """Where the running sum of a row is not 0."""
+    height, width = raster.shape
+    mask = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):
-        for column in range(1, width):
-            raster[row, column] += raster[row, column - 1]
-    return raster
+        total = 0
+        for column in range(width):
+            total += raster[row, column]
+            mask[row, column] = total != 0
+    return mask
 
 
 def winding_at(points: Array, lines: Linework) -> Ints:

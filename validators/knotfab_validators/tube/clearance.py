@@ -10,7 +10,7 @@ import numpy as np
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import Check, at_least, skip_check, spot
 from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.mesh import Mesh, bound_triangles
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.geometry.segments import point_segment, segment_segment
 from knotfab_validators.geometry.triangle_loops import nearest_edges
@@ -175,7 +175,8 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     reach = np.zeros(len(start))
     np.maximum.at(reach, edge[order], to_corner[order])
     corners = corners[order]
-    centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
+    low, high = bound_triangles(corners)
+    centre = (low + high) / 2
     size = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     first = np.searchsorted(edge[order], np.arange(len(start) + 1))
     left_out = int(len(mesh.faces) - len(order))
