@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 from validator_parts import circle
 
+import knotfab_validators
 from knotfab_validators.validate import validate
 
 EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures")} | {
@@ -50,3 +52,21 @@ def test_verdicts_are_those_of_validate_and_a_bad_file_is_one_sentence(tmp_path:
         assert verdict["checks"] == here["checks"] and verdict["views"] == here["views"] == []
         assert all(value >= 0 for value in verdict["seconds"].values())
     assert "part.stl" in part["error"] and "absent.json" in absent["error"]
+
+
+@pytest.mark.slow
+def test_a_request_without_files_leaves_every_loop_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that the first part that is validated waits for none."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    (answer,) = answers({})
+    assert answer["exit_code"] in (0, 3)
+    kept = {path.name.partition("-")[0] for path in tmp_path.rglob("*.nbi")}
+    sources = Path(knotfab_validators.__file__).parent.rglob("*.py")
+    loops = {
+        f"{path.stem}.{name}"
+        for path in sources
+        for name in re.findall(r"^@compiled\ndef (\w+)", path.read_text(), re.MULTILINE)
+    }
+    assert kept == loops and len(loops) > 10

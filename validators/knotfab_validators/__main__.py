@@ -1,7 +1,8 @@
 """`python -m knotfab_validators`: requests as JSON lines on stdin, a verdict as a JSON line for each.
 
 What is slow to load is loaded while no request waits, so that a parent can start this process early; and a
-graphics library that crashes takes only this process with it.
+graphics library that crashes takes only this process with it. A request without files is answered once all is
+loaded, and compiled loops are kept for other processes.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
 "processes": 1, or 2 that share the work, "asked": whatever tells it from others}.
@@ -43,6 +44,7 @@ def _steps(graphics: bool) -> Iterator[Literal[True]]:
 
 
 def _measure_triangle() -> tuple[ViewGeometry, Mesh]:
+    """Run every compiled loop."""
     import numpy as np
 
     from knotfab_validators.files.number_rows import cut_rows
@@ -53,6 +55,7 @@ def _measure_triangle() -> tuple[ViewGeometry, Mesh]:
     from knotfab_validators.mesh.second_opinion import overlapping_boxes
     from knotfab_validators.shadows.cast import ShadowCaster
     from knotfab_validators.shadows.distance import depth_in
+    from knotfab_validators.shadows.layers import layered_mask
     from knotfab_validators.shadows.tube_field import tube_field
     from knotfab_validators.shadows.view import ViewGeometry
     from knotfab_validators.tube.clearance import check_clearance
@@ -70,6 +73,7 @@ def _measure_triangle() -> tuple[ViewGeometry, Mesh]:
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
     depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
     tube_field([np.eye(3)], 0.1, geometry)
+    layered_mask(mesh, geometry, 0.5)
     return geometry, mesh
 
 
@@ -104,6 +108,9 @@ def main() -> None:
             break
         if line.strip():
             request = json.loads(line)
+            if request["part"] is None and request["knots"] is None:
+                while next(steps, False):
+                    pass
             answer = {**_answer(request), "asked": request.get("asked")}
             print(json.dumps(answer), file=answers, flush=True)
     gc.freeze()  # a parent waits for the end: what is left is not looked through for it
