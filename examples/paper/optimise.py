@@ -30,6 +30,7 @@ from examples.paper.settings import PAPER, PaperSettings
 from knotfab.errors import InputError, SceneError
 from knotfab.render.outlines import REACH, Won, render_outlines, winners
 from knotfab.render.threads import one_thread
+from knotfab.search.adam import Adam
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def search_paper(
 
         network = CouplingNetwork(settings.depth, settings.width, settings.seed)
     watch = Stopwatch()
-    adam = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
+    adam = Adam(network.parameters())
     generator = torch.Generator().manual_seed(settings.seed)
     losses: list[dict[str, float]] = []
     ious: list[tuple[float, ...]] = []
@@ -111,9 +112,7 @@ def search_paper(
                     "its loss or its points are no longer finite",
                     "Use a smaller learning rate",
                 )
-            adam.zero_grad()
-            total.backward()  # type: ignore[no-untyped-call]
-            adam.step()
+            adam.step(torch.autograd.grad(total, adam.tensors), settings.learning_rate)
             losses.append({name: float(t.detach()) for name, t in terms.items()} | {"total": value})
             ious.append(tuple(iou(i, v.target) for i, v in zip(images, views, strict=True)))
             if report is not None:

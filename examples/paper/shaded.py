@@ -27,6 +27,7 @@ from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
+from knotfab.search.adam import Adam
 
 Render = Callable[[Tensor, float], Tensor]  # (points, tau) -> image
 
@@ -79,17 +80,15 @@ def fit(at: Trial, render: Render, iterations: int = 150, waves: int = 6) -> Arr
     s = 2 * np.pi * np.arange(len(truth))[:, None] / len(truth) * np.arange(waves + 1)
     basis = torch.as_tensor(np.concatenate([np.cos(s), np.sin(s[:, 1:])], axis=1))
     weights = torch.zeros(basis.shape[1], 3, dtype=truth.dtype, requires_grad=True)
-    adam = torch.optim.Adam([weights], betas=(0.8, 0.95))
+    adam = Adam([weights], betas=(0.8, 0.95))
     points = at.start
     for iteration in range(iterations):
         progress = iteration / iterations
         tau, target = targets[int(progress * len(targets))]
-        adam.param_groups[0]["lr"] = _RATE_MM * _LAST**progress
         before = weights.detach().clone()
         moved = torch.as_tensor(at.start) + basis @ weights
-        adam.zero_grad()
-        ((render(moved, tau) - target) ** 2).sum().backward()  # type: ignore[no-untyped-call]
-        adam.step()
+        error = ((render(moved, tau) - target) ** 2).sum()
+        adam.step(torch.autograd.grad(error, adam.tensors), _RATE_MM * _LAST**progress)
         step = (basis @ (weights.detach() - before)).numpy()
         near = find_neighbours(points, at.rings, 4.0 * RADIUS_MM, 6)
         if certify(points, step, at.rings, near).valid:

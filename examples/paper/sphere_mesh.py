@@ -27,6 +27,7 @@ from knotfab.errors import SceneError
 from knotfab.progress import Progress
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
+from knotfab.search.adam import Adam
 from knotfab.search.search import search
 from knotfab.target.masks import mask_iou
 from knotfab.target.silhouette import resample_mask
@@ -109,7 +110,7 @@ def fit_sphere(
     both = torch.cat([edges, edges.flip(1)])
     degree = torch.bincount(both[:, 0])[:, None].float()
     pairs = torch.tensor(np.asarray(sphere.face_adjacency), dtype=torch.long)
-    adam = torch.optim.Adam([vertices], lr=0.01)
+    adam = Adam([vertices])
     for iteration in range(iterations):
         progress = iteration / max(1, iterations - 1)
         sigma = 1e-3 * (3e-5 / 1e-3) ** progress
@@ -119,9 +120,7 @@ def fit_sphere(
         mean = torch.zeros_like(vertices).index_add(0, both[:, 0], vertices[both[:, 1]]) / degree
         loss = loss + 0.01 * ((vertices - mean) ** 2).sum()
         loss = loss + 0.0005 * _flattening(vertices, pairs, faces) / len(pairs)
-        adam.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        adam.step()
+        adam.step(torch.autograd.grad(loss, adam.tensors), 0.01)
     return vertices.detach().double().numpy(), faces.numpy()
 
 

@@ -22,6 +22,7 @@ from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import dot, polylines_of, split_alike
 from knotfab.problem import Report
 from knotfab.render.threads import one_thread
+from knotfab.search.adam import Adam
 from knotfab.search.flow import find_felt
 from knotfab.search.network import CouplingNetwork
 from knotfab.search.phases import three_phases
@@ -111,7 +112,7 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
     """Adam on the network's weights; the parameters of even samples at the end."""
     network, settings, limits = mapped.network, state.settings, state.limits
     rate = 1e-3 / settings.network_width
-    adam = torch.optim.Adam(network.parameters(), lr=rate, betas=(0.9, 0.99))
+    adam = Adam(network.parameters(), betas=(0.9, 0.99))
     edge, radius = _EDGE * limits.radius, limits.radius
     total = settings.network_iterations
     first = settings.network_rate_radii * (_FURTHER if settings.network_start == "circle" else 1.0)
@@ -145,12 +146,9 @@ def _descend(state: SearchState, curves: Curves, mapped: _Map, report: Report | 
         update(x, near, iteration - since, progress)
         if state.watch is not None:  # nothing is certified before the end
             state.watch(partial(state.knots_at, x, state.rings), False)
-        adam.zero_grad()
         _, slope = objective(x, near, progress)
-        images.backward(torch.as_tensor(slope, dtype=images.dtype, device=images.device))
-        for group in adam.param_groups:
-            group["lr"] = rate
-        adam.step()
+        along = torch.as_tensor(slope, dtype=images.dtype, device=images.device)
+        adam.step(torch.autograd.grad(images, adam.tensors, along), rate)
         if report is not None and iteration % 10 == 0:
             report(progress, min(objective.ious(x)))
     where = _sample(state, curves, mapped, where, edge)

@@ -25,6 +25,7 @@ from knotfab.render.posed_frame import posed_frame, turn_matrix
 from knotfab.render.tensors import squared_error
 from knotfab.render.threads import one_thread
 from knotfab.scene.model import LIGHT_SHARE, WALL_SHARE
+from knotfab.search.adam import Adam
 from knotfab.search.objective import Objective
 from knotfab.search.phases import SETTLE
 
@@ -103,13 +104,7 @@ class FreePose:
             torch.tensor([n in bounds.free for n in part], device=device)
             for part in (ALL[:3], ALL[3:])
         ]
-        self._adam = torch.optim.Adam(
-            [
-                {"params": [self.turn_deg], "lr": _TURN_RATE},
-                {"params": [self.logs], "lr": _LENGTH_RATE},
-            ],
-            betas=(0.8, 0.95),
-        )
+        self._adam = Adam(self.tensors, betas=(0.8, 0.95))
 
     @property
     def tensors(self) -> tuple[Tensor, Tensor]:
@@ -145,11 +140,8 @@ class FreePose:
     def move(self, gradients: tuple[Tensor, Tensor], points: Array, progress: float) -> None:
         """One step of Adam against `gradients` of `tensors`, then back into the bounds."""
         share = _LAST**progress
-        for group, rate in zip(self._adam.param_groups, (_TURN_RATE, _LENGTH_RATE), strict=True):
-            group["lr"] = rate * share
-        for tensor, gradient, mask in zip(self.tensors, gradients, self._mask, strict=True):
-            tensor.grad = torch.where(mask, gradient, 0.0)
-        self._adam.step()
+        free = [torch.where(m, g, 0.0) for m, g in zip(self._mask, gradients, strict=True)]
+        self._adam.step(free, (_TURN_RATE * share, _LENGTH_RATE * share))
         self.keep(points)
 
     def keep(self, points: Array) -> None:
