@@ -1,6 +1,6 @@
 """Adam, with a rate for each tensor at each step.
 
-torch's own optimisers load its compiler when the first one is made: over a second, and, where torch comes
+torch's own optimisers load its compiler when the first one is made: a second, and, where torch comes
 with Triton, an LLVM that does not bear Mesa's beside it.
 """
 

@@ -64,14 +64,16 @@ def test_corners_that_are_lost_are_not_one_loss() -> None:
 
 
 @given(st.floats(1.0, 8.0), st.floats(1.0, 3.0))
-@example(2.0, 1.49)
-@example(2.0, 1.51)
+@example(2.0, 1.46)
+@example(2.0, 1.54)
+@example(7.875, 1.86)
+@example(7.875, 1.96)
 @settings(deadline=None, max_examples=20)
 def test_an_opening_may_be_taken_of_an_opening(radius: float, times: float) -> None:
     plate = 30.0
     two = shape(PAN, box(60, 20, 60 + plate, 20 + plate))
-    # a disc just as wide as a part may fit or not: it depends on the last digit (2.0 and 1.5, of the arm)
-    assume(all(abs(2.0 * radius * times / width - 1.0) > 1e-3 for width in (BAR, plate)))
+    # as wide as a part, to the fiftieth that is promised, a disc may fit or not (7.875, 1.8984375: the plate)
+    assume(all(abs(2.0 * radius * times / width - 1.0) > 1 / 50 for width in (BAR, plate)))
     once, twice = (open_by(s, radius * times) for s in (two, open_by(two, radius)))
     assert once.symmetric_difference(twice).area < 0.01 * two.area
 
