@@ -123,7 +123,7 @@ def compile_loops() -> Finding:
     from knotfab.verify.verifier import Files, Verifier
 
     begun = time.perf_counter()
-    with Verifier({"shadow-render"}, shadows=False) as verifier:
+    with Verifier({"shadow-render"}) as verifier:
         validators = verifier.submit(Files(None))
         run_loops()
         failed = None

@@ -32,8 +32,8 @@ class Adam:
     ) -> None:
         self.tensors = list(tensors)
         self._betas, self._steps = betas, 0
-        self._mean = [torch.zeros_like(t, requires_grad=False) for t in self.tensors]
-        self._square = [torch.zeros_like(t, requires_grad=False) for t in self.tensors]
+        self._mean = [torch.zeros_like(t) for t in self.tensors]
+        self._square = [torch.zeros_like(t) for t in self.tensors]
 
     @torch.no_grad()
     def step(self, gradients: Sequence[Tensor], rate: float | Sequence[float]) -> None:

@@ -74,7 +74,6 @@ class Verifier:
 
     Args:
         skip: the checks to leave out, of every piece.
-        shadows: whether there will be any to verify.
         jobs: pieces that are verified side by side, by a child each.
 
     Raises (from `result`):
@@ -82,9 +81,9 @@ class Verifier:
         InputError: it could not read a file, or write one.
     """
 
-    def __init__(self, skip: Collection[str] = (), shadows: bool = True, jobs: int = 1) -> None:
+    def __init__(self, skip: Collection[str] = (), jobs: int = 1) -> None:
         self._skip, self._jobs = frozenset(skip), jobs
-        self._command = _command(self._skip, shadows)
+        self._command = _command(self._skip)
 
     def __enter__(self) -> Verifier:
         self._lent = _lent.get()
@@ -117,7 +116,7 @@ class Answer:
             raise _crashed(crash) from None
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
-        from knotfab.verify.checks import place_of
+        from knotfab.verify.checks import place_of  # with numpy, not before the child has begun
 
         return {**answer, "checks": sorted(answer["checks"], key=place_of)}
 
@@ -174,9 +173,8 @@ def borrow(validators: subprocess.Popen[str] | None) -> None:
     _lent.set(validators)
 
 
-def _command(skip: Collection[str], shadows: bool = True) -> list[str]:
-    rendered = shadows and "shadow-render" not in skip
-    return _COMMAND if rendered else [*_COMMAND, NO_GRAPHICS]
+def _command(skip: Collection[str]) -> list[str]:
+    return [*_COMMAND, NO_GRAPHICS] if "shadow-render" in skip else _COMMAND
 
 
 def _crashed(crash: Crash) -> MachineError:

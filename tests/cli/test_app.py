@@ -492,7 +492,7 @@ def test_a_verifier_answers_for_several_pieces_and_ends_what_is_not_done(tmp_pat
     good.write_text(
         json.dumps({"schema": 1, "unit": "mm", "knots": [{"closed": True, "points": ring()}]})
     )
-    with Verifier(shadows=False) as verifier:
+    with Verifier({"shadow-render"}) as verifier:
         answers = [verifier.submit(Files(None, path)) for path in (bad, good, good)]
         with pytest.raises(InputError):
             answers[0].result()

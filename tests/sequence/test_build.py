@@ -281,7 +281,7 @@ def test_what_a_sequence_cannot_have_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_verified_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_bytes(b"no mesh")
     files = Files(tmp_path / "part.stl", tmp_path / "k.json", tmp_path / "s.toml", tmp_path)
-    with Verifier(shadows=False) as verifier:  # nothing is there to be rendered
+    with Verifier({"shadow-render"}) as verifier:  # nothing is there to be rendered
         answer = verifier.submit(files)
         with pytest.raises(InputError):
             answer.result()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box, unary_union
 from shapely.affinity import rotate
@@ -63,19 +63,29 @@ def test_corners_that_are_lost_are_not_one_loss() -> None:
     assert loss.extent < 12.0 and loss.at[1] < 20.0
 
 
+PLATE = 30.0  # width of the second piece of a picture of two
+
+
+def _change_by_opening_first(radius: float, times: float) -> float:
+    """The share of two pieces that differs where an opening is taken of a smaller one."""
+    two = shape(PAN, box(60, 20, 60 + PLATE, 20 + PLATE))
+    once, twice = (open_by(s, radius * times) for s in (two, open_by(two, radius)))
+    return float(once.symmetric_difference(twice).area / two.area)
+
+
 @given(st.floats(1.0, 8.0), st.floats(1.0, 3.0))
-@example(2.0, 1.46)
-@example(2.0, 1.54)
-@example(7.875, 1.86)
-@example(7.875, 1.96)
 @settings(deadline=None, max_examples=20)
 def test_an_opening_may_be_taken_of_an_opening(radius: float, times: float) -> None:
-    plate = 30.0
-    two = shape(PAN, box(60, 20, 60 + plate, 20 + plate))
     # as wide as a part, to the fiftieth that is promised, a disc may fit or not (7.875, 1.8984375: the plate)
-    assume(all(abs(2.0 * radius * times / width - 1.0) > 1 / 50 for width in (BAR, plate)))
-    once, twice = (open_by(s, radius * times) for s in (two, open_by(two, radius)))
-    assert once.symmetric_difference(twice).area < 0.01 * two.area
+    assume(all(abs(2.0 * radius * times / width - 1.0) > 1 / 50 for width in (BAR, PLATE)))
+    assert _change_by_opening_first(radius, times) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("radius", "times"), [(2.0, 1.49), (2.0, 1.51), (7.875, 1.86), (7.875, 1.96)]
+)
+def test_so_it_may_where_a_disc_is_nearly_as_wide_as_a_part(radius: float, times: float) -> None:
+    assert _change_by_opening_first(radius, times) < 0.01
 
 
 @pytest.mark.slow

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import time
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,6 @@ from examples.corpus.parts import Body
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.names import PRINTING
-from knotfab_validators.part_checks import Group
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
@@ -220,22 +221,36 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
 
 @pytest.mark.parametrize("skip", [PRINTING, ("shadow-render", "legibility")])
 def test_what_two_processes_share_is_the_whole(
-    right: Path, monkeypatch: pytest.MonkeyPatch, skip: Collection[str]
+    right: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, skip: Collection[str]
 ) -> None:
-    """And each check is measured by one of them alone."""
-    measured: list[Group] = []
-    part_checks = validate.__globals__["part_checks"]
+    """And each group is measured by one of them alone, the longest beside the shadows."""
+    part_checks, verify_shadows = (
+        validate.__globals__[name] for name in ("part_checks", "verify_shadows")
+    )
+    log = tmp_path / "measured.txt"  # of both processes
 
-    def count(*given: Any) -> list[Check]:
-        measured.extend(given[-1])
+    def measured() -> dict[str, int]:
+        return {group: int(pid) for group, pid in map(str.split, log.read_text().splitlines())}
+
+    def note(*given: Any) -> list[Check]:
+        with log.open("a") as lines:
+            lines.writelines(f"{group} {os.getpid()}\n" for group in given[-1])
         return part_checks(*given)
 
-    monkeypatch.setitem(validate.__globals__, "part_checks", count)
+    def wait(*given: Any) -> Any:
+        began = time.monotonic()
+        while not log.exists() and time.monotonic() - began < 30:
+            time.sleep(0.01)
+        return verify_shadows(*given)
+
+    monkeypatch.setitem(validate.__globals__, "part_checks", note)
     whole = run(right, skip=["shadow-render", *skip])
-    assert sorted(measured) == ["lines", "surface", "tube"]
-    measured.clear()
+    assert measured() == dict.fromkeys(("surface", "lines", "tube"), os.getpid())
+    log.unlink()
+    monkeypatch.setitem(validate.__globals__, "verify_shadows", wait)
     shared = run(right, skip=["shadow-render", *skip], processes=2)
-    assert len(measured) < 3  # in this one
+    assert len(log.read_text().splitlines()) == len(measured()) == 3
+    assert measured()["surface"] != os.getpid()
     one, other = ({str(c.to_dict()) for c in verdict.checks} for verdict in (whole, shared))
     assert one == other and shared.views == whole.views and len(shared.checks) == len(one)
     assert shared.seconds.keys() == whole.seconds.keys()

@@ -109,7 +109,7 @@ def main() -> None:
         if line.strip():
             request = json.loads(line)
             if request["part"] is None and request["knots"] is None:
-                while next(steps, False):
+                for _ in steps:
                     pass
             answer = {**_answer(request), "asked": request.get("asked")}
             print(json.dumps(answer), file=answers, flush=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -27,9 +27,10 @@ from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
 from knotfab_validators.tube.tube_fit import check_tube
 
-__all__ = ["Group", "part_checks"]
+__all__ = ["GROUPS", "Group", "part_checks"]
 
 Group = Literal["surface", "lines", "tube"]
+GROUPS: tuple[Group, ...] = get_args(Group)  # the longest to measure first
 PLATE_HOLES = 2  # for the screws
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns y up into z up
 
@@ -42,7 +43,7 @@ def part_checks(
     plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
     printed: Mesh | None = None,
-    groups: Collection[Group] = ("surface", "lines", "tube"),
+    groups: Collection[Group] = GROUPS,
 ) -> list[Check]:
     """Everything but the shadow: mesh, tube, curves, knot type, region, printer.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -22,7 +23,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
 from knotfab_validators.names import FILES, PLATES, PRINTING, SHADOWS
-from knotfab_validators.part_checks import Group, part_checks
+from knotfab_validators.part_checks import GROUPS, Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
 from knotfab_validators.verdict import Verdict, verdict_of
@@ -33,7 +34,6 @@ T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
-GROUPS: tuple[Group, ...] = ("surface", "lines", "tube")  # the longest first
 AS_PRINTED = {*PRINTING, *PLATES, *FILES, "build_volume"}  # checks of the part before it shrinks
 
 
@@ -78,36 +78,33 @@ def validate(
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
 
-    groups: tuple[Group, ...] = () if only == "shadows" else GROUPS
+    def measure(baton: Baton) -> tuple[dict[Group, list[Check]], dict[str, float]]:
+        found: dict[Group, list[Check]] = {}
+        spent: dict[str, float] = {}
+        for group in (groups[k] for k in baton):
+            found[group] = part_checks(mesh, curves, setting, spent, laid, skip, printed, [group])
+            if group == "surface":
+                found[group].append(_check_beside(printed, part, skip, spent))
+        return found, spent
+
+    groups = () if only == "shadows" else GROUPS
     apart = processes > 1 and only is None and mesh is not None and setting is not None
-    with Baton(len(groups)) as baton:
-
-        def measure() -> tuple[dict[Group, list[Check]], dict[str, float]]:
-            found: dict[Group, list[Check]] = {}
-            spent: dict[str, float] = {}
-            for group in (groups[k] for k in baton):
-                found[group] = part_checks(
-                    mesh, curves, setting, spent, laid, skip, printed, [group]
-                )
-                if group == "surface":
-                    found[group].append(_check_beside(printed, part, skip, spent))
-            return found, spent
-
-        views: list[dict[str, Any]] = []
-        shadows: list[Check] = []
-        with _measure_apart(measure if apart and may_fork() else None) as copy:
-            if only != "geometry":
-                shadows, views = _check_shadows(
-                    mesh, curves, setting, scene, skip, pictures_dir, seconds
-                )
-            measured = [measure()]
-            if copy is not None:
-                measured.append(copy.result())
-    by_group: dict[Group, list[Check]] = {}
-    for found, spent in measured:
-        by_group |= found
-        seconds |= spent
-    checks = [check for group in groups for check in by_group[group]] + shadows
+    shadows: list[Check] = []
+    views: list[dict[str, Any]] = []
+    with (
+        Baton(len(groups)) as baton,
+        _measure_apart(partial(measure, baton) if apart and may_fork() else None) as copy,
+    ):
+        if only != "geometry":
+            shadows, views = _check_shadows(
+                mesh, curves, setting, scene, skip, pictures_dir, seconds
+            )
+        found, spent = measure(baton)
+        if copy is not None:
+            of_copy, spent_there = copy.result()
+            found, spent = found | of_copy, spent | spent_there
+    seconds |= spent
+    checks = [check for group in groups for check in found[group]] + shadows
     checks = [_leave_out(c) if c.name in skip else _in_file(c, left) for c in checks]
     drawn = False
     if failures is not None:

@@ -98,10 +98,9 @@ def _number_equal(rows: NDArray[np.uint64]) -> tuple[Ints, Ints]:
     return first[:count], index
 
 
-def bound_triangles(corners: Array) -> tuple[Array, Array]:
-    """The least and the greatest coordinates (m, k) of triangles (m, 3, k)."""
+def bound_triangles(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """The least and the greatest coordinates (m, k) of triangles with these corners, each (m, k)."""
     # much faster than numpy's own minimum along so short an axis
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 

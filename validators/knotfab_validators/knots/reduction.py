@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.mesh import bound_triangles
 from knotfab_validators.geometry.segments import nearest_on_two, segment_segment
 
 __all__ = [
@@ -280,7 +281,7 @@ def _pair_near(
     a: Array, b: Array, c: Array, p: Array, q: Array, budget: Budget
 ) -> Iterator[tuple[Ints, Ints]]:
     """Pairs (triangle, segment) whose boxes overlap, some at a time."""
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    low, high = bound_triangles(a, b, c)
     low_e, high_e = np.minimum(p, q), np.maximum(p, q)
     tree = shapely.STRtree(shapely.box(low_e[:, 0], low_e[:, 1], high_e[:, 0], high_e[:, 1]))
     boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])

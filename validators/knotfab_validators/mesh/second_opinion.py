@@ -111,7 +111,7 @@ def overlapping_boxes(mesh: Mesh) -> float:
     A few long faces aslant may have more overlaps than all others together: by size the faces are told
     apart in layers, each 16 times as many as the one before.
     """
-    low, high = bound_triangles(mesh.vertices[mesh.faces])
+    low, high = bound_triangles(*mesh.vertices[mesh.faces].swapaxes(0, 1))
     count = len(mesh.faces)
     order = np.argsort(-np.linalg.norm(high - low, axis=1), kind="stable")
     draw = np.random.default_rng(0)

@@ -88,7 +88,7 @@ def _rows(corner: Array, start: Array, cell: float) -> tuple[Ints, Ints, Ints, I
     A row's axes are those between the places where it enters and leaves the face, and a hair more.
     """
     place = (corner - start) / cell
-    low, high = bound_triangles(place)
+    low, high = bound_triangles(*place.swapaxes(0, 1))
     first = np.ceil(low[:, 1]).astype(np.int64)
     face, number = number_runs(np.maximum(np.floor(high[:, 1]).astype(np.int64) - first + 1, 0))
     iy = first[face] + number

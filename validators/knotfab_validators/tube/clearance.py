@@ -175,7 +175,7 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     reach = np.zeros(len(start))
     np.maximum.at(reach, edge[order], to_corner[order])
     corners = corners[order]
-    low, high = bound_triangles(corners)
+    low, high = bound_triangles(*corners.swapaxes(0, 1))
     centre = (low + high) / 2
     size = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     first = np.searchsorted(edge[order], np.arange(len(start) + 1))
