@@ -78,83 +78,83 @@ wheel-test: system
 
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
-	$(BIN)/python -m examples.studies.accuracy_table
+	$(BIN)/python -m benchmarks.accuracy_table
 
 # every feature in every setting, built: one view, several, a free view, a sequence (about half an hour; an interrupted
 # run goes on where it was)
 feature-table: system slicer $(DONE)
-	$(BIN)/python -m examples.features --kept out/feature-table.json --write docs/features.md
+	$(BIN)/python -m benchmarks.features --kept out/feature-table.json --write docs/features.md
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)
-	$(BIN)/python -m examples.studies.mount_table
+	$(BIN)/python -m benchmarks.mount_table
 
 # magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
 # install libllvm19, DRJIT_LIBLLVM_PATH), pieces about an effect's threshold, and under a wide lamp (about 30 min)
 effects-table: system $(DONE)
-	$(BIN)/python -m examples.studies.effects_table
-	$(BIN)/python -m examples.studies.threshold_table
-	$(BIN)/python -m examples.studies.lamp_table
+	$(BIN)/python -m benchmarks.effects_table
+	$(BIN)/python -m benchmarks.threshold_table
+	$(BIN)/python -m benchmarks.lamp_table
 
 # what grace costs the pictures, and how it looks (about 8 min)
 grace-table: $(DONE)
-	$(BIN)/python -m examples.studies.grace_table --out docs/grace.png
+	$(BIN)/python -m benchmarks.grace_table --out docs/grace.png
 
 # ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
 tied-knots: system $(DONE)
-	$(BIN)/python -m examples.studies.tied_knots
+	$(BIN)/python -m benchmarks.tied_knots
 
 # everything that compares with the paper, under paper-table/; what is done is not run again (about an hour)
 paper-table: system $(DONE)
-	$(BIN)/python -m examples.paper.table
+	$(BIN)/python -m paper.table
 
 # the paper's ablations, scaled down, into tables and figures under paper-ablations/
 paper-ablations: $(DONE)
-	$(BIN)/python -m examples.paper.ablations
+	$(BIN)/python -m paper.ablations
 
 # the tiled renderer against the dense formula, side by side in one run
 renderer-table: $(DONE)
-	$(BIN)/python -m examples.studies.renderer_table
+	$(BIN)/python -m benchmarks.renderer_table
 
 # thickness against exact values, broken and good parts, 10,000 hostile files (about 10 min)
 validator-table: system $(DONE)
-	$(BIN)/python -m examples.studies.validator_table
+	$(BIN)/python -m benchmarks.validator_table
 
 # thirty pictures as people bring them, built with default options: a person's word against the verdict's;
 # resumed (about 45 min)
 verdict-table: system $(DONE)
-	$(BIN)/python -m examples.studies.verdict_table --out verdict-table
+	$(BIN)/python -m benchmarks.verdict_table --out verdict-table
 
 # whether the tests notice when a comparison or a limit of the validators is changed (about half an hour)
 mutations: system $(DONE)
-	$(BIN)/python -m examples.studies.mutations
+	$(BIN)/python -m benchmarks.mutations
 
 # what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 25 min of one core)
 frontier: $(DONE)
-	$(BIN)/python -m examples.studies.frontier --write docs
+	$(BIN)/python -m benchmarks.frontier --write docs
 
 # pictures an hour of a batch, of single builds and of a cluster that loses a worker (about 50 min on a quiet machine);
 # as in make batch-throughput PICTURES=6 OPTIONS='--accuracy draft --skip slicer'
 PICTURES ?= 40
 batch-throughput: system $(DONE)
-	$(BIN)/python -m examples.studies.batch_throughput --pictures $(PICTURES) $(OPTIONS)
+	$(BIN)/python -m benchmarks.batch_throughput --pictures $(PICTURES) $(OPTIONS)
 
 # whether a time budget is kept, and what it buys: six pictures, five budgets, five runs each (about 30 min on a
 # quiet machine; an interrupted run goes on where it was)
 budgets: system $(DONE)
-	$(BIN)/python -m examples.studies.budgets --kept out/budgets.json --figure docs/budgets.png
+	$(BIN)/python -m benchmarks.budgets --kept out/budgets.json --figure docs/budgets.png
 
 # what an iteration costs against vertices, pixels, knots and views: exponents, and a 2 m wall (about a minute)
 scaling: $(DONE)
-	$(BIN)/python -m examples.studies.scaling --write docs/scaling.md
+	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md
 
 # the catalogue of hard cases against its bounds: renderers, losses, network, flow, geometry, light, strokes, scenes (about 6 min)
 hard-cases: $(DONE)
-	$(BIN)/python -m examples.studies.hard_cases
+	$(BIN)/python -m benchmarks.hard_cases
 
 # the catalogue searched for worse by CMA-ES: errors as shares of their bounds (an hour)
 worst-cases: $(DONE)
-	$(BIN)/python -m examples.studies.worst_cases --write docs
+	$(BIN)/python -m benchmarks.worst_cases --write docs
 
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:
@@ -162,7 +162,7 @@ viewer:
 
 # the studio: first frame after the press, its builds against the command line's, frames a second of the viewer
 studio-table: system $(DONE)
-	$(BIN)/python -m examples.studies.studio_table
+	$(BIN)/python -m benchmarks.studio_table
 
 # the pictures of README's first screen and of the studio's page: builds, a film and a browser (some minutes)
 pictures: demo browser

@@ -1,1 +1,1 @@
-"""Examples and measurements: each is run as `python -m examples.NAME`."""
+"""Short scripts to read and run: `python -m examples.NAME`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from examples.measurement import run_study
+from benchmarks.measurement import run_study
 
 WIDTH = 1200
 

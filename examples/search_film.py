@@ -16,7 +16,7 @@ if __package__ in (None, ""):
 import numpy as np
 from PIL import Image
 
-from examples.measurement import paint_comparison, read_question, run_study
+from benchmarks.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
 from knotfab.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes

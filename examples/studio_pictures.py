@@ -12,8 +12,8 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from examples.measurement import run_study
-from examples.studies.studio_table import TOKEN, serve
+from benchmarks.measurement import run_study
+from benchmarks.studio_table import TOKEN, serve
 
 COLOURS = 128
 SHOWN_IOU = 0.95  # from which the running build is worth a picture

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from examples.measurement import run_study
+from benchmarks.measurement import run_study
 
 Grey = np.ndarray
 LIGHT = np.array([-0.52, -0.50, 0.69])  # from the upper left, in front

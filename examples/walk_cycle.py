@@ -14,7 +14,7 @@ from typing import Any
 from PIL import Image
 
 import knotfab
-from examples.measurement import Stopwatch, run_study
+from benchmarks.measurement import Stopwatch, run_study
 from examples.pictures import Canvas, Point
 
 FRAMES = 12

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageChops, ImageOps
 
-from examples.measurement import run_study
+from benchmarks.measurement import run_study
 from examples.side_view import beside, side_view
 from knotfab.knots import read_start
 from knotfab.report.pictures import draw_part

@@ -39,9 +39,11 @@ def test_what_a_page_names_is_there(page: Path) -> None:
         assert file.exists(), file
         assert not anchor or anchor in anchors_of(file), f"{file.name}#{anchor}"
     text = page.read_text("utf-8")
-    for name in re.findall(r"`((?:docs|examples|knotfab|tests|web)/[\w./-]+)`", text):
+    for name in re.findall(
+        r"`((?:docs|examples|benchmarks|paper|knotfab|tests|web)/[\w./-]+)`", text
+    ):
         assert (ROOT / name).exists(), name
-    for module in re.findall(r"python -m ((?:examples|knotfab)[\w.]*)", text):
+    for module in re.findall(r"python -m ((?:examples|benchmarks|paper|knotfab)[\w.]*)", text):
         assert find_spec(module), module
     for target in re.findall(r"`make ([a-z-]+)", text):
         assert target in TARGETS, target

@@ -1,4 +1,4 @@
-"""Where tests stand, and what they may import: no study, as no study imports a test."""
+"""Where tests stand, and what packages and examples may import."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 from imports import imports_of
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("knotfab", "examples")  # their folders are folders of tests/, too
+PACKAGES = ("knotfab",)  # their folders are folders of tests/, too
+SCRIPTS = ("examples", "benchmarks", "paper")  # each has one folder of tests, by its name
 OWN = {"validators": ROOT / "validators" / "knotfab_validators", "fixtures": ROOT / "fixtures"}
 
 
@@ -24,21 +25,24 @@ def crossing(folder: str, barred: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_no_test_imports_a_study_and_no_example_a_test() -> None:
-    assert crossing("tests", "examples.studies") == []
+def test_no_example_imports_a_test() -> None:
     assert crossing("examples", "tests") == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("barred", ["examples", "benchmarks", "paper", "tests"])
+def test_no_package_imports_a_script_or_a_test(barred: str) -> None:
+    assert crossing("knotfab", barred) == crossing("validators", barred) == []
+
+
 def test_a_file_that_crosses_is_named() -> None:
-    # studies do import studies, so the scan must find some there
-    assert "examples/studies/hard_cases.py" in crossing("examples/studies", "examples.studies")
+    # benchmarks do import the corpus of tests, so the scan must find some there
+    assert "benchmarks/fuzz_files.py" in crossing("benchmarks", "tests")
 
 
-@pytest.mark.parametrize(
-    "line", ["from examples import studies", "import examples.studies.frontier"]
-)
-def test_the_scan_sees_a_study(line: str) -> None:
-    assert any(f"{name}.".startswith("examples.studies.") for name in imports_of(line))
+@pytest.mark.parametrize("line", ["from benchmarks import frontier", "import benchmarks.frontier"])
+def test_the_scan_sees_a_benchmark(line: str) -> None:
+    assert any(f"{name}.".startswith("benchmarks.") for name in imports_of(line))
 
 
 def test_every_folder_of_tests_is_one_of_a_package() -> None:
@@ -48,7 +52,7 @@ def test_every_folder_of_tests_is_one_of_a_package() -> None:
         top, *rest = folder.parts
         places = [OWN[top].joinpath(*rest)] if top in OWN else []
         places += [ROOT / package / folder for package in PACKAGES]
-        if top == "examples":
+        if top in SCRIPTS:
             places.append(ROOT / folder)
         if not any(place.is_dir() for place in places):
             stray.append(str(folder))

@@ -2,7 +2,7 @@
 
 Braid words are those of the table of knots, each the mirror image called right-handed (for the
 trefoil the common one, whose crossings are positive); the tight centre lines were made from them by
-`examples/paper/named_knots.py`, which a test repeats in part.
+`paper/named_knots.py`, which a test repeats in part.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ import pytest
 import torch
 from questions import ask_heart, start_and_search
 
-from examples.corpus.curves import torus_knot
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.free_view import place_start
@@ -34,6 +33,7 @@ from knotfab.search.pose import (
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
 from knotfab.target.read import read_target
+from tests.corpus.curves import torus_knot
 
 QUICK = PRESETS["draft"].model_copy(
     update={

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from lit_designs import design_under, view
 
-from examples.lighting import bounce_and_truth
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
@@ -17,6 +16,7 @@ from knotfab.errors import InputError
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Material, Room
+from tests.oracles.lighting import bounce_and_truth
 
 WHITE = Material(color="#ffffff")
 POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from lit_designs import view
 
-from examples.parting import shift_bound_and_truth
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.layers import LAYERS
 from knotfab.scene.model import Printer, ResolvedView
+from tests.oracles.parting import shift_bound_and_truth
 
 PX = 180 / 1024
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from lit_designs import design_under, view
 
-from examples.parting import shift_bound_and_truth
 from knotfab.effects import sag
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.sag import SAG, measure_sag
@@ -17,6 +16,7 @@ from knotfab.report.of_effects import add_sag, judge_made
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from tests.oracles.parting import shift_bound_and_truth
 
 T = 2 * np.pi * np.arange(200) / 200
 RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])

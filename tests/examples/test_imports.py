@@ -1,4 +1,4 @@
-"""What the examples import from the packages is there: nothing else runs all of them."""
+"""What examples, benchmarks and the paper's scripts import is there: no test runs all of them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,19 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-OWN = ("knotfab", "knotfab_validators", "knotfab_fixtures", "examples")
+ROOT = Path(__file__).parents[2]
+SCRIPTS = [
+    p for top in ("examples", "benchmarks", "paper") for p in sorted((ROOT / top).rglob("*.py"))
+]
+OWN = (
+    "knotfab",
+    "knotfab_validators",
+    "knotfab_fixtures",
+    "examples",
+    "benchmarks",
+    "paper",
+    "tests",
+)
 
 
 def list_imports(path: Path) -> list[tuple[str, str]]:
@@ -33,8 +44,8 @@ def is_there(module: str, name: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.py")), ids=lambda p: p.stem)
-def test_every_name_that_an_example_imports_is_there(path: Path) -> None:
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: f"{p.parent.name}-{p.stem}")
+def test_every_name_that_a_script_imports_is_there(path: Path) -> None:
     missing = [pair for pair in list_imports(path) if not is_there(*pair)]
     assert missing == []
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import shapely
 
-from examples.hard_cases.curves import circle
-from examples.hard_cases.pictures import HardPicture, hard_pictures
+from benchmarks.hard.curves import circle
+from benchmarks.hard.pictures import HardPicture, hard_pictures
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import _transport, mesh_volume, sweep
 from knotfab.start.filling import fill
 from knotfab.target.silhouette import trace_polygon
 
-# those whose outlines alone take seconds are left to `examples.studies.hardest_builds`
+# those whose outlines alone take seconds are left to `benchmarks.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy import ndimage
 
-from examples.hard_cases.pictures import hard_pictures
+from benchmarks.hard.pictures import hard_pictures
 from knotfab.arrays import Mask
 from knotfab.errors import SceneError
 from knotfab.preview import survey as module

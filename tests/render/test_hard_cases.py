@@ -11,7 +11,7 @@ import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from examples.hard_cases.measure import (
+from benchmarks.hard.measure import (
     FORMS,
     Render,
     distances,
@@ -22,7 +22,7 @@ from examples.hard_cases.measure import (
     image,
     subgradient_excess,
 )
-from examples.hard_cases.rendering import RenderCase, frame_at, render_cases, ring
+from benchmarks.hard.rendering import RenderCase, frame_at, render_cases, ring
 from knotfab.render.dense import render_dense
 from knotfab.render.frame import Frame
 from knotfab.render.tiled import winners

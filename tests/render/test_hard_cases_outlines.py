@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from examples.hard_cases.measure import distances
-from examples.hard_cases.paper_rendering import applies, paper_error, printed_corners, printed_fails
-from examples.hard_cases.rendering import render_cases
+from benchmarks.hard.measure import distances
+from benchmarks.hard.paper_rendering import applies, paper_error, printed_corners, printed_fails
+from benchmarks.hard.rendering import render_cases
 
 pytestmark = pytest.mark.slow
 

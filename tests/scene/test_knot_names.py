@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from knot_judge import judge_type
 
-from examples.paper.curves import closed_braid
 from knotfab.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
@@ -14,6 +13,7 @@ from knotfab.limits.base import Limits
 from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
 from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot
+from paper.curves import closed_braid
 
 UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
 

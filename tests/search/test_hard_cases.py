@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from examples.hard_cases.crossing import linking_number, passes_through
-from examples.hard_cases.curves import HardKnot, circle, hard_knots
-from examples.hard_cases.isotopy import fuzz, types_of
+from benchmarks.hard.crossing import linking_number, passes_through
+from benchmarks.hard.curves import HardKnot, circle, hard_knots
+from benchmarks.hard.isotopy import fuzz, types_of
 from knotfab.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours

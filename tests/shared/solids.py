@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from examples.corpus.parts import blocks as cells_of
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.mesh import Mesh, merge_equal
+from tests.corpus.parts import blocks as cells_of
 
 
 def blocks(x: list[float], y: list[float], z: list[float], filled: object) -> Mesh:

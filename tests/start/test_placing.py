@@ -9,7 +9,6 @@ import pytest
 import shapely
 from questions import ask_views
 
-from examples.parting import cast, turn_about
 from knotfab.arrays import Array
 from knotfab.effects.base import World
 from knotfab.effects.misplacement import Steadying
@@ -20,6 +19,7 @@ from knotfab.scene.settings import PRESETS
 from knotfab.start import depth
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
+from tests.oracles.parting import cast, turn_about
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 RADIUS, DEPTH_MM = 3.0, 90.0

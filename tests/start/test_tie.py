@@ -11,7 +11,6 @@ import shapely
 from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
-from examples.corpus.curves import circle
 from knotfab.arrays import Array
 from knotfab.errors import InputError, SceneError
 from knotfab.geometry.sampling import sample_evenly
@@ -28,6 +27,7 @@ from knotfab.start.start import tie_knot
 from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, tie
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
+from tests.corpus.curves import circle
 
 LIGHT = 400.0
 DISC = MultiPolygon([Point(0, 0).buffer(60, quad_segs=32)])

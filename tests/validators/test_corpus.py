@@ -10,14 +10,6 @@ import numpy as np
 import pytest
 from validator_parts import PlainView
 
-from examples.corpus.broken import broken, broken_parts
-from examples.corpus.case import READ, Broken, Good, make_part, with_scene
-from examples.corpus.curves import circle
-from examples.corpus.files import write
-from examples.corpus.good import good
-from examples.corpus.judge import judge_case
-from examples.corpus.parts import Body, blocks, box, join, tube
-from examples.corpus.print_parts import arch, slab, slot
 from knotfab_validators import Check, names, validate
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Printer, Region, parse_scene
@@ -36,6 +28,14 @@ from knotfab_validators.tube.mount_matter import strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube
+from tests.corpus.broken import broken, broken_parts
+from tests.corpus.case import READ, Broken, Good, make_part, with_scene
+from tests.corpus.curves import circle
+from tests.corpus.files import write
+from tests.corpus.good import good
+from tests.corpus.judge import judge_case
+from tests.corpus.parts import Body, blocks, box, join, tube
+from tests.corpus.print_parts import arch, slab, slot
 
 
 def _number(check: Check) -> float:

@@ -11,14 +11,14 @@ import pytest
 from PIL import Image
 from validator_parts import PlainView, circle, tube
 
-from examples.corpus.files import encode
-from examples.corpus.parts import Body
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 VIEW = PlainView(frame_width_mm=120.0, frame_height_mm=120.0)
 LEFT = 0.97  # of every length

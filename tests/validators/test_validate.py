@@ -17,8 +17,6 @@ from scipy import ndimage
 from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
-from examples.corpus.files import encode
-from examples.corpus.parts import Body
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.names import PRINTING
@@ -26,6 +24,8 @@ from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
 from knotfab_validators.verdict import Verdict
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 pytestmark = pytest.mark.slow  # each draws and measures a whole part
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from examples.corpus.cube_files import MESH, as_3mf, cube_obj, cube_ply, model, seeds
-from examples.corpus.examine import examine
-from examples.corpus.fuzzed import fuzz_file
-from examples.corpus.hostile import handmade
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_scene
+from tests.corpus.cube_files import MESH, as_3mf, cube_obj, cube_ply, model, seeds
+from tests.corpus.examine import examine
+from tests.corpus.fuzzed import fuzz_file
+from tests.corpus.hostile import handmade
 
 
 def volume(path: Path) -> float:

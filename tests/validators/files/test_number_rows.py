@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from examples.corpus.cube_files import as_3mf, model
 from knotfab_validators.files import threemf_model
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.number_rows import Rows, cut_rows
 from knotfab_validators.files.threemf import corners_3mf
+from tests.corpus.cube_files import as_3mf, model
 
 POINTS = np.random.default_rng(0).normal(0, 90, (40, 3))
 FACES = np.random.default_rng(1).integers(0, 40, (2000, 3))

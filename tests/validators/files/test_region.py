@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from region_meshes import KNOT, box_mesh
 
-from examples.corpus.files import encode
-from examples.corpus.parts import Body
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.region import read_region_mesh
 from knotfab_validators.files.scene import parse_scene, read_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.region import check_region
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 
 def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -> None:

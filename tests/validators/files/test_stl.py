@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from validator_parts import circle, tube
 
-from examples.corpus.files import encode
-from examples.corpus.parts import Body
 from knotfab_validators.files.mesh import read_mesh
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 
 @pytest.mark.parametrize("form", ["stl", "stl-text"])

@@ -6,9 +6,9 @@ import lib3mf
 import numpy as np
 import pytest
 
-from examples.corpus.cube_files import CORE, MESH, as_3mf, model
 from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile
 from knotfab_validators.files.threemf import DEEPEST, corners_3mf
+from tests.corpus.cube_files import CORE, MESH, as_3mf, model
 
 TURNED = "0.8 0.6 0 -0.6 0.8 0 0 0 1 3 -4 5"
 STRETCHED = "2 0 0 0.5 1 0 0 0.25 1.5 7 8 -9"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from validator_parts import trefoil, tube
 
-from examples.corpus.files import encode
-from examples.corpus.parts import Body
 from knotfab_validators.files.beside import find_3mf
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import LIMIT_MM, check_same_3mf, compare_surfaces
+from tests.corpus.files import encode
+from tests.corpus.parts import Body
 
 VERTICES, FACES = tube(trefoil(150) + 60.0, 3.0, 16)
 MESH = Mesh(VERTICES, FACES)

@@ -171,7 +171,7 @@ def cube() -> Mesh:
 
 
 def blocks(filled: object) -> Mesh:
-    from examples.corpus.parts import blocks as cells
+    from tests.corpus.parts import blocks as cells
 
     shape = np.shape(filled)
     body = cells(np.asarray(filled, dtype=bool), *([4.0 * k for k in range(n + 1)] for n in shape))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from validator_parts import circle, hairpin, trefoil, tube
 
-from examples.corpus.curves import torus_knot
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -17,6 +16,7 @@ from knotfab_validators.tube.body_distance import nearest_bodies
 from knotfab_validators.tube.clearance import check_clearance, strand_gap
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import thickness
+from tests.corpus.curves import torus_knot
 
 
 def made(*lines: Array, radius: float = 2.0, sides: int = 32) -> tuple[Mesh, Curves]:

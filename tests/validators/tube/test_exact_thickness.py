@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from examples.corpus.thicknesses import ThicknessRow, convergence_rows, thickness_rows
+from tests.corpus.thicknesses import ThicknessRow, convergence_rows, thickness_rows
 
 
 def test_every_polygon_has_its_exact_thickness() -> None:

@@ -1,0 +1,400 @@
+"""The table of features: what works with one view, several, a free view and a sequence, each cell built.
+
+`python -m benchmarks.features [--only ROW] [--column NAME] [--out DIR] [--kept FILE.json] [--write FILE.md]`
+builds every cell with small pictures and few iterations, looks into what was written for the thing asked
+for, and prints the table. A cell either works or is refused with the physical reason. Ends with 1 if one
+does neither.
+With `--kept` what is done is kept as it comes, and an interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+import knotfab
+from benchmarks.measurement import run_study
+from knotfab_validators.names import PRINTING
+
+_PX = 160
+_QUICK = """
+[accuracy]
+name = "draft"
+[search]
+coarse_iterations = 30
+fine_iterations = 20
+settle_iterations = 25
+depth_candidates = 4
+radius_candidates = 4
+network_iterations = 40
+network_depth = 4
+network_width = 32
+"""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a build left: its outcome, and the folder of its files."""
+
+    outcome: knotfab.Outcome
+
+    @property
+    def report(self) -> dict[str, Any]:
+        return self.outcome.report
+
+    def files(self, pattern: str) -> list[Path]:
+        return sorted(self.outcome.folder.glob(pattern))
+
+    def check(self, name: str) -> list[str]:
+        """The status of every check of that name."""
+        return [c["status"] for c in self.report["checks"] if c["name"].split(" ")[0] == name]
+
+    @property
+    def scene(self) -> dict[str, Any]:
+        path = next(iter(self.files("scene*.toml")))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+
+    @property
+    def template(self) -> str:
+        """What is known of where the knots, or those of the first frame, come from."""
+        first = self.report["views"][0].get("certificate") or self.report["settings"]["certificate"]
+        return str(first["template"])
+
+    @property
+    def pieces(self) -> int:
+        """How many parts were built: frames, or one."""
+        return len(self.files("part*.stl"))
+
+    def prices(self, limit: str) -> bool:
+        """Whether that limit is said to cost the picture its IoU."""
+        return any(limit in price["limits"] for price in self.report.get("binding", ()))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A feature: keys of the scene, options of the call, and how it shows in what was written."""
+
+    name: str
+    shows: Callable[[Found], bool]
+    scene: str = ""
+    options: tuple[tuple[str, Any], ...] = ()
+    passes: bool = True  # whether the build must end with 0; else it may find its scene too hard
+    quickest: str = "one view"  # the column that the tests build
+    refused: tuple[tuple[str, str], ...] = ()  # (column, words of the physical reason)
+
+
+_BY_NETWORK = "carried along the invertible network"
+COLUMNS = ("one view", "several views", "free view", "sequence")
+
+
+def _is_mounted(kind: str) -> Callable[[Found], bool]:
+    return lambda f: f.scene["mount"]["kind"] == kind and "fail" not in f.check("gap")
+
+
+ROWS: tuple[Row, ...] = (
+    Row(
+        "wall mount",
+        _is_mounted("wall"),
+        options=(("mount", "wall"),),
+        refused=(("several views", "light"),),
+    ),
+    Row("desk stand", _is_mounted("stand"), options=(("mount", "stand"),)),
+    Row(
+        "knot of a given type",
+        lambda f: all("3_1" in k["type"] for k in f.report["knots"]),
+        options=(("knot", "trefoil"), ("tube_radius", 2.0)),
+    ),
+    Row(
+        "network (inn)",
+        lambda f: _BY_NETWORK in f.template,
+        options=(("search", "inn"),),
+        passes=False,
+    ),
+    Row(
+        "network, then flow (inn+flow)",
+        lambda f: _BY_NETWORK in f.template,
+        options=(("search", "inn+flow"),),
+    ),
+    Row(
+        "depth given",
+        lambda f: f.scene["piece"]["depth"] == 40.0,
+        options=(("depth", 40),),
+        refused=(("several views", "pictures decide the depth"),),
+    ),
+    Row(
+        "flat",
+        lambda f: f.scene["piece"]["depth"] == "flat",
+        options=(("depth", "flat"),),
+        refused=(("several views", "pictures decide the depth"),),
+    ),
+    Row(
+        "region mesh",
+        lambda f: f.scene["region"]["kind"] == "mesh" and "fail" not in f.check("region"),
+        '[region]\nkind = "mesh"\nfile = "region.stl"\n',
+    ),
+    Row(
+        "time budget",
+        lambda f: f.scene["search"]["fine_iterations"] != 20,
+        options=(("time_budget", 40),),
+    ),
+    Row(
+        "limit prices",
+        lambda f: f.prices("length"),
+        "[material]\nmax_length_mm = 260.0\n",
+        passes=False,
+    ),
+    Row(
+        "sparser fallback",
+        lambda f: "binding" in f.report and "fail" not in f.check("bend") + f.check("clearance"),
+        "[material]\nmin_bend_radius_mm = 30.0\n",
+        passes=False,
+    ),
+    Row(
+        "slicing",
+        lambda f: bool(f.check("slicer")) and "fail" not in f.check("slicer"),
+        options=(("print", True), ("skip", ("shadow-render",))),
+        passes=False,
+    ),
+    Row(
+        "plates",
+        lambda f: len(f.files("plate-*.3mf")) > f.pieces and f.check("plates") == ["pass"],
+        "[printer]\nname = 'prusa-mk4'\nbuild_volume_mm = [70.0, 60.0, 60.0]\n",
+        # whether each can be printed is measured as that of any part
+        (("print", True), ("skip", ("slicer", "shadow-render", *PRINTING))),
+    ),
+    Row(
+        "wire plan",
+        lambda f: len(f.files("bends*.csv")) == f.pieces,
+        # thicker than any in the shop: the disc takes a quarter of the length, and of the time
+        "[material]\nname = 'aluminium-wire-2mm'\nwire_diameter_mm = 4.0\nmin_bend_radius_mm = 4.0\n",
+        passes=False,
+    ),
+    Row(
+        "gentle repairs",
+        lambda f: (
+            all(k["min_bend_radius_mm"] > 0 for k in f.report["knots"])
+            and "fail" not in f.check("bend")
+        ),
+        "settle_iterations = 0",
+        passes=False,
+    ),
+    Row(
+        "view found along (free view)",
+        lambda f: (
+            f.scene["views"][0]["light_distance_mm"] != f.scene["search"]["free_light_mm"] > 0
+        ),
+        options=(("free", "view"),),
+        refused=(("several views", "fix each other's places"),),
+    ),
+    Row(
+        "CUDA",
+        lambda f: f.report["settings"]["device"] == "cuda",
+        options=(("device", "cuda"),),
+        passes=False,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One feature in one setting."""
+
+    row: Row
+    column: str
+
+    @property
+    def refusal(self) -> str | None:
+        """Words of the physical reason for which this is refused; None: it is not."""
+        return dict(self.row.refused).get(self.column)
+
+
+CELLS = tuple(Cell(row, column) for row in ROWS for column in COLUMNS)
+
+
+def draw_disc(middle: float = 0.5, size: float = 0.34) -> Image.Image:
+    """A disc with a notch, so that it is no circle: mode "L"."""
+    image = Image.new("L", (_PX, _PX), 255)
+    draw = ImageDraw.Draw(image)
+    low, high = (middle - size) * _PX, (middle + size) * _PX
+    draw.ellipse((low, 0.16 * _PX, high, 0.84 * _PX), fill=0)
+    draw.rectangle((0.46 * _PX, 0, 0.54 * _PX, 0.36 * _PX), fill=255)
+    return image
+
+
+def draw_house() -> Image.Image:
+    """A square with a roof, as high as the disc: mode "L"."""
+    image = Image.new("L", (_PX, _PX), 255)
+    corners = [(0.22, 0.84), (0.22, 0.42), (0.5, 0.16), (0.78, 0.42), (0.78, 0.84)]
+    ImageDraw.Draw(image).polygon([(x * _PX, y * _PX) for x, y in corners], fill=0)
+    return image
+
+
+def _write_box(path: Path, half: tuple[float, float, float]) -> None:
+    """A box as a binary STL."""
+    import trimesh
+
+    trimesh.creation.box(extents=2 * np.array(half)).export(path)
+
+
+def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
+    """The pictures of a cell and the options of its build; its scene is written into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    own = _QUICK
+    text = cell.row.scene
+    if text.startswith("settle_iterations"):
+        own, text = own.replace("settle_iterations = 25", text), ""
+    if "[region]" in text:
+        _write_box(folder / "region.stl", (75.0, 75.0, 75.0))
+    # the exact polygons decide about shadows: rendering them costs as much as all the rest
+    options: dict[str, Any] = {"skip": ("slicer", "shadow-render"), **dict(cell.row.options)}
+    if cell.column == "several views":
+        drawn = [draw_disc(), draw_house()]
+    elif cell.column == "sequence":
+        drawn = [draw_disc(0.48), draw_disc(0.5), draw_disc(0.52)]
+        options["sequence"] = True
+    else:
+        drawn = [draw_disc()]
+        if cell.column == "free view":
+            options["free"] = "view"
+    pictures = []
+    for number, image in enumerate(drawn, start=1):
+        pictures.append(str(folder / f"picture-{number:02d}.png"))
+        image.save(pictures[-1])
+    scene = folder / "asked.toml"
+    scene.write_text(own + text, encoding="utf-8")
+    return pictures, {**options, "scene": scene}
+
+
+def build_cell(cell: Cell, folder: Path) -> tuple[bool, str]:
+    """Build a cell in `folder`: whether it is as it should be, and what it came to, in a few words."""
+    pictures, options = _inputs(cell, folder)
+    try:
+        outcome = knotfab.build(pictures, folder / "out", **options)
+    except knotfab.InputError as error:
+        said = str(error)
+        wanted = cell.refusal
+        return wanted is not None and wanted in said, f"refused: {said}"
+    except knotfab.MachineError as error:
+        # only a device may be lacking here: the same code, which knows of no device, runs on the CPU
+        lacking = cell.row.name == "CUDA"
+        return lacking, f"not here: {error}" if lacking else str(error)
+    except knotfab.SceneError as error:
+        return False, str(error)
+    if cell.refusal is not None:
+        return False, "built, though it should be refused"
+    found = Found(outcome)
+    failed = [
+        c["name"] for c in outcome.report["checks"] if c["required"] and c["status"] == "fail"
+    ]
+    ious = ", ".join(f"{view['iou']:.3f}" for view in outcome.report["views"] if view.get("iou"))
+    said = f"exit {outcome.exit_code}, IoU {ious or 'none'}" + (f", {failed}" if failed else "")
+    return cell.row.shows(found) and (outcome.exit_code == 0 or not cell.row.passes), said
+
+
+Result = tuple[bool, str, str]  # whether a cell is as it should be, what it came to, and the day
+
+_PAGE = """# What works with what
+
+`make feature-table` builds every cell for this page: pictures of 160 px, draft accuracy, few iterations.
+Built {days}. "Exit 1" means that the feature does what it should, but the build fails a check and says
+so: the few iterations do not suffice, or the row's limit leaves no room for the picture.
+
+{table}
+"""
+
+
+def _table(results: Mapping[Cell, Result]) -> str:
+    """The table in Markdown, with the refusals' sentences below."""
+    lines = ["| | " + " | ".join(COLUMNS) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
+    notes: list[str] = []
+    for row in ROWS:
+        words = []
+        for column in COLUMNS:
+            cell = Cell(row, column)
+            if cell not in results:
+                words.append("not run")
+                continue
+            good, said, _ = results[cell]
+            if good and said.startswith(("refused", "not here")):
+                if said not in notes:
+                    notes.append(said)
+                words.append(f"{said.split(':')[0]} [{notes.index(said) + 1}]")
+            elif good:
+                words.append("works" if said.startswith("exit 0") else "works (exit 1)")
+            else:
+                words.append(f"**FAILS**: {said}")
+        lines.append(f"| {row.name} | " + " | ".join(words) + " |")
+    return "\n".join([*lines, "", *(f"[{n}] {note}  " for n, note in enumerate(notes, start=1))])
+
+
+def _read_kept(path: Path | None) -> dict[Cell, Result]:
+    """What an earlier run left done: cells that are as they should be."""
+    if path is None or not path.is_file():
+        return {}
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    names = {f"{cell.row.name} / {cell.column}": cell for cell in CELLS}
+    return {names[name]: (True, *kept[name]) for name in kept if name in names}
+
+
+def _keep(path: Path, results: Mapping[Cell, Result]) -> None:
+    """Add what is as it should be to the file; runs of other rows or columns may add theirs beside it."""
+    good = {cell: result for cell, result in results.items() if result[0]}
+    kept = {
+        f"{cell.row.name} / {cell.column}": (said, day)
+        for cell, (_, said, day) in {**_read_kept(path), **good}.items()
+    }
+    staged = path.with_suffix(".new")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    staged.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    staged.replace(path)
+
+
+def main(
+    *,
+    only: str | None = None,
+    column: Literal[*COLUMNS] | None = None,
+    out: Path | None = None,
+    kept: Path | None = None,
+    write: Path | None = None,
+) -> int:
+    """Build the cells, print each as it comes, then the table; 1 if one neither works nor is refused."""
+    results = _read_kept(kept)
+    with tempfile.TemporaryDirectory() as scratch:
+        for cell in CELLS:
+            if cell in results or (only and only not in cell.row.name):
+                continue
+            if column and column != cell.column:
+                continue
+            name = f"{cell.row.name}-{cell.column}".replace(" ", "-")
+            place = Path(os.path.abspath((out or Path(scratch)) / name))
+            good, said = build_cell(cell, place)
+            results[cell] = good, said, date.today().isoformat()
+            print(
+                f"{'ok  ' if good else 'FAIL'} {cell.row.name}, {cell.column}: {said}", flush=True
+            )
+            if kept:
+                _keep(kept, results)
+    table = _table(results)
+    print(f"\n{table}")
+    good = all(ok for ok, _, _ in results.values())
+    if write:
+        days = sorted({day for _, _, day in results.values()})
+        built = "on " + days[0] if len(days) == 1 else f"from {days[0]} to {days[-1]}"
+        write.write_text(_PAGE.format(days=built, table=table), encoding="utf-8")
+        if kept and good and len(results) == len(CELLS):
+            kept.unlink(missing_ok=True)
+    return int(not good)
+
+
+if __name__ == "__main__":
+    run_study(main)

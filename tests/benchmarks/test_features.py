@@ -1,0 +1,43 @@
+"""The table of features: the quickest build of each row, and refusals that name the physical reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.features import CELLS, ROWS, Cell, build_cell
+
+# rows that other tests cover, at a lower cost than a whole build
+ELSEWHERE = {
+    "wall mount": "tests/test_pipeline.py",
+    "desk stand": "tests/mount",
+    "depth given": "tests/test_pipeline.py",
+    "flat": "tests/test_pipeline.py",
+    "slicing": "tests/slicer",
+    "network (inn)": "tests/search/test_network_search.py",
+    "network, then flow (inn+flow)": "tests/search/test_network_search.py",
+    "region mesh": "tests/limits/test_region_mesh.py",
+    "time budget": "tests/design/test_free_view.py",
+    "limit prices": "tests/benchmarks/test_hard_cases_values.py",
+    "sparser fallback": "tests/test_pipeline.py",
+    "wire plan": "tests/wire/test_plan.py",
+    "view found along (free view)": "tests/design/test_free_view.py",
+}
+QUICKEST = [Cell(row, row.quickest) for row in ROWS if row.name not in ELSEWHERE]
+
+
+@pytest.mark.build
+@pytest.mark.parametrize("cell", QUICKEST, ids=lambda c: c.row.name)
+def test_the_quickest_build_of_each_row(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good, said
+
+
+@pytest.mark.parametrize(
+    "cell", [c for c in CELLS if c.refusal], ids=lambda c: f"{c.row.name}, {c.column}"
+)
+def test_a_refusal_names_the_physical_reason(cell: Cell, tmp_path: Path) -> None:
+    good, said = build_cell(cell, tmp_path)
+    assert good and said.startswith("refused: "), said
+    assert not (tmp_path / "out").exists()

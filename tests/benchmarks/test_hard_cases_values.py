@@ -1,0 +1,211 @@
+"""The losses and the network on hard cases; what a limit costs; faults that a fuzz found once."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from questions import ask_views, start_and_search
+from shapely import MultiPolygon, Point
+
+from benchmarks.hard.climb import climb
+from benchmarks.hard.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
+from benchmarks.hard.pictures import hard_pictures
+from benchmarks.hard.random_cases import KINDS
+from benchmarks.hard.random_values import random_network, round_trip_share
+from benchmarks.hard.strokes import StrokeCase, stroke_cases, trace
+from benchmarks.hard.terms import term_cases
+from benchmarks.hard.value_error import slope_excess, value_error
+from benchmarks.hard.values import ValueCase, loss_cases, network_cases
+from benchmarks.hard.worst import HUNTS, KEPT, Hunt
+from knotfab.design.design import design_knots
+from knotfab.design.prices import SHORT, price_limits
+from knotfab.report.of_build import add_binding, check_limits
+from knotfab.report.report_json import plain
+from knotfab.scene.model import Scene
+from knotfab.scene.settings import PRESETS
+from knotfab.search.network import Coupling
+from knotfab.start.filling import fill, template_iou
+from knotfab.start.start import make_start
+from knotfab.target.read import read_target
+from knotfab.target.silhouette import trace_polygon
+
+pytestmark = pytest.mark.slow
+
+CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cases())}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_single_precision_and_gradients_are_within_their_condition(name: str) -> None:
+    case = CASES[name]
+    found = value_error(case)
+    assert found.finite
+    assert found.share <= 1
+    if case.smooth:
+        assert found.double <= 1e-6
+        assert found.single <= 1e-3
+
+
+@pytest.mark.parametrize("name", [n for n, c in CASES.items() if not (c.smooth or c.jumps)])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype) -> None:
+    assert slope_excess(CASES[name], dtype) <= 1e-3
+
+
+@pytest.mark.parametrize("case", wall_cases(), ids=lambda c: c.name)
+def test_a_round_wall_is_within_its_condition(case: WallCase) -> None:
+    assert wall_shares(case)[1] <= 1
+
+
+@pytest.mark.parametrize("case", lamp_cases(), ids=lambda c: c.name)
+def test_no_lamp_blurs_more_than_is_claimed(case: LampCase) -> None:
+    assert 0 < case.true() <= case.claimed()
+
+
+@pytest.mark.parametrize("case", stroke_cases(), ids=lambda c: c.name)
+def test_lines_stay_on_their_strokes_and_miss_none(case: StrokeCase) -> None:
+    assert trace(case).good
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1, -1.1])
+def test_only_a_subgradient_passes_for_one(share: float) -> None:
+    class Norm(torch.autograd.Function):
+        """The length of one of many points; its gradient at 0 is `share` of a unit vector."""
+
+        @staticmethod
+        def forward(ctx, p):  # type: ignore[no-untyped-def]
+            return p.norm()
+
+        @staticmethod
+        def backward(ctx, g):  # type: ignore[no-untyped-def]
+            return g * share * torch.tensor([0.0, 0.6, -0.8], dtype=torch.float64)
+
+    points = torch.randn(12, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    points[5] = 0
+
+    def cone(p: torch.Tensor) -> torch.Tensor:
+        length: torch.Tensor = Norm.apply(p[5])  # type: ignore[no-untyped-call]
+        return p.square().sum() + length
+
+    case = ValueCase("a cone", "", (points,), cone, smooth=False)
+    excess = slope_excess(case, torch.float64)
+    assert excess <= 1e-3 if abs(share) <= 1 else excess > 0.05
+
+
+def test_a_wrong_gradient_is_found_out() -> None:
+    class Wrong(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx, x):  # type: ignore[no-untyped-def]
+            return x.clone()
+
+        @staticmethod
+        def backward(ctx, g):  # type: ignore[no-untyped-def]
+            return 1.001 * g
+
+    case = CASES["length"]
+    wrong: ValueCase = replace(case, f=lambda k: case.f(Wrong.apply(k)))  # type: ignore[no-untyped-call]
+    assert value_error(wrong).double > 5e-4
+
+
+@pytest.mark.parametrize("seed", [1023, 1045, 1319, 1461, 1867, 1885, 2286, 7945])
+def test_capsules_that_were_once_off(seed: int) -> None:
+    assert KINDS["capsules"](np.random.default_rng([seed, 0])) == ""
+
+
+@pytest.mark.parametrize("seed", [165, 220])
+def test_moebius_terms_of_tiny_knots_that_once_overflowed(seed: int) -> None:
+    assert KINDS["losses"](np.random.default_rng([seed, 4])) == ""
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_network_there_and_back(seed: int) -> None:
+    network, case = random_network(np.random.default_rng(seed))
+    assert max(round_trip_share(network, case.inputs[0])) <= 1
+
+
+def test_an_inverse_that_is_none_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, case = random_network(np.random.default_rng(0))
+    true = Coupling.inverse
+    monkeypatch.setattr(
+        Coupling, "inverse", lambda layer, p, *share: true(layer, p, *share) * 1.001
+    )
+    assert max(round_trip_share(network, case.inputs[0])) > 1
+
+
+def test_noise_whose_inset_once_crossed_itself_is_filled() -> None:
+    assert KINDS["picture"](np.random.default_rng([2613, 1])) == ""
+
+
+def test_a_template_that_crosses_itself_has_an_iou() -> None:
+    comb = trace_polygon(next(c for c in hard_pictures() if c.name == "comb").draw())
+    for radius in (2.0, 3.0):
+        assert 0 <= template_iou(fill(comb, radius), comb) <= 1
+
+
+def test_several_views_have_their_prices_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {"coarse_px": 64, "fine_px": 64, "coarse_iterations": 40, "settle_iterations": 20}
+    for name, value in {**few, "fine_iterations": 0}.items():
+        monkeypatch.setitem(SHORT, name, value)
+    settings = PRESETS["draft"].model_copy(update=few)
+    disc = MultiPolygon([Point(0, 0).buffer(40.0)])
+    problem = ask_views([disc, disc], 0.0, 90.0, pixels=100, length=480.0)
+    start = make_start(problem, 5.0, settings)
+    result = start_and_search(problem, 5.0, settings, start, repairs=0)
+    [price] = price_limits(problem, start, result, settings, problem.region)
+    assert price.limits == ("length",)
+    assert price.asked[0] == 480.0 and price.needed[0] > 600.0
+    assert price.iou_without > price.iou + 0.05
+    assert "the length budget" in price.sentence.lower()
+
+
+def test_a_length_budget_below_need_is_named_with_its_price(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few = {"coarse_px": 96, "fine_px": 96, "coarse_iterations": 12, "settle_iterations": 8}
+    for name, value in {**few, "fine_iterations": 4, "depth_candidates": 1}.items():
+        monkeypatch.setitem(SHORT, name, value)
+    given = {
+        "schema": 1,
+        "piece": {"tube_radius_mm": 5.0},
+        "material": {"max_length_mm": 600.0},
+        "accuracy": {"name": "draft"},
+        "search": {
+            **{"coarse_px": 96, "fine_px": 128, "depth_candidates": 4},
+            **{"coarse_iterations": 20, "fine_iterations": 10, "settle_iterations": 10},
+        },
+        "views": [{"picture": "heart.png"}],
+    }
+    made = design_knots(Scene.model_validate(given), [read_target("text:♥")])
+    [price] = made.binding
+    assert price.limits == ("length",) and price.met_without
+    assert price.iou_without > price.iou + 0.2
+    assert price.needed[0] > 600.0
+    assert made.result.feasible
+    assert made.result.feasibility.length_mm <= 600.0
+    report: dict[str, object] = {}
+    add_binding(report, made)
+    told = json.loads(json.dumps(plain(report)))
+    assert "max_length_mm = 600 mm" in told["notes"][0]
+    assert told["binding"][0]["keys"] == ["[material] max_length_mm"]
+    assert check_limits(made)["status"] == ("pass" if made.unmet is None else "fail")
+
+
+@pytest.mark.parametrize("name", HUNTS)
+def test_the_worst_that_was_found_stays_within_its_bound(name: str) -> None:
+    share = HUNTS[name].share(np.array(json.loads(KEPT.read_text("utf-8"))[name]))
+    assert 0 <= share <= 1
+
+
+@pytest.mark.parametrize("fault", [3.0, np.inf, np.nan])
+def test_a_hunt_finds_a_fault_that_no_random_case_shows(fault: float) -> None:
+    def share(numbers: np.ndarray) -> float:
+        away = float(np.linalg.norm(numbers - 4.0))  # normal numbers are some 9 off
+        return fault if away < 0.5 else 1 / (1 + away)
+
+    found = climb(Hunt("a hidden fault", 5, share), 0.5, seed=1)
+    assert found.begun < 0.3
+    assert found.share >= 3.0
+    assert not share(found.numbers) <= 1

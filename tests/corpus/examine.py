@@ -1,0 +1,65 @@
+"""One hostile file given to the validators here and now: what became of it, in which time and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from knotfab_validators import validate
+from tests.corpus.fuzzed import company
+from tests.corpus.hostile import Hostile
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one file: pass, fail or refused; or crashed, slow, hungry (then `said` has why)."""
+
+    kind: str
+    said: str
+    seconds: float
+    peak_mb: float
+
+
+def examine(file: Hostile, folder: Path) -> Outcome:
+    """Validate one file here and now: everything that can be measured on it."""
+    files: dict[str, Path | None] = {"part": None, "knots": None, "scene": None}
+    if file.among:
+        for other in ("part.obj", "knots.json", "scene.toml", "front.png"):
+            (folder / other).write_bytes(company()[other])
+        files = {"part": folder / "part.obj"}
+        files |= {"knots": folder / "knots.json", "scene": folder / "scene.toml"}
+    path = folder / file.name
+    path.write_bytes(file.content)
+    files[{"json": "knots", "toml": "scene"}.get(path.suffix.removeprefix("."), "part")] = path
+    _forget_peak()
+    start = time.perf_counter()
+    try:
+        verdict = validate(**files, skip={"shadow-render"}, failures=folder / "failures.png")
+        kind, said = verdict.status, ""
+    except ValueError as error:  # what the readers promise
+        kind, said = "refused", str(error)
+        own = type(error).__module__.startswith("knotfab_validators")  # not one of numpy's
+        named = file.among or said.startswith(file.name)
+        if "\n" in said or not own or not named or len(said) > 600:
+            kind, said = "crashed", f"no clear sentence: {said[:300]}"
+    except Exception as error:  # anything else is a crash
+        kind, said = "crashed", f"{type(error).__name__}: {error}"
+    seconds = time.perf_counter() - start
+    return Outcome(kind, said, seconds, _peak_mb())
+
+
+def _forget_peak() -> None:
+    """Let the peak of resident memory start anew, so that it is that of one file."""
+    with contextlib.suppress(OSError):  # only Linux has it
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_mb() -> float:
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(row.split()[1]) / 1024 for row in lines if row.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

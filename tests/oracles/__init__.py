@@ -1,0 +1,1 @@
+"""Truth found by brute force, for tests and benchmarks to compare with."""
