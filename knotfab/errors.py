@@ -8,10 +8,66 @@ KnotfabError                    (exit code 2 unless a subclass says otherwise)
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["InputError", "KnotfabError", "MachineError", "SceneError", "needs_extra"]
+__all__ = [
+    "InputError",
+    "KnotfabError",
+    "MachineError",
+    "SceneError",
+    "explain_error",
+    "keep_traceback",
+    "needs_extra",
+    "shown",
+    "spelled",
+    "why_of",
+]
+
+_MOST_SHOWN = 600  # characters of what a sentence is about
+# what a call cannot mend by naming another file
+_OF_MACHINE = {
+    "ENOSPC",
+    "EDQUOT",
+    "EFBIG",
+    "EROFS",
+    "EIO",
+    "EMFILE",
+    "ENFILE",
+    "ENOMEM",
+    "EAGAIN",
+    "ESTALE",
+}
+_LACKS_MEMORY = ("can't start new thread", "cannot allocate memory", "bad_alloc", "out of memory")
+_MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 GB or more."
+
+
+def shown(text: object) -> str:
+    """A text for a line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers."""
+    signs = [
+        c
+        if c.isprintable()
+        else f"\\x{ord(c) - 0xDC00:02x}"
+        if "\udc80" <= c <= "\udcff"
+        else repr(c)[1:-1]
+        for c in str(text)
+    ]
+    plain = "".join(signs)
+    return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
+
+
+def spelled(text: str) -> str:
+    """A text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
+    return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
+
+
+def why_of(error: OSError | ValueError) -> str:
+    """What the system says of a file, in words."""
+    said = error.strerror if isinstance(error, OSError) else None
+    return shown(said or error)
 
 
 class KnotfabError(Exception):
@@ -20,8 +76,8 @@ class KnotfabError(Exception):
     exit_code = 2
 
     def __init__(self, what: str, why: str, remedy: str) -> None:
-        self.what, self.why, self.remedy = what, why, remedy
-        super().__init__(f"{what}: {why}. {remedy}")
+        self.what, self.why, self.remedy = shown(what), why, remedy
+        super().__init__(f"{self.what}: {why}. {remedy}")
 
 
 class InputError(KnotfabError):
@@ -54,3 +110,72 @@ def needs_extra(what: str, extra: str) -> Iterator[None]:
     except ImportError as error:
         why = f"it needs {error.name or extra}, which is not installed"
         raise MachineError(what, why, f"pip install 'knotfab[{extra}]'") from error
+
+
+def explain_error(error: Exception) -> KnotfabError | None:
+    """What a person can do about an error of the machine or the input; None of a mistake of ours."""
+    if isinstance(error, KnotfabError):
+        return error
+    if isinstance(error, MemoryError) or any(m in str(error).lower() for m in _LACKS_MEMORY):
+        return MachineError("the memory", "this machine has no more that it may use", _MORE_MEMORY)
+    if isinstance(error, RecursionError):
+        return InputError("the input", "something in it is nested too deep", "Make it simpler.")
+    if isinstance(error, OSError):
+        return _explain_os(error)
+    if isinstance(error, ImportError):
+        return MachineError(
+            f"the library {error.name or 'that is needed'}",
+            f"it cannot be loaded ({shown(error)})",
+            "knotfab doctor says what this machine lacks.",
+        )
+    return None
+
+
+def _explain_os(error: OSError) -> KnotfabError:
+    try:
+        os.getcwd()
+    except OSError:
+        remedy = "Go to a folder that is there, and call again."
+        return InputError("the current folder", "it has been removed", remedy)
+    what = "the system" if error.filename is None else os.fsdecode(error.filename)
+    name = errno.errorcode.get(error.errno or 0, "")
+    if name in _OF_MACHINE or error.filename is None:
+        remedy = (
+            "Free some space, or choose another disk." if name != "EMFILE" else "Raise ulimit -n."
+        )
+        return MachineError(what, f"it fails ({why_of(error)})", remedy)
+    remedy = "Check the path, and who may read and write it."
+    return InputError(what, f"it cannot be used ({why_of(error)})", remedy)
+
+
+def keep_traceback(error: Exception, verbose: bool = False) -> KnotfabError:
+    """What is said of an error that nobody foresaw; its traceback goes to a file, or is shown."""
+    import tempfile
+    import traceback
+
+    whole = "".join(traceback.format_exception(error))
+    place = "with what stands above"
+    if verbose:
+        import sys
+
+        sys.stderr.write(whole)
+    else:
+        try:
+            with tempfile.NamedTemporaryFile(
+                "w",
+                prefix="knotfab-",
+                suffix=".txt",
+                delete=False,
+                encoding="utf-8",
+                errors="replace",
+            ) as file:
+                file.write(whole)
+            place = f"with {file.name}"
+        except OSError:
+            place = "with what the same call says with --verbose"
+    said = shown(" ".join(str(error).split()))
+    return MachineError(
+        "a mistake of knotfab's own",
+        f"{type(error).__name__}{f' ({said[:200]})' if said else ''}; earlier results stay as they were",
+        f"Please report it where you got knotfab from, {place}, and the call",
+    )

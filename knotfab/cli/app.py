@@ -1,4 +1,7 @@
-"""The command line: which commands there are, and the exit codes of the contract."""
+"""Where a command begins and ends: interrupts, what it says, and the exit codes of the contract.
+
+Nothing heavy is imported before an interrupt is heeded.
+"""
 
 from __future__ import annotations
 
@@ -7,90 +10,8 @@ import os
 import signal
 import sys
 import time
-from typing import Annotated
 
-from cyclopts import App, Parameter
-from cyclopts.exceptions import CycloptsError
-
-from knotfab import __version__
-from knotfab.cli.make import batch, build, call_clock, preview, studio
-from knotfab.cli.measure import compare, shadow, tradeoff, validate
-from knotfab.errors import KnotfabError
-from knotfab.options import (
-    BATCH_EXAMPLES,
-    BUILD_EXAMPLES,
-    COMPARE_EXAMPLES,
-    PREVIEW_EXAMPLES,
-    SHADOW_EXAMPLES,
-    STUDIO_EXAMPLES,
-    TRADEOFF_EXAMPLES,
-    VALIDATE_EXAMPLES,
-    Flag,
-)
-
-__all__ = ["app", "main"]
-
-app = App(
-    name="knotfab",
-    version=__version__,
-    help="Turns a picture into a knotted tube whose shadow is that picture, proved before you print.\n\n"
-    "Exit codes: 0 every required check passed; 1 a check failed or the scene cannot be met; "
-    "2 wrong input; 3 this machine lacks something; 130 interrupted.",
-    suppress_keyboard_interrupt=False,  # main says what became of the work
-)
-
-for _command, _examples in (
-    (build, BUILD_EXAMPLES),
-    (preview, PREVIEW_EXAMPLES),
-    (batch, BATCH_EXAMPLES),
-    (studio, STUDIO_EXAMPLES),
-    (validate, VALIDATE_EXAMPLES),
-    (shadow, SHADOW_EXAMPLES),
-    (compare, COMPARE_EXAMPLES),
-    (tradeoff, TRADEOFF_EXAMPLES),
-):
-    app.command(_command, help_epilogue=_examples)
-
-
-@app.command
-def doctor(*, compile_: Annotated[Flag, Parameter(name="--compile")] = False) -> int:
-    """Say what this machine has and lacks, with the remedy for each.
-
-    Parameters
-    ----------
-    compile_
-        Only compile the search's loops, so that the first build need not wait for that.
-    """
-    from knotfab.cli.summary import print_findings
-    from knotfab.doctor import compile_loops, examine
-
-    findings = [compile_loops()] if compile_ else examine()
-    print_findings(findings)
-    return 3 if any(f.status == "missing" for f in findings) else 0
-
-
-@app.command
-def printers() -> int:
-    """List the printers and materials that knotfab knows by name, yours included, with their figures."""
-    from knotfab.cli.summary import print_catalogue
-    from knotfab.scene.catalogue import materials
-    from knotfab.scene.catalogue import printers as known
-    from knotfab.scene.own_data import data_folder
-
-    print_catalogue(known(), materials(), data_folder())
-    return 0
-
-
-@app.command
-def schema() -> int:
-    """Print the JSON schema of scene.toml, for editors that check it while you write."""
-    from knotfab.scene.json_schema import dump_schema
-
-    print(dump_schema(), end="")
-    return 0
-
-
-app.register_install_completion_command()
+__all__ = ["main"]
 
 
 def main(arguments: list[str] | None = None, began: float | None = None) -> None:
@@ -100,11 +21,38 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
         arguments: those of the process by default.
         began: `time.perf_counter()` from which its times count; by default the start of the process.
     """
-    if began is None and arguments is None:
-        from knotfab.progress import process_age
+    asked: list[int] = []
 
-        began = time.perf_counter() - process_age()
-    call_clock.began = began
+    def interrupt(number: int, _: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    code = 0
+    try:
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # asked to end, tidy up as after Ctrl-C
+            number = getattr(signal, name, None)  # Windows hangs up nobody
+            if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, interrupt)
+        code = _run(arguments, began)
+    except (Exception, KeyboardInterrupt) as error:
+        # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
+        if asked or isinstance(error, KeyboardInterrupt):
+            stays = str(error) if isinstance(error, KeyboardInterrupt) else ""
+            print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
+            code = 130
+        else:
+            code = _tell(error)
+    from knotfab.cli.streams import why_unsaid
+
+    why = why_unsaid()
+    if why is not None:
+        print(f"knotfab: {why}", file=sys.stderr)
+    gc.freeze()  # what is left ends with the process: to look through it all would take a second
+    sys.exit(code or (0 if why is None else 3))
+
+
+def _run(arguments: list[str] | None, began: float | None) -> int:
+    """The exit code of the command that is called."""
     # many small products: threads that wait for each other cost more than they bring, and up to
     # ten times on a shared machine; read when numpy is first imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -112,31 +60,30 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     gc.set_threshold(20_000, 20, 20)
     # pydantic's plugins are looked for in every package that is installed, for a tenth of a second
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    asked: list[int] = []
+    from knotfab.cli.streams import guard_streams
 
-    def interrupt(number: int, _: object) -> None:
-        asked.append(number)
-        raise KeyboardInterrupt
+    guard_streams()
+    from knotfab.cli.commands import app
+    from knotfab.cli.make import call_clock
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # asked to end, tidy up as after Ctrl-C
-        number = getattr(signal, name, None)  # Windows hangs up nobody
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, interrupt)
-    try:
-        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-    except (Exception, KeyboardInterrupt) as error:
-        # a compiler drops an interrupt that falls into one of its callbacks, and fails a step later
-        if asked or isinstance(error, KeyboardInterrupt):
-            stays = str(error) if isinstance(error, KeyboardInterrupt) else ""
-            print(f"knotfab: interrupted; {stays or 'nothing was changed'}", file=sys.stderr)
-            code = 130
-        elif isinstance(error, KnotfabError):
-            print(f"knotfab: {error}", file=sys.stderr)
-            code = error.exit_code
-        elif isinstance(error, CycloptsError):
-            print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
-            code = 2
-        else:
-            raise
-    gc.freeze()  # what is left ends with the process: to look through it all would take a second
-    sys.exit(code if isinstance(code, int) else 0)
+    if began is None and arguments is None:
+        from knotfab.progress import process_age
+
+        began = time.perf_counter() - process_age()
+    call_clock.began = began
+    code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    return code if isinstance(code, int) else 0
+
+
+def _tell(error: Exception) -> int:
+    """Say in one sentence why a command ended, on standard error; its exit code."""
+    from knotfab.errors import InputError, explain_error, keep_traceback
+
+    if type(error).__module__.startswith("cyclopts"):
+        print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
+        return InputError.exit_code
+    known = explain_error(error) or keep_traceback(
+        error, "-v" in sys.argv or "--verbose" in sys.argv
+    )
+    print(f"knotfab: {known}", file=sys.stderr)
+    return known.exit_code

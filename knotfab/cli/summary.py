@@ -51,10 +51,9 @@ def _value(value: Any) -> str:
 
 def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     """A line a check that ran, the detail of those that did not pass, and why the others did not run."""
+    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
-
-    from knotfab.cli.console import Console
 
     table = Table(box=None, pad_edge=False, show_header=True, header_style="dim")
     for column in ("", "check", "measured", "limit", "unit"):
@@ -86,9 +85,9 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
 
 def print_summary(outcome: Outcome) -> None:
     """Where the result lies, how good it is, and what did not pass."""
+    from rich.console import Console
     from rich.markup import escape
 
-    from knotfab.cli.console import Console
     from knotfab.report.of_time import tell_time
 
     report, console = outcome.report, Console(highlight=False, soft_wrap=True)
@@ -207,9 +206,8 @@ def _word(report: dict[str, Any]) -> str:
 
 def print_findings(findings: Sequence[Finding]) -> None:
     """What the machine has, a line each."""
+    from rich.console import Console
     from rich.markup import escape
-
-    from knotfab.cli.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
     for finding in findings:
@@ -225,10 +223,9 @@ def print_catalogue(
     printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
 ) -> None:
     """The printers and materials that are known by name, a line each, and where one's own go."""
+    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
-
-    from knotfab.cli.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
@@ -261,10 +258,9 @@ def print_catalogue(
 
 def print_tradeoff(found: Tradeoff) -> None:
     """A line a point, fastest first: errors, seconds, and whether nothing beats it; then the steps."""
+    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
-
-    from knotfab.cli.console import Console
 
     explored = found.explored
     console = Console(highlight=False, soft_wrap=True)

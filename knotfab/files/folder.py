@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.errors import InputError, KnotfabError, MachineError, SceneError
+from knotfab.errors import InputError, KnotfabError, MachineError, SceneError, spelled
 
 __all__ = ["REJECTED", "OutputFolder"]
 
@@ -66,7 +66,7 @@ class OutputFolder:
 
     def write(self, name: str, content: str | bytes) -> Path:
         """Write one file whole (text as UTF-8)."""
-        data = content.encode("utf-8") if isinstance(content, str) else content
+        data = spelled(content).encode("utf-8") if isinstance(content, str) else content
         path = self.file(name)
         path.write_bytes(data)
         return path

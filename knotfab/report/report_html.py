@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from PIL import Image
 
+from knotfab.errors import spelled
 from knotfab.target.data_uri import data_uri, hash_script, image_uri
 from knotfab.verify.checks import list_unmet, mark_of
 
@@ -143,7 +144,8 @@ def write_report_html(
     **more: Any,
 ) -> None:
     """Write `render_html`'s page as UTF-8."""
-    path.write_text(render_html(report, pictures, title, **more), encoding="utf-8", newline="\n")
+    page = spelled(render_html(report, pictures, title, **more))
+    path.write_text(page, encoding="utf-8", newline="\n")
 
 
 def encode_for_script(data: Mapping[str, Any]) -> str:

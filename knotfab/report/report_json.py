@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from knotfab.errors import spelled
 from knotfab.report.of_effects import limits_as_effects
 from knotfab.verify.checks import exit_code
 from knotfab_validators.shadows.recognition import worst_verdict
@@ -97,7 +98,9 @@ def plain(value: Any) -> Any:
     Raises:
         TypeError: something that has no such form.
     """
-    if value is None or isinstance(value, bool | str):
+    if isinstance(value, str):
+        return spelled(value)
+    if value is None or isinstance(value, bool):
         return value
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())

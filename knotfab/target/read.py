@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.errors import InputError
+from knotfab.errors import InputError, shown
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
 from knotfab.target.data_uri import encode_image
@@ -177,7 +177,7 @@ def read_target(
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
     """
-    what = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(source))
+    what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         return _take_target(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import shlex
 import signal
@@ -21,7 +22,7 @@ from PIL import Image
 import knotfab as package
 from knotfab import doctor, pipeline
 from knotfab import options as knotfab_options
-from knotfab.cli.app import app
+from knotfab.cli.commands import app
 from knotfab.doctor import Finding
 from knotfab.errors import InputError, MachineError
 from knotfab.options import BuildOptions
@@ -399,13 +400,43 @@ def test_an_interrupt_that_is_dropped_on_its_way(
     assert (done.code, done.err) == (130, "knotfab: interrupted; nothing was changed\n")
 
 
-def test_an_error_without_an_interrupt_is_shown_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyError("a fault of ours"), 3, "a mistake of knotfab's own: KeyError"),
+        (RuntimeError("two\nlines \udce9"), 3, "RuntimeError (two lines \\xe9)"),
+        (RecursionError(), 2, "nested too deep"),
+        (MemoryError(), 3, "this machine has no more"),
+        (RuntimeError("can't start new thread"), 3, "this machine has no more"),
+        (ImportError("failed to map", name="torch"), 3, "the library torch: it cannot be loaded"),
+        (UnicodeEncodeError("ascii", "ö", 0, 1, "no"), 3, "UnicodeEncodeError"),
+        (OSError(errno.EROFS, "Read-only file system", "a.png"), 3, "a.png: it fails (Read-only"),
+        (OSError(errno.EFBIG, "File too large", "a.png"), 3, "(File too large)"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "a" * 4000), 2, "(File name too long)"),
+        (
+            PermissionError(errno.EACCES, "Permission denied", b"\xe9"),
+            2,
+            "\\xe9: it cannot be used",
+        ),
+        (OSError("odd"), 3, "the system: it fails (odd)"),
+    ],
+)
+def test_no_traceback_reaches_a_person(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception, code: int, said: str
+) -> None:
+    """Whatever is left becomes one sentence; of our own mistakes the traceback lies in a file to send."""
+
     def examine() -> list[Finding]:
-        raise RuntimeError("a fault of ours")
+        raise error
 
     monkeypatch.setattr(doctor, "examine", examine)
-    with pytest.raises(RuntimeError, match="a fault of ours"):
-        knotfab("doctor")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    done = knotfab("doctor")
+    assert (done.code, done.out, done.err.count("\n")) == (code, "", 1) and said in done.err
+    kept = list(tmp_path.iterdir())
+    assert bool(kept) == ("mistake" in done.err)
+    for file in kept:
+        assert str(file) in done.err and "Traceback" in file.read_text()
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from examples.readme_pictures import HERE, write_pictures
-from knotfab.cli.app import app
+from knotfab.cli.commands import app
 
 README = (HERE.parent / "README.md").read_text("utf-8")
 TUTORIAL = (HERE.parent / "docs" / "tutorial.md").read_text("utf-8")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from knotfab.cli.app import app
+from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.errors import InputError, SceneError
 from knotfab.preview.draw import draw_survey
