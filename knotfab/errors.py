@@ -77,7 +77,9 @@ class KnotfabError(Exception):
 
     def __init__(self, what: str, why: str, remedy: str) -> None:
         self.what, self.why, self.remedy = shown(what), why, remedy
-        super().__init__(f"{self.what}: {why}. {remedy}")
+        # a remedy that ends in a command or a path keeps what can be copied
+        stop = "" if ": " in remedy or not remedy[-1:].isalnum() else "."
+        super().__init__(f"{self.what}: {why}. {remedy}{stop}")
 
 
 class InputError(KnotfabError):

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 from cyclopts import Group, Parameter, Token
 
 from knotfab.errors import InputError
+from knotfab.lengths import read_length, read_number
 from knotfab.progress import Mode
 
 __all__ = [
@@ -44,7 +45,21 @@ def _read_whole(_: object, tokens: Sequence[Token]) -> int:
     try:
         return int(value)
     except ValueError:
-        raise ValueError(f"{value} is no whole number") from None
+        why, remedy = "it is no whole number", "Give one such as 3."
+        raise InputError(_words_of(tokens), why, remedy) from None
+
+
+def _read_mm(_: object, tokens: Sequence[Token]) -> float:
+    return read_length(_words_of(tokens), tokens[0].value)
+
+
+def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
+    return read_number(_words_of(tokens), tokens[0].value)
+
+
+def _words_of(tokens: Sequence[Token]) -> str:
+    """An option with its value, as it was typed."""
+    return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
 
 
 def _read_place(_: object, tokens: Sequence[Token]) -> Path:
@@ -59,6 +74,8 @@ def _place_of(name: str | Path) -> Path:
 
 
 Whole = Annotated[int, Parameter(converter=_read_whole)]
+Length = Annotated[float, Parameter(converter=_read_mm)]
+Decimal = Annotated[float, Parameter(converter=_read_decimal)]
 Place = Annotated[Path, Parameter(converter=_read_place)]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
@@ -149,7 +166,7 @@ class PictureOptions:
     ink: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light, alpha,
     flood (what the border's colours do not reach, for photographs), or a colour such as red or "#d02010"."""
-    threshold: Annotated[float | None, Parameter(group=_PICTURE)] = None
+    threshold: Annotated[Decimal | None, Parameter(group=_PICTURE)] = None
     """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
@@ -157,7 +174,7 @@ class PictureOptions:
     """Draw only so many pieces of the picture, the largest."""
     specks: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
     """Leave out pieces, and fill holes, of fewer pixels than this."""
-    smooth: Annotated[float | None, Parameter(group=_PICTURE)] = None
+    smooth: Annotated[Decimal | None, Parameter(group=_PICTURE)] = None
     """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with the
     picture itself."""
     thicken: Annotated[str | None, Parameter(group=_PICTURE)] = None
@@ -173,17 +190,17 @@ class PictureOptions:
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
     """A scene.toml. Other options set keys of the scene, and win over the file."""
-    size: Annotated[float | None, Parameter(group=_PIECE)] = None
+    size: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """The picture's longer side on the wall, in mm; 180 by default."""
-    width: Annotated[float | None, Parameter(group=_PIECE)] = None
+    width: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """The picture's width on the wall, in mm; its height follows."""
-    height: Annotated[float | None, Parameter(group=_PIECE)] = None
+    height: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """The picture's height on the wall, in mm; its width follows."""
-    lamp_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
+    lamp_distance: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """From the lamp to the middle of the piece, in mm; 500 by default."""
-    wall_distance: Annotated[float | None, Parameter(group=_PIECE)] = None
+    wall_distance: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """From the middle of the piece to the wall, in mm; 100 by default."""
-    lamp_diameter: Annotated[float | None, Parameter(group=_PIECE)] = None
+    lamp_diameter: Annotated[Length | None, Parameter(group=_PIECE)] = None
     """In mm; 5 by default. A wide lamp blurs the shadow."""
     tube_radius: Annotated[str | None, Parameter(group=_PIECE)] = None
     """In mm, or auto (default): the thickest tube that draws the picture well."""
@@ -284,6 +301,9 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             value = (value,)
         elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)
+        elif types[key] == float | None and isinstance(value, str):
+            read = read_number if key in ("threshold", "smooth") else read_length
+            value = read(f"the option {name}={value!r}", value)
         elif hasattr(value, "item"):  # a number of numpy's
             value = value.item()
         try:

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 from knotfab.errors import InputError
+from knotfab.lengths import read_length
 from knotfab.options import BuildOptions
 from knotfab.scene.model import Scene, Switch, Switches
+from knotfab.scene.settings import OF_NO_PRESET, search_settings
 from knotfab.verify.checks import CHECKS
 
 __all__ = ["read_scene", "read_seconds", "read_skips"]
@@ -27,13 +29,10 @@ def _millimetres(name: str, text: str, words: tuple[str, ...]) -> Any:
     plain = text.strip().lower()
     if plain in words:
         return plain
-    try:
-        number = float(plain.removesuffix("mm").strip())
-    except ValueError:
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        remedy = f"Give millimetres, such as {name} 2, or {' or '.join(words)}."
-        raise InputError(f"{name} {text}", "it is not a positive number", remedy)
+    remedy = f"Give millimetres, such as {name} 2, or {' or '.join(words)}."
+    number = read_length(f"{name} {text}", plain, remedy)
+    if number <= 0:
+        raise InputError(f"{name} {text}", "it is not above 0", remedy)
     return number
 
 
@@ -46,7 +45,7 @@ def read_seconds(text: str, name: str = "--time-budget") -> float:
     Raises:
         InputError: it is no time, or none that is positive.
     """
-    plain = text.strip().lower()
+    plain = re.sub(r"(?<=\d),(?=\d)", ".", text.strip().lower())
     parts = _TIME.findall(plain)
     if "".join(_TIME.sub("", plain).split()) or any(unit not in _SECONDS for _, unit in parts):
         parts = []
@@ -99,7 +98,8 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
         accuracy = accuracy.model_copy(update={"name": options.accuracy})
         if options.accuracy != scene.accuracy.name:
             # another preset: the settings of the old one go
-            own = {key: value for key, value in own.items() if key == "start"}
+            search_settings(scene.accuracy.name, own)  # what is none is told
+            own = {key: value for key, value in own.items() if key in OF_NO_PRESET}
     update["accuracy"] = accuracy
     update["search"] = {**own, **_search_keys(options)}
     if options.printer is not None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from knotfab.cli.commands import app
 from knotfab.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.options import options_from
@@ -15,6 +16,7 @@ from knotfab.prepare import survey_pictures
 from knotfab.read_options import read_scene
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.settings import OF_NO_PRESET, PRESETS
 from knotfab.sequence.writing import write_scene
 
 KEYS = {
@@ -56,6 +58,65 @@ def test_a_place_may_be_a_text_and_must_have_a_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "mm"),
+    [("180", 180.0), ("180mm", 180.0), ("18cm", 180.0), ("0.18 m", 180.0), ("7in", 177.8),
+     ('7"', 177.8), ("12,5", 12.5), ("1.5 mm", 1.5), (" 1,5 CM ", 15.0), (".5in", 12.7), ("0,125", 0.125),
+     ("2 inches", 50.8)],
+)  # fmt: skip
+def test_lengths_are_read_as_people_write_them(text: str, mm: float) -> None:
+    typed = app.parse_args(["build", "a.png", "--size", text, "--wall-distance", text])
+    for options in (
+        typed[1].arguments["options"],
+        options_from({"size": text, "wall_distance": text}),
+    ):
+        assert options.size == options.wall_distance == pytest.approx(mm)
+    scene, _ = read_scene(options_from({"thicken": text, "lamp_distance": 9000}))
+    assert scene.views[0].thicken_mm == pytest.approx(mm)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [("1,500", "1,500 may be 1.5 or 1500"), ("18 q", "no unit q"), ("mm", "no length"),
+     ("1.2.3", "no length"),
+     ("", "no length"), ("1e400", "no length"), ("nan", "no length"),
+     ("5 ft", "no unit ft")],
+)  # fmt: skip
+def test_what_is_no_length_is_refused_by_the_name_that_was_typed(text: str, why: str) -> None:
+    for name in ("--size", "--lamp-distance"):
+        with pytest.raises(InputError, match=why) as refused:
+            app.parse_args(["build", "a.png", name, text])
+        assert str(refused.value).startswith(name) and str(refused.value).endswith(".")
+    for key in ("tube_radius", "thicken"):
+        with pytest.raises(InputError, match=why):
+            read_scene(options_from({key: text}))
+
+
+def test_shares_take_a_comma() -> None:
+    assert read_scene(options_from({"threshold": "0,3"}))[0].views[0].threshold == 0.3
+    with pytest.raises(InputError, match="no number"):
+        options_from({"threshold": "3mm"})
+
+
+def test_another_accuracy_keeps_what_no_preset_decides_and_refuses_what_is_no_setting(
+    tmp_path: Path,
+) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        '[search]\nseed = 3\ngrace = 0.1\nmethod = "inn"\nfree_view = true\ncoarse_iterations = 11\n'
+    )
+    scene, _ = read_scene(options_from({"scene": own, "accuracy": "sketch"}))
+    kept = {"seed": 3, "grace": 0.1, "method": "inn", "free_view": True}
+    assert scene.search == kept and scene.accuracy.name == "sketch"
+    same, _ = read_scene(options_from({"scene": own, "accuracy": "standard", "seed": 4}))
+    assert same.search == {**kept, "seed": 4, "coarse_iterations": 11}
+    presets = [preset.model_dump() for preset in PRESETS.values()]
+    assert all(len({preset[key] for preset in presets}) == 1 for key in OF_NO_PRESET)
+    own.write_text("[search]\nfoo = 1\n")
+    with pytest.raises(InputError, match="foo: there is no such setting"):
+        read_scene(options_from({"scene": own, "accuracy": "sketch"}))
+
+
+@pytest.mark.parametrize(
     ("given", "why"),
     [
         ({"mount": "ceiling"}, "'auto', 'wall', 'stand' or 'none'"),
@@ -64,7 +125,7 @@ def test_a_place_may_be_a_text_and_must_have_a_name(tmp_path: Path) -> None:
         ({"accuracy": "sketchy"}, "'sketch', 'draft', 'standard' or 'fine'"),
         ({"device": "gpu"}, "'cpu' or 'cuda'"),
         ({"lines": "maybe"}, "'auto', 'on' or 'off'"),
-        ({"size": "big"}, "valid number"),
+        ({"size": "big"}, "no length"),
         ({"seed": "x"}, "valid integer"),
         ({"seed": 1.5}, "valid integer"),
         ({"invert": "perhaps"}, "valid boolean"),

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+from typing import Any
 
 __all__ = ["main"]
 
@@ -80,10 +81,23 @@ def _tell(error: Exception) -> int:
     from knotfab.errors import InputError, explain_error, keep_traceback
 
     if type(error).__module__.startswith("cyclopts"):
-        print(f"knotfab: {error} See: knotfab --help", file=sys.stderr)
+        print(f"knotfab: {_tell_misuse(error)} See: knotfab --help", file=sys.stderr)
         return InputError.exit_code
     known = explain_error(error) or keep_traceback(
         error, "-v" in sys.argv or "--verbose" in sys.argv
     )
     print(f"knotfab: {known}", file=sys.stderr)
     return known.exit_code
+
+
+def _tell_misuse(error: Any) -> str:
+    """What cyclopts says of a call, ended by a full stop; an option cut short may be any that begins so."""
+    token = getattr(error, "token", None)
+    if type(error).__name__ == "UnknownOptionError" and token is not None:
+        typed = token.keyword or token.value
+        names = [name for one in error.argument_collection or () for name in one.names]
+        begun = sorted({name for name in names if name.startswith(typed)})
+        if begun and len(typed) > 2:
+            return f"Unknown option: {typed}. Did you mean {' or '.join(begun)}?"
+    said = str(error).strip()
+    return said if said[-1:] in ".?!" else f"{said}."

@@ -222,38 +222,36 @@ def print_findings(findings: Sequence[Finding]) -> None:
 def print_catalogue(
     printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
 ) -> None:
-    """The printers and materials that are known by name, a line each, and where one's own go."""
+    """The printers and materials that are known by name, a line each, in mm, and where one's own go."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
+    from knotfab.scene.own_data import title_of
+
     console = Console(highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in (
-        "printer",
-        "process",
-        "build volume, mm",
-        "nozzle",
-        "layer",
-        "least tube radius",
-    ):
+    for column in ("name", "printer", "room, mm", "nozzle", "tube"):
         table.add_column(column, no_wrap=True)
     for name, p in printers.items():
-        room = " x ".join(f"{side:g}" for side in p.build_volume_mm)
-        figures = (p.nozzle_mm, p.layer_height_mm, p.min_tube_radius_mm)
-        table.add_row(escape(name), p.process, room, *(f"{value:g}" for value in figures))
+        room = " × ".join(f"{side:g}" for side in p.build_volume_mm)
+        figures = (f"{p.nozzle_mm:g}", f"{2 * p.min_tube_radius_mm:g}")
+        table.add_row(escape(name), escape(title_of("printer", name)), room, *figures)
     console.print(table)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("material", "process", "g/cm³", "modulus, MPa", "least bend radius"):
+    for column in ("name", "material", "g/cm³", "stiff, GPa", "bend"):
         table.add_column(column, no_wrap=True)
     for name, m in materials.items():
         bend = m.min_bend_radius_mm
         radius = f"{bend:g}" if isinstance(bend, float) else bend
-        more = (f"{m.density_g_cm3:g}", f"{m.young_modulus_mpa:g}", radius)
-        table.add_row(escape(name), m.process, *more)
+        more = (f"{m.density_g_cm3:g}", f"{m.young_modulus_mpa / 1000:g}", radius)
+        table.add_row(escape(name), escape(title_of("material", name)), *more)
     console.print()
     console.print(table)
-    console.print(f"\nYour own: {escape(str(own))}/printers/NAME.toml and materials/NAME.toml")
+    console.print(
+        "\nroom: what it can print; tube: the thinnest that it prints; bend: the tightest radius.\n"
+        f"Your own: {escape(str(own))}/printers/NAME.toml and materials/NAME.toml"
+    )
 
 
 def print_tradeoff(found: Tradeoff) -> None:

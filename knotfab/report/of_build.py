@@ -19,6 +19,7 @@ from knotfab.report.of_effects import list_effects, list_limits
 from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
 from knotfab.request import Request
+from knotfab.scene.own_data import title_of
 from knotfab.slicer.result import NotSliced, Sliced
 from knotfab.target.read import Target
 from knotfab_validators.check import Check, at_most
@@ -142,6 +143,7 @@ def report_of(
             "bounding_box_mm": None if sized is None else sized.tolist(),
             "depth_ratio": min(ratios, default=None),  # as the flattest view sees it
             "printer": scene.printer.name,
+            "printer_title": title_of("printer", scene.printer.name),
         },
         settings={
             "accuracy": scene.accuracy.name,

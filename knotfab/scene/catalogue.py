@@ -12,6 +12,7 @@ from knotfab.scene.own_data import (
     USUAL,
     Kind,
     data_folder,
+    find_name,
     is_file_name,
     known_names,
     load_file,
@@ -77,13 +78,14 @@ def _fill_in(own: Named, kind: Kind) -> Named:
     keys = set(type(own).model_fields) - {"name"}
     if keys <= set(written):
         return own  # as a build writes it: no file is needed, and none can change it
-    base = load_named(kind, own.name)
+    base = load_named(kind, find_name(kind, own.name))
     if base is None:
         if keys - USUAL <= set(written):
             return own  # complete without a data file
-        known = known_names(kind)
-        close = difflib.get_close_matches(own.name, known, n=1)
-        hint = f"Did you mean {close[0]!r}? " if close else ""
+        known, typed = known_names(kind), own.name.strip().lower().replace(" ", "-")
+        close = [name for name in known if typed and typed in name.split("-")]
+        close = close or difflib.get_close_matches(typed, known, n=1)
+        hint = f"Did you mean {' or '.join(map(repr, close))}? " if close else ""
         raise InputError(
             f"{kind} {own.name!r}",
             f"there is no such {kind}",

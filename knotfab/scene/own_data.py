@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from functools import cache
 from importlib import resources
@@ -16,7 +17,17 @@ from knotfab.errors import InputError
 from knotfab.scene.explain import explain, toml_reason
 from knotfab.scene.model import Material, Printer, Scene
 
-__all__ = ["USUAL", "Kind", "data_folder", "is_file_name", "known_names", "load_file", "load_named"]
+__all__ = [
+    "USUAL",
+    "Kind",
+    "data_folder",
+    "find_name",
+    "is_file_name",
+    "known_names",
+    "load_file",
+    "load_named",
+    "title_of",
+]
 
 Kind = Literal["printer", "material"]
 MODELS: dict[Kind, type[Printer] | type[Material]] = {"printer": Printer, "material": Material}
@@ -27,6 +38,9 @@ USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
 USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
 USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
 USUAL |= {"shrinkage_percent"}
+
+
+_FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the model
 
 
 def data_folder() -> Path:
@@ -47,10 +61,39 @@ def _list_supplied(kind: Kind) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for file in sorted(files, key=lambda f: f.name):
         if file.name.endswith(".toml"):
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-            table.pop("title", None)
-            found[file.name.removesuffix(".toml")] = table
+            found[file.name.removesuffix(".toml")] = tomllib.loads(file.read_text(encoding="utf-8"))
     return found
+
+
+def title_of(kind: Kind, name: str) -> str:
+    """What a person calls the printer or material of this name: "Bambu Lab P1S" for bambu-p1s."""
+    return str(_list_supplied(kind).get(name, {}).get("title", name))
+
+
+def find_name(kind: Kind, text: str) -> str:
+    """The known name that a person means by `text`; `text` itself where none is meant or several are.
+
+    Case, spaces, hyphens and a maker's name before it do not matter: "Bambu P1S", "P1S", "pla".
+    """
+    names = known_names(kind)
+    if text in names:
+        return text
+    meant = _squeeze(text)
+    ways: dict[str, set[str]] = {}
+    for name in names:
+        table = _list_supplied(kind).get(name, {})
+        for way in (name, table.get("title", name), *table.get("aliases", ())):
+            words = re.split(r"[\s_-]+", way)
+            for start in range(len(words)):  # with and without its maker
+                ways.setdefault(_squeeze("".join(words[start:])), set()).add(name)
+    exact = [name for name in names if _squeeze(name) == meant]
+    found = exact or list(ways.get(meant, ()))
+    return found[0] if len(found) == 1 else text
+
+
+def _squeeze(text: str) -> str:
+    """Only its letters and digits, small."""
+    return "".join(c for c in text.lower() if c.isalnum())
 
 
 def _own_files(kind: Kind) -> dict[str, Path]:
@@ -77,7 +120,9 @@ def load_named(kind: Kind, name: str) -> Printer | Material | None:
     if own is not None:
         return load_file(kind, own)
     table = _list_supplied(kind).get(name)
-    return None if table is None else MODELS[kind](name=name, **table)
+    if table is None:
+        return None
+    return MODELS[kind](name=name, **{k: v for k, v in table.items() if k not in _FOR_PEOPLE})
 
 
 def load_file(kind: Kind, path: Path) -> Printer | Material:
@@ -105,7 +150,8 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
-    raw.pop("title", None)
+    for key in _FOR_PEOPLE:
+        raw.pop(key, None)
     table = raw[kind] if set(raw) == {kind} and isinstance(raw[kind], dict) else raw
     if "name" in table:
         raise InputError(

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from knotfab.errors import InputError
 
-__all__ = ["PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
+__all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 
 Precision = Literal["single", "double"]
 Renderer = Literal["ray", "capsule", "ellipse"]
@@ -127,6 +127,12 @@ PRESETS: dict[str, SearchSettings] = {
         iou_slack=0.04,
     ),
 }
+
+
+# what no preset decides: another accuracy keeps what a scene says of these
+OF_NO_PRESET = ("seed", "start", "method", "grace", "grace_of", "network_start") + tuple(
+    name for name in SearchSettings.model_fields if name.startswith("free_")
+)
 
 
 def search_settings(accuracy: str, overrides: dict[str, Any]) -> SearchSettings:

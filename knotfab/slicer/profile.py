@@ -33,6 +33,8 @@ FILAMENTS = {
     "pla": _Filament(215, 60),
     "petg": _Filament(240, 85),
     "tpu": _Filament(230, 50),
+    "abs": _Filament(250, 100),
+    "asa": _Filament(255, 100),
 }
 
 

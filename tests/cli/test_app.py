@@ -65,11 +65,14 @@ BAD_CALLS = [
     (["--font", "DejaVu Serif"], "no picture is one"),
     (["--printer", "nonsense"], "no such printer"),
     (["--tube-radius", "0"], "Give millimetres"),
-    (["--tube-radius", "thick"], "not a positive number"),
+    (["--tube-radius", "thick"], "it is no length. Give millimetres"),
+    (["--tube-radius", "-2"], "not above 0. Give millimetres"),
+    (["--size", "18 parsecs"], "no unit parsecs. Use mm, cm, m or in."),
+    (["--acc", "draft"], "Did you mean --accept or --accuracy?"),
     (["--depth", "9999"], "towards the light"),
     (["--knots", "0"], "neither auto nor a number"),
     (["--seed", "-1"], "negative"),
-    (["--seed", "abc"], "no whole number"),
+    (["--seed", "abc"], "no whole number. Give one such as 3."),
     (["--skip", "everything"], "Known: shadow-render"),
     (["--mount", "rope"], "Choose from"),
     (["--out"], "requires an argument"),
@@ -158,7 +161,8 @@ def test_wrong_calls(bad: Path, tmp_path: Path, options: list[str], why: str) ->
     ("text", "seconds"),
     [
         ("30", 30.0), ("30s", 30.0), ("90sec", 90.0), ("2 seconds", 2.0), ("1m", 60.0),
-        ("1.5min", 90.0), (".5 minutes", 30.0), ("1m30s", 90.0), ("1h 5 min", 3900.0), ("2H", 7200.0),
+        ("1.5min", 90.0), ("1,5min", 90.0), (".5 minutes", 30.0), ("1m30s", 90.0),
+        ("1h 5 min", 3900.0), ("2H", 7200.0),
     ],
 )  # fmt: skip
 def test_times(text: str, seconds: float) -> None:
@@ -254,7 +258,7 @@ def test_a_count_is_a_whole_number(bad: Path, tmp_path: Path, option: str) -> No
     for value in ("1.5", "many"):
         call = ("build", bad / "good.png", "--out", tmp_path / "out", option, value)
         said = refuse(2, *call)
-        assert f"{value} is no whole number" in said and option in said
+        assert f"{option} {value}: it is no whole number" in said
 
 
 def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:

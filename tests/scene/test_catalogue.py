@@ -10,6 +10,7 @@ from knotfab.errors import InputError
 from knotfab.scene.catalogue import materials, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Material, Printer, Scene
+from knotfab.scene.own_data import find_name, title_of
 from knotfab.target.read import Target
 
 
@@ -19,6 +20,32 @@ def test_known_names() -> None:
     }  # fmt: skip
     assert set(materials()) >= {"pla", "petg", "tpu", "resin", "steel-wire-2mm"}
     assert "aluminium-wire-2mm" in materials()
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("P1S", "bambu-p1s"), ("Bambu Lab P1S", "bambu-p1s"), ("x1c", "bambu-x1"),
+     ("bambu x1 carbon", "bambu-x1"),
+     ("A1 mini", "bambu-a1-mini"), ("MK3S+", "prusa-mk3s"), ("mk4s", "prusa-mk4s"), ("Prusa XL", "prusa-xl"),
+     ("MINI+", "MINI+"), ("Core One", "prusa-core-one"), ("Ender 3", "ender-3"), ("ENDER-3 v2", "ender-3-v2"),
+     ("k1", "creality-k1"), ("Generic 220", "generic-220"), ("carbon", "bambu-x1"), ("nonsense", "nonsense"),
+     ("", ""), ("+", "+")],
+)  # fmt: skip
+def test_a_printer_is_known_by_what_people_call_it(text: str, name: str) -> None:
+    assert find_name("printer", text) == name
+    if name in printers():
+        assert (
+            resolve(Scene(printer=Printer(name=text))).printer
+            == resolve(Scene(printer=Printer(name=name))).printer
+        )
+        assert title_of("printer", name) != name
+
+
+def test_materials_are_known_in_capitals_and_by_their_titles() -> None:
+    for text, name in (("PLA", "pla"), ("Pla filament", "pla"), ("PETG", "petg"), ("ASA", "asa")):
+        assert resolve(Scene(material=Material(name=text))).material.name == name
+    with pytest.raises(InputError, match="Did you mean 'aluminium-wire-2mm' or 'steel-wire-2mm'"):
+        resolve(Scene(material=Material(name="wire")))
 
 
 def test_figures_are_plausible() -> None:
@@ -81,7 +108,7 @@ def test_powder_and_filament_do_not_mix(printer: str, material: str) -> None:
 
 
 def test_unknown_names_are_refused_and_the_known_ones_listed() -> None:
-    with pytest.raises(InputError, match=r"'bambu'.*Did you mean 'bambu-x1'.*ender-3"):
+    with pytest.raises(InputError, match=r"'bambu'.*Did you mean .*or 'bambu-x1'\?.*ender-3"):
         resolve(parse_scene("[printer]\nname = 'bambu'"))
     with pytest.raises(InputError, match=r"'steel'.*aluminium-wire-2mm.*petg.*tpu"):
         resolve(parse_scene("[material]\nname = 'steel'"))

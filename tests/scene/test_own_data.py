@@ -22,7 +22,7 @@ MATERIAL = 'density_g_cm3 = 1.04\nmin_bend_radius_mm = "auto"\nmax_length_mm = 2
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A person's own data with one printer and one material."""
-    for kind, name, text in (("printers", "big", PRINTER), ("materials", "asa", MATERIAL)):
+    for kind, name, text in (("printers", "big", PRINTER), ("materials", "own-asa", MATERIAL)):
         (tmp_path / kind).mkdir()
         (tmp_path / kind / f"{name}.toml").write_text(text)
     monkeypatch.setenv("KNOTFAB_DATA", str(tmp_path))
@@ -30,8 +30,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_ones_own_are_known_by_name_beside_the_others(own: Path) -> None:
-    assert {"big", "prusa-mk4"} <= set(printers()) and {"asa", "pla"} <= set(materials())
-    scene = resolve(parse_scene('[printer]\nname = "big"\n[material]\nname = "asa"'))
+    assert {"big", "prusa-mk4"} <= set(printers()) and {"own-asa", "pla"} <= set(materials())
+    scene = resolve(parse_scene('[printer]\nname = "big"\n[material]\nname = "own-asa"'))
     assert scene.printer.build_volume_mm == (300.0, 300.0, 400.0)
     assert scene.printer.layer_height_mm == Printer().layer_height_mm  # a usual key, left out
     assert (scene.material.density_g_cm3, scene.material.max_length_mm) == (1.04, 20000.0)
@@ -45,10 +45,10 @@ def test_ones_own_wins_over_one_of_the_same_name(own: Path) -> None:
 
 
 def test_a_written_scene_needs_no_file_any_more(own: Path) -> None:
-    scene = resolve(Scene(printer=printer_of("big"), material=material_of("asa")))
+    scene = resolve(Scene(printer=printer_of("big"), material=material_of("own-asa")))
     text = dump_scene(scene)
     (own / "printers" / "big.toml").write_text("broken = [")
-    (own / "materials" / "asa.toml").unlink()
+    (own / "materials" / "own-asa.toml").unlink()
     assert resolve(parse_scene(text)) == scene
 
 
@@ -132,7 +132,7 @@ def test_where_ones_own_are_on_other_systems(
 @pytest.mark.slow
 def test_the_command_line_takes_names_and_files(own: Path, tmp_path: Path) -> None:
     done = knotfab("printers")
-    assert done.code == 0 and "300 x 300 x 400" in done.out and "asa" in done.out
+    assert done.code == 0 and "300 × 300 × 400" in done.out and "own-asa" in done.out
     assert str(own) in done.out
     for option in ("--printer", "--material"):
         done = knotfab("build", "text:A", option, tmp_path / "none.toml", "--out", tmp_path / "o")
@@ -145,4 +145,4 @@ def test_the_command_line_takes_names_and_files(own: Path, tmp_path: Path) -> No
 
 
 def test_the_defaults_of_usual_keys_are_the_models(own: Path) -> None:
-    assert resolve(Scene(material=material_of("asa"))).material.color == Material().color
+    assert resolve(Scene(material=material_of("own-asa"))).material.color == Material().color
