@@ -45,14 +45,14 @@ Source = str | Path
 
 
 def build(
-    pictures: Source | Sequence[Source] = (), out: str | Path = "knotfab-out", **options: Any
+    pictures: Source | Sequence[Source] = (), out: str | Path | None = None, **options: Any
 ) -> Outcome:
     """Turn a picture, or several, into a verified part: what `knotfab build` does.
 
     Args:
         pictures: an image file, an SVG, or `text:…`; several are several views of one part, or with
             `sequence=True` frames of one moving knot; none: those that the scene names.
-        out: the folder to write.
+        out: the folder to write; by default knotfab-out/NAME, after the picture.
         options: those of the command line by their names, with `_` for `-` (`print_=True` for `--print`):
             `mount="wall"`, `accuracy="draft"`, `tube_radius=2.5`, `time_budget=30`.
 

@@ -14,6 +14,7 @@ from knotfab.lengths import read_length, read_number
 from knotfab.progress import Mode
 
 __all__ = [
+    "ALL_OUT",
     "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
     "COMPARE_EXAMPLES",
@@ -73,6 +74,7 @@ def _place_of(name: str | Path) -> Path:
     return Path(name)
 
 
+ALL_OUT = Path("knotfab-out")  # the folder of those that a build, or a batch, names after pictures
 Whole = Annotated[int, Parameter(converter=_read_whole)]
 Length = Annotated[float, Parameter(converter=_read_mm)]
 Decimal = Annotated[float, Parameter(converter=_read_decimal)]
@@ -108,16 +110,16 @@ knotfab batch logos/ --out built --cluster tcp://10.0.0.5:8786
 COMPARE_EXAMPLES = """Examples:
 
 ```
-knotfab compare wall.jpg knotfab-out
-knotfab compare wall.jpg knotfab-out --click
-knotfab compare wall.jpg knotfab-out --corners 412,300 1630,322 1610,1490 395,1455
+knotfab compare wall.jpg knotfab-out/cat
+knotfab compare wall.jpg knotfab-out/cat --click
+knotfab compare wall.jpg knotfab-out/cat --corners 412,300 1630,322 1610,1490 395,1455
 ```
 """
 
 VALIDATE_EXAMPLES = """Examples:
 
 ```
-knotfab validate knotfab-out               everything that a build wrote
+knotfab validate knotfab-out/cat           everything that a build wrote
 knotfab validate tube.obj                  any tube, in mm
 knotfab validate part.stl --knots knots.json --scene scene.toml --json
 ```
@@ -260,11 +262,11 @@ class BuildOptions(PictureOptions):
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the search runs."""
 
-    out: Annotated[Place, Parameter(group=OUTPUT)] = Path("knotfab-out")
-    """The folder to write."""
+    out: Annotated[Place | None, Parameter(group=OUTPUT)] = None
+    """The folder to write; by default knotfab-out/NAME, after the picture."""
     force: Annotated[Flag, Parameter(group=OUTPUT)] = False
-    """Replace the result of another picture in the default folder; in a folder named by --out a build always
-    replaces it."""
+    """Replace the result of another picture of that name in the default folder; in a folder that --out names
+    a build always does."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
@@ -307,7 +309,7 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
         elif hasattr(value, "item"):  # a number of numpy's
             value = value.item()
         try:
-            if key == "out":
+            if key == "out" and value is not None:
                 value = _place_of(value)
             checked = TypeAdapter(types[key]).validate_python(value)
         except ValueError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from knotfab.design.frames import (
 )
 from knotfab.design.walls import flatten_targets
 from knotfab.errors import InputError
-from knotfab.options import BuildOptions
+from knotfab.options import ALL_OUT, BuildOptions
 from knotfab.progress import Progress
 from knotfab.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
@@ -26,9 +26,9 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
 from knotfab.scene.settings import search_settings
-from knotfab.sequence.frames import count_knots, read_frames
+from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
-from knotfab.target.read import TEXT_PREFIX, Target, read_targets
+from knotfab.target.read import TEXT_PREFIX, Target, plain_name, read_targets
 
 if TYPE_CHECKING:
     from knotfab.preview.survey import Survey
@@ -62,8 +62,9 @@ def prepare_build(
             bool(call.scene.search.get("free_view")),
             len(call.targets) if options.sequence else 0,
         )
-    if options.out is BuildOptions.out and not options.force:  # nobody named it
-        _keep_other_picture(options.out, call.targets)
+    out = options.out or ALL_OUT / call.name
+    if options.out is None and not options.force:
+        _keep_other_picture(out, call.targets)
     with progress.stage("preview"):
         # only now: a picture that cannot be read is told without waiting for them
         from knotfab.preview.sentence import describe
@@ -74,7 +75,7 @@ def prepare_build(
     return Request(
         call.scene,
         call.sources,
-        options.out,
+        out,
         base=call.base,
         printing=_prints(options, call.scene),
         device=options.device,
@@ -111,12 +112,13 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
 
 @dataclass(frozen=True)
 class _Call:
-    """A call as it was read: `base` is the folder that relative pictures start from."""
+    """A call as it was read: `base` is the folder that relative pictures start from, `name` the piece's."""
 
     scene: Scene
     sources: tuple[str, ...]
     base: Path | None
     targets: tuple[Target, ...]
+    name: str
 
 
 def _read_call(
@@ -131,7 +133,7 @@ def _read_call(
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
-        scene = spread_views(scene, len(sources))
+        scene = spread_views(scene, sources)
     if len(scene.views) > 1:
         require_several(scene)
     require_tube(resolve(scene))
@@ -145,6 +147,12 @@ def _read_call(
             targets = read_targets(
                 sources, scene.views, base=base, font=options.font, glance=glance
             )
+            if not pictures:  # as a build wrote it: picture-front.png is the cat still
+                titles = [view.title for view in scene.views]
+                targets = tuple(
+                    replace(t, name=plain_name(title, t.name))
+                    for t, title in zip(targets, titles, strict=True)
+                )
     if options.size is not None:
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):
@@ -155,7 +163,8 @@ def _read_call(
         scene = framed_alike(scene, targets) if len(targets) > 1 else scene
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
         targets = flatten_targets(scene, framed, targets)
-    return _Call(scene, sources, base, targets)
+    names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
+    return _Call(scene, sources, base, targets, "-".join(dict.fromkeys(names))[:100])
 
 
 def _survey(call: _Call, options: BuildOptions) -> Survey:

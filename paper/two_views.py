@@ -40,7 +40,7 @@ def build_case(name: str, folder: Path) -> Outcome:
     """Draw the pictures of a case into `folder` and build them into `folder`/NAME."""
     saved = save_pictures(pictures(), make_folder(folder, name), CASES[name])
     files = [str(saved[picture]) for picture in CASES[name]]
-    scene = spread_views(Scene(), len(files))
+    scene = spread_views(Scene(), files)
     if name.endswith("by-eye"):
         views = tuple(v.model_copy(update={"kind": "eye"}) for v in scene.views)
         scene = scene.model_copy(update={"views": views})

@@ -18,7 +18,7 @@ from knotfab.batch.worker import Record, build_apart, open_builders
 from knotfab.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
-from knotfab.options import BuildOptions
+from knotfab.options import ALL_OUT, BuildOptions
 from knotfab.pool import Pool, count_jobs
 from knotfab.progress import Progress
 
@@ -53,7 +53,7 @@ def batch(
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
-    tasks, folder = list_tasks(pictures, options), options.out.expanduser()
+    tasks, folder = list_tasks(pictures, options), (options.out or ALL_OUT).expanduser()
     kept = _keep_records(folder, tasks)
     missing = [task for task in tasks if task.name not in kept]
     records = dict(kept)

@@ -13,7 +13,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from knotfab.errors import InputError, needs_extra
-from knotfab.options import OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
+from knotfab.options import ALL_OUT, OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
 
 __all__ = ["batch", "build", "call_clock", "preview", "studio"]
 
@@ -137,7 +137,7 @@ def batch(
     jobs: Whole | None = None,
     cluster: str | None = None,
 ) -> int:
-    """Build many pictures, each into a folder of its own in --out; skip those that are built already.
+    """Build many pictures, each into knotfab-out/NAME, or --out/NAME; skip those that are built already.
 
     Parameters
     ----------
@@ -155,7 +155,9 @@ def batch(
     records = run(pictures, options, jobs, cluster)
     failed = sum(record["exit_code"] != 0 for record in records)
     if not options.quiet:
-        print(f"{len(records) - failed} of {len(records)} passed: see {options.out}/index.html")
+        print(
+            f"{len(records) - failed} of {len(records)} passed: see {options.out or ALL_OUT}/index.html"
+        )
     return 1 if failed else 0
 
 

@@ -16,7 +16,7 @@ from knotfab.design.candidates import line_width
 from knotfab.errors import InputError
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.raster import check_shape
-from knotfab.target.read import Target
+from knotfab.target.read import Target, name_picture
 from knotfab.target.thicken import is_thin, thicken
 
 __all__ = [
@@ -45,21 +45,25 @@ _MEETING = (
 _LEVEL_DEG = 1.0  # views raised by less see the same heights
 
 
-def spread_views(scene: Scene, count: int) -> Scene:
-    """The scene with `count` views in place of its one, at azimuths 0, 180 / count, ... degrees.
+def spread_views(scene: Scene, pictures: Sequence[str]) -> Scene:
+    """The scene with a view for each picture, named after it, at azimuths 0, 180 / count, ... degrees.
 
     Half a turn is shared out, for a silhouette from behind is its own mirror image.
     """
-    first = scene.views[0]
+    first, names = scene.views[0], list[str]()
+    for picture in pictures:
+        plain, number = name_picture(picture), 1
+        name = plain
+        while name.casefold() in map(str.casefold, names):  # as disks have it that take A for a
+            number += 1
+            name = f"{plain}-{number}"
+        names.append(name)
+    turn = 180.0 / len(names)
     views = tuple(
         first.model_copy(
-            update={
-                "name": f"view-{n + 1}",
-                "picture": "",
-                "azimuth_deg": first.azimuth_deg + 180.0 * n / count,
-            }
+            update={"name": name, "picture": "", "azimuth_deg": first.azimuth_deg + turn * n}
         )
-        for n in range(count)
+        for n, name in enumerate(names)
     )
     return scene.model_copy(update={"views": views})
 
@@ -296,6 +300,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         scale = LONGER_FRAME_MM / max(target.width, target.height)
     own = {
         "picture": f"picture-{view.name}{target.suffix}",
+        "title": target.name,
         "crop_px": target.crop_px or view.crop_px,
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,

@@ -160,6 +160,7 @@ class View(Reading):
     name: Annotated[str, Strict(), Field(pattern=r"^[A-Za-z0-9_-]+$")] = "front"
     kind: Literal["shadow", "eye"] = "shadow"
     picture: StrictStr = ""
+    title: StrictStr = ""  # what the picture is called; by default as its file is
     frame_width_mm: Positive | None = None
     frame_height_mm: Positive | None = None
     light_distance_mm: Positive = 500.0

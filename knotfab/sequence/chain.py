@@ -306,6 +306,10 @@ class Chain:
 def _rename_view(scene: ResolvedScene, target: Target) -> Scene:
     """A resolved scene whose view is that of another frame."""
     view = scene.views[0].model_copy(
-        update={"name": target.name, "picture": f"picture-{target.name}{target.suffix}"}
+        update={
+            "name": target.name,
+            "title": target.name,
+            "picture": f"picture-{target.name}{target.suffix}",
+        }
     )
     return scene.model_copy(update={"views": (view,)})

@@ -16,9 +16,16 @@ from PIL import Image, ImageSequence
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.raster import own_box
-from knotfab.target.read import PICTURE_SUFFIXES, PLAIN, Target, read_target
+from knotfab.target.read import PICTURE_SUFFIXES, PLAIN, Target, name_picture, read_target
 
-__all__ = ["MOST_FRAMES", "count_knots", "frame_name", "read_frames", "tell_apart"]
+__all__ = [
+    "MOST_FRAMES",
+    "count_knots",
+    "frame_name",
+    "name_sequence",
+    "read_frames",
+    "tell_apart",
+]
 
 MOST_FRAMES = 240
 _LEAST_FRAMES = 2
@@ -27,6 +34,12 @@ _LEAST_FRAMES = 2
 def frame_name(number: int) -> str:
     """The name of a frame's view, from 1: "frame-01"."""
     return f"frame-{number:02d}"
+
+
+def name_sequence(source: str) -> str:
+    """What a sequence is called: after its folder, its animation, or its first picture."""
+    path = Path(source)
+    return name_picture(str(path.parent.absolute()) if "*" in path.name else source)
 
 
 def read_frames(

@@ -26,6 +26,7 @@ __all__ = [
     "TEXT_PREFIX",
     "Target",
     "name_picture",
+    "plain_name",
     "read_bytes",
     "read_target",
     "read_targets",
@@ -103,21 +104,22 @@ class Target:
         return self.name + self.suffix
 
 
-def _to_plain_name(raw: str, fallback: str) -> str:
+def plain_name(raw: str, fallback: str) -> str:
+    """`raw` in letters, digits, "_" and "-" only; `fallback` where nothing is left of it."""
     plain = unicodedata.normalize("NFKD", raw).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or fallback
 
 
 def _name_text(content: str) -> str:
     code = "-".join(f"{ord(c):x}" for c in content[:4])
-    return _to_plain_name(content, f"text-{code}" if code else "text")
+    return plain_name(content, f"text-{code}" if code else "text")
 
 
 def name_picture(source: str) -> str:
     """The name that a picture's target has: letters, digits, "_" and "-" only."""
     if source.startswith(TEXT_PREFIX):
         return _name_text(source.removeprefix(TEXT_PREFIX))
-    return _to_plain_name(Path(source).stem, "picture")
+    return plain_name(Path(source).stem, "picture")
 
 
 def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> bytes:

@@ -223,12 +223,12 @@ def test_the_default_folder_keeps_what_another_picture_came_to(
 
     monkeypatch.setattr(pipeline, "build", build)
     monkeypatch.chdir(tmp_path)
-    out = Path("knotfab-out")
-    out.mkdir()
+    out = Path("knotfab-out") / "good"
+    out.mkdir(parents=True)
     (out / "report.json").write_text("{}")
     (out / "picture-front.png").write_bytes(b"another")
     assert "built from another picture" in refuse(2, "build", bad / "good.png")
-    for more in (["--force"], ["--out", "knotfab-out"]):
+    for more in (["--force"], ["--out", str(out)]):
         assert "seen enough" in refuse(2, "build", bad / "good.png", *more)
     (out / "picture-front.png").write_bytes((bad / "good.png").read_bytes())
     assert "seen enough" in refuse(2, "build", bad / "good.png")

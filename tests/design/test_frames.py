@@ -29,7 +29,7 @@ TARGETS = [target(100, 200, 20, 180), target(300, 100, 10, 60)]
 
 @pytest.mark.parametrize("key", ["frame_width_mm", "frame_height_mm"])
 def test_one_size_for_all_is_that_of_the_first(key: str) -> None:
-    scene = spread_views(Scene(), 2)
+    scene = spread_views(Scene(), "ab")
     sized = scene.model_copy(
         update={"views": tuple(v.model_copy(update={key: 240.0}) for v in scene.views)}
     )
@@ -51,7 +51,7 @@ def test_one_size_for_all_is_that_of_the_first(key: str) -> None:
 
 
 def test_sizes_of_their_own_stay() -> None:
-    scene = spread_views(Scene(), 2)
+    scene = spread_views(Scene(), "ab")
     own = tuple(
         v.model_copy(update={"frame_width_mm": mm})
         for v, mm in zip(scene.views, (100.0, 150.0), strict=True)

@@ -115,7 +115,7 @@ def target(mask: Mask) -> Target:
 
 def test_silhouettes_are_brought_to_one_height() -> None:
     masks = [block(10, 50), np.pad(block(30, 110), ((0, 30), (0, 60)))]
-    scene = framed_alike(spread_views(Scene(), 2), [target(m) for m in masks])
+    scene = framed_alike(spread_views(Scene(), "ab"), [target(m) for m in masks])
     spans = []
     for view, mask in zip(scene.views, masks, strict=True):
         camera = camera_of(view, mask.shape[1], mask.shape[0])
@@ -128,11 +128,16 @@ def test_silhouettes_are_brought_to_one_height() -> None:
 
 
 def test_frames_that_are_given_are_left_alone() -> None:
-    scene = spread_views(Scene(views=(View(frame_width_mm=100.0),)), 2)
+    scene = spread_views(Scene(views=(View(frame_width_mm=100.0),)), "ab")
     assert framed_alike(scene, [target(disc(30.0)), target(disc(50.0))]) == scene
 
 
 def test_views_are_spread_over_half_a_turn() -> None:
-    assert [v.azimuth_deg for v in spread_views(Scene(), 2).views] == [0, 90]
-    assert [v.azimuth_deg for v in spread_views(Scene(), 3).views] == [0, 60, 120]
-    assert len({v.name for v in spread_views(Scene(), 3).views}) == 3
+    assert [v.azimuth_deg for v in spread_views(Scene(), "ab").views] == [0, 90]
+    assert [v.azimuth_deg for v in spread_views(Scene(), "abc").views] == [0, 60, 120]
+
+
+def test_views_are_named_after_their_pictures() -> None:
+    files = ["a/heart.png", "b/Heart.svg", "text:heart", "c/heart-2.png"]
+    named = [view.name for view in spread_views(Scene(), files).views]
+    assert named == ["heart", "Heart-2", "heart-3", "heart-2-2"]

@@ -1,0 +1,54 @@
+"""A call that may begin: where it will be built, and what its pieces are called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import picture
+
+from knotfab.options import ALL_OUT, options_from
+from knotfab.prepare import prepare_build
+from knotfab.progress import Progress
+from knotfab.request import Request
+from knotfab.scene.load import dump_scene
+
+
+def prepare(*pictures: str | Path, **options: Any) -> Request:
+    given = options_from(options)
+    return prepare_build([str(p) for p in pictures], given, "", Progress("quiet"))
+
+
+@pytest.fixture
+def square(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that one works in, with a square in cat.png and in walk/1.png and walk/2.png."""
+    (tmp_path / "walk").mkdir()
+    monkeypatch.chdir(tmp_path)
+    block = np.pad(np.ones((60, 60), dtype=bool), 20)
+    picture(tmp_path / "walk" / "1.png", block)
+    picture(tmp_path / "walk" / "2.png", np.roll(block, 5, axis=1))
+    return picture(tmp_path / "cat.png", block)
+
+
+def test_the_default_folder_is_named_after_the_picture(square: Path) -> None:
+    assert prepare(square).out == ALL_OUT / "cat"
+    assert prepare(square, "text:A").out == ALL_OUT / "cat-A"
+    assert prepare(square, square, size=120).out == ALL_OUT / "cat"
+    for frames in ("walk/", "walk", "walk/*.png"):
+        assert prepare(frames, sequence=True).out == ALL_OUT / "walk"
+    assert prepare(square, out="here").out == Path("here")
+
+
+def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_path: Path) -> None:
+    written = tmp_path / "written"
+    written.mkdir()
+    (written / "picture-front.png").write_bytes(square.read_bytes())
+    scene = prepare(square).scene
+    view = scene.views[0].model_copy(update={"picture": "picture-front.png", "title": "cat"})
+    (written / "scene.toml").write_text(dump_scene(scene.model_copy(update={"views": (view,)})))
+    again = prepare(scene=written / "scene.toml")
+    assert [t.name for t in again.targets] == ["cat"] and again.out == ALL_OUT / "cat"
+    other = prepare("text:A", scene=written / "scene.toml")  # another picture has its own
+    assert other.out == ALL_OUT / "A"
