@@ -69,7 +69,7 @@ def open_cluster(
         topic = f"knotfab-{uuid.uuid4().hex}"
         client.subscribe_topic(topic, begun)
         with tempfile.TemporaryDirectory(
-            prefix=".knotfab-", dir=folder, ignore_cleanup_errors=True
+            prefix=".cluster-", dir=folder, ignore_cleanup_errors=True
         ) as shared:
             here = Path(shared)
             futures = {

@@ -72,8 +72,21 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
 
         began = time.perf_counter() - process_age()
     call_clock.began = began
+    _mend_named(sys.argv[1:] if arguments is None else arguments)
     code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     return code if isinstance(code, int) else 0
+
+
+def _mend_named(arguments: list[str]) -> None:
+    """Finish what a killed build was moving into a folder that this call names, or names a file of."""
+    from pathlib import Path
+
+    from knotfab.files.moves import mend
+
+    for word in arguments:
+        place = word.partition("=")[2] if word.startswith("-") else word
+        if os.path.lexists(place):
+            mend(Path(place if os.path.isdir(place) else os.path.dirname(place) or "."))
 
 
 def _tell(error: Exception) -> int:

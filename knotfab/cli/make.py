@@ -12,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from knotfab.errors import InputError, needs_extra
+from knotfab.errors import InputError, MachineError, needs_extra
 from knotfab.options import ALL_OUT, OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
 
 __all__ = ["batch", "build", "call_clock", "preview", "studio"]
@@ -95,6 +95,8 @@ def _build(
         print_summary(outcome)
     if open_:
         webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
+    if not (outcome.folder / "report.json").is_file():
+        raise MachineError(str(outcome.folder), "it was removed as the build ended", "Build again.")
     return outcome.exit_code
 
 

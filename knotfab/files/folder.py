@@ -8,18 +8,19 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.errors import InputError, KnotfabError, MachineError, SceneError, spelled
+from knotfab.disk import at_home, hold, locked
+from knotfab.errors import InputError, KnotfabError, MachineError, SceneError, spelled, why_of
+from knotfab.files.moves import HIDDEN, REJECTED, Step, is_moving, mend_locked, move_all, sync
 
 __all__ = ["REJECTED", "OutputFolder"]
 
-REJECTED = "rejected"
-_PREFIX = ".knotfab-"
 _PROBE = 4096  # bytes written at the start, to notice a full disk before the long work
 _FULL = (errno.ENOSPC, errno.EDQUOT)
+_OF_WRITING = (*_FULL, errno.EFBIG, errno.EROFS)  # whatever file a library was writing
 
 # Files of an earlier build that would contradict a new one that does not write them.
 _OWN = re.compile(
@@ -49,8 +50,11 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path).expanduser()
+        self.path = at_home(path)
         self._hidden: Path | None = None
+        self._held: int | None = (
+            None  # the lock that tells a living build's folder from a killed one's
+        )
         self._created: list[Path] = []
 
     @property
@@ -75,12 +79,13 @@ class OutputFolder:
         with self._explained(InputError):
             try:
                 self._make()
-                self._hidden = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self.path))
+                with locked(self.path):
+                    mend_locked(self.path)
+                    self._hidden = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=self.path))
+                    self._held = hold(self._hidden)
                 (self._hidden / "new").mkdir()
                 (self._hidden / "old").mkdir()
-                probe = self._hidden / "probe"
-                probe.write_bytes(b"\0" * _PROBE)
-                probe.unlink()
+                self._probe()
             except BaseException:
                 self._clear()
                 raise
@@ -92,50 +97,43 @@ class OutputFolder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        full = isinstance(error, OSError) and error.errno in _FULL
-        if isinstance(error, Exception) and not isinstance(error, InputError | SceneError):
-            # Libraries in C++ report a full disk in their own words, or as a plain failed write;
-            # the process that verifies may have died of it.
-            full = full or self._is_full()
+        why = self._why_unwritten(error) if isinstance(error, Exception) else None
         self._clear()
-        if full:
-            raise self._no_space() from error
+        if why is not None:
+            raise why from error
 
     def commit(self) -> None:
         """Move the new files into DIR, over those of an earlier build.
 
         All are on the disk before the first is moved, each move is atomic, and if one fails those
-        before it are undone. An earlier build's own files that this one did not write are removed, and so is
-        what an earlier one left in DIR/rejected.
+        before it are undone; of a process that is killed, whoever uses DIR next finishes them (`mend`).
+        An earlier build's own files that this one did not write are removed, and so is what an earlier one
+        left in DIR/rejected.
         """
-        with self._explained(MachineError):
-            names = self._settle()
-            stale = []
+
+        def steps(names: Sequence[str]) -> list[Step]:
+            stale: list[str] = []
             if (self.path / "report.json").is_file():
                 found = (p.name for p in self.path.iterdir() if p.is_file())
                 stale = [n for n in found if _OWN.fullmatch(n) and n not in names]
-            self._exchange(names, stale)
-            if self._hidden is not None and (self.path / REJECTED / "report.json").is_file():
-                os.replace(self.path / REJECTED, self._hidden / "old" / REJECTED)
-            _sync(self.path)
-        self._clear()
+            if (self.path / REJECTED / "report.json").is_file():
+                stale.append(REJECTED)
+            return [*((f"new/{name}", name) for name in names), *((None, name) for name in stale)]
+
+        self._move(steps)
 
     def reject(self) -> None:
         """Move the new files to DIR/rejected, in place of what an earlier build left there."""
+        self._move(lambda _: [("new", REJECTED)])
+
+    def _move(self, steps: Callable[[Sequence[str]], list[Step]]) -> None:
+        """Take these steps of the new files' names, alone in DIR."""
         assert self._hidden is not None
-        rejected = self.path / REJECTED
         with self._explained(MachineError):
-            self._settle()
-            aside = self._hidden / "old" / REJECTED
-            if rejected.exists():
-                os.replace(rejected, aside)
-            try:
-                os.replace(self.work, rejected)
-            except BaseException:
-                if aside.exists():
-                    os.replace(aside, rejected)
-                raise
-            _sync(self.path)
+            names = self._settle()
+            with locked(self.path):
+                mend_locked(self.path)
+                move_all(self.path, self._hidden, steps(names))
         self._clear()
 
     def _make(self) -> None:
@@ -163,40 +161,53 @@ class OutputFolder:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         names = sorted(p.name for p in self.work.iterdir())
         for name in names:
-            _sync(self.work / name)
-        _sync(self.work)
+            sync(self.work / name)
+        sync(self.work)
         return names
-
-    def _exchange(self, names: list[str], stale: list[str]) -> None:
-        assert self._hidden is not None
-        old = self._hidden / "old"
-        done: list[str] = []
-        try:
-            for name in [*names, *stale]:
-                done.append(name)
-                if (self.path / name).exists():
-                    _keep(self.path / name, old / name)
-                if name in stale:
-                    (self.path / name).unlink()
-                else:
-                    os.replace(self.work / name, self.path / name)
-        except BaseException:
-            for name in reversed(done):
-                if (old / name).exists():
-                    os.replace(old / name, self.path / name)
-                elif not (self.work / name).exists():
-                    (self.path / name).unlink(missing_ok=True)
-            raise
 
     def _clear(self) -> None:
         """Remove the hidden folder, and folders made for this build that stayed empty."""
-        if self._hidden is not None:
+        if self._hidden is not None and not is_moving(self._hidden):
             shutil.rmtree(self._hidden, ignore_errors=True)
-            self._hidden = None
+        self._hidden = None
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
         for folder in reversed(self._created):
             with contextlib.suppress(OSError):
                 folder.rmdir()
         self._created = []
+
+    def _probe(self) -> None:
+        """Write something, so that a disk that cannot be written is noticed."""
+        assert self._hidden is not None
+        probe = self._hidden / "probe"
+        probe.write_bytes(b"\0" * _PROBE)
+        probe.unlink()
+
+    def _why_unwritten(self, error: Exception) -> KnotfabError | None:
+        """What became of the disk, where that is what a build failed of; None where it is not.
+
+        Libraries in C++ report it in their own words, or as a plain failed write; the process that verifies
+        may have died of it.
+        """
+        if self._hidden is None:  # it was moved to its place
+            return None
+        if not self._hidden.is_dir():
+            return self._no_folder()
+        if isinstance(error, InputError | SceneError):
+            return None
+        if isinstance(error, OSError) and (
+            error.errno in _OF_WRITING or str(self._hidden) in str(error.filename)
+        ):
+            return self._explain(error, MachineError)
+        if self._is_full():
+            return self._no_space()
+        try:
+            self._probe()
+        except OSError as found:
+            return self._explain(found, MachineError)
+        return None
 
     def _is_full(self) -> bool:
         try:
@@ -215,50 +226,33 @@ class OutputFolder:
             "Free some space, or choose a folder on another disk with --out.",
         )
 
+    def _no_folder(self) -> MachineError:
+        return MachineError(
+            str(self.path), "it was removed while the build wrote into it", "Build again."
+        )
+
     @contextlib.contextmanager
     def _explained(self, kind: type[KnotfabError]) -> Iterator[None]:
         """Turn what the system says into one sentence."""
         try:
             yield
         except OSError as error:
-            if error.errno in _FULL:
-                raise self._no_space() from error
-            if isinstance(error, FileExistsError | NotADirectoryError):
-                raise kind(
-                    str(self.path),
-                    "it is a file" if self.path.is_file() else "a part of this path is a file",
-                    "Choose a folder with --out.",
-                ) from error
-            raise kind(
+            raise self._explain(error, kind) from error
+
+    def _explain(self, error: OSError, kind: type[KnotfabError]) -> KnotfabError:
+        if error.errno in _FULL:
+            return self._no_space()
+        if self._hidden is not None and not self._hidden.is_dir():
+            return self._no_folder()
+        if isinstance(error, FileExistsError | NotADirectoryError):
+            return kind(
                 str(self.path),
-                f"the output folder cannot be written ({error.strerror or error})",
-                "Change its permissions, or choose another folder with --out.",
-            ) from error
-
-
-def _sync(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
-    folder = path.is_dir()
-    try:
-        handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
-    except PermissionError:
-        if folder:  # which Windows opens for nobody
-            return
-        raise
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # folders on some file systems
-            raise
-    finally:
-        os.close(handle)
-
-
-def _keep(path: Path, aside: Path) -> None:
-    """A second name for a file, so that it can be put back; a move where links are unknown."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, f"{path.name} is a directory", str(path))
-    try:
-        os.link(path, aside)
-    except OSError:
-        os.replace(path, aside)
+                "it is a file" if self.path.is_file() else "a part of this path is a file",
+                "Choose a folder with --out.",
+            )
+        remedy = "Change its permissions, or choose another folder with --out."
+        if error.errno == errno.EFBIG:
+            remedy = "Raise the limit on the size of files (ulimit -f)."
+        return kind(
+            str(self.path), f"the output folder cannot be written ({why_of(error)})", remedy
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import locale
 import re
 from collections.abc import Iterator, Sequence
@@ -114,8 +115,12 @@ def _write(path: Path, model: Any, whole: Any, names: Sequence[str]) -> None:
     model.SetBuildUUID(_uuid("build/" + "/".join(names)))
     writer = model.QueryWriter("3mf")
     writer.SetDecimalPrecision(DECIMALS)
+    packed = io.BytesIO()  # lib3mf ends the process where a file of its own cannot be written
+    write = lib3mf.WriteCallback(lambda data, n, _: packed.write(ctypes.string_at(data, n)) * 0)
+    seek = lib3mf.SeekCallback(lambda place, _: packed.seek(place) * 0)
     with _locale_kept():
-        writer.WriteToFile(str(path))
+        writer.WriteToCallback(write, seek, 0)
+    path.write_bytes(packed.getvalue())
 
 
 def read_back_strict(path: Path) -> list[str]:

@@ -6,13 +6,16 @@ import errno
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from command import knotfab
 
 from knotfab.errors import InputError, MachineError
 from knotfab.files.folder import REJECTED, OutputFolder
+from knotfab.files.moves import mend
 
 
 def listing(folder: Path) -> dict[str, bytes]:
@@ -257,6 +260,7 @@ def test_without_posix_a_build_is_written_all_the_same(
 
     for name in ("statvfs", "geteuid"):
         monkeypatch.delattr(os, name)
+    monkeypatch.setattr("knotfab.disk._fcntl", None)
     monkeypatch.setattr(os, "open", open_files)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
     build(tmp_path / "out", knots__json="good", note="kept")
@@ -272,3 +276,177 @@ def test_work_is_only_there_while_open(tmp_path: Path) -> None:
     out = OutputFolder(tmp_path)
     with pytest.raises(RuntimeError):
         out.file("x")
+
+
+def kill_at(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """End this process, as `kill -9` does, before it changes names on the disk for the `count`th time."""
+    left = [count]
+
+    def counted(real: Callable[..., object]) -> Callable[..., object]:
+        def call(*arguments: object, **named: object) -> object:
+            left[0] -= 1
+            if left[0] == 0:
+                os._exit(9)
+            return real(*arguments, **named)
+
+        return call
+
+    for name in ("replace", "link", "unlink", "rmdir"):
+        monkeypatch.setattr(os, name, counted(getattr(os, name)))
+
+
+def in_a_child(work: Callable[[], object]) -> int:
+    """Its exit code; nothing that it leaves open outlives it."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def old_files(folder: Path) -> None:
+    build(folder, report__json="old", part__stl="old", part__glb="old")
+    (folder / "mine.txt").write_text("user")
+    with OutputFolder(folder) as out:
+        out.write("report.json", "failed before")
+        out.reject()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
+@pytest.mark.parametrize("passes", [True, False])
+def test_a_build_that_is_killed_at_any_moment_leaves_one_whole_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passes: bool
+) -> None:
+    def write(folder: Path) -> None:
+        with OutputFolder(folder) as out:
+            for name in ("knots.json", "part.stl", "report.json"):
+                out.write(name, "new")
+            (out.commit if passes else out.reject)()
+
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    old_files(tmp_path / "old")
+    old_files(tmp_path / "new")
+    write(tmp_path / "new")
+    before, after = listing(tmp_path / "old"), listing(tmp_path / "new")
+    assert before != after
+    seen = []
+    for count in range(1, 60):
+        folder = tmp_path / f"{count}"
+        old_files(folder)
+
+        def killed(folder: Path = folder, count: int = count) -> None:
+            kill_at(count, monkeypatch)
+            write(folder)
+
+        code = in_a_child(killed)
+        if count % 8:
+            mend(folder)
+        else:  # as the next command that names the folder, whatever it is
+            assert knotfab("printers", folder / "part.stl").code == 2
+        seen.append(listing(folder))
+        assert seen[-1] in (before, after), f"mixed after {count}"
+        if code == 0:
+            break
+    assert code == 0 and len(seen) > 8
+    assert seen[0] == before and seen[-1] == after
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
+def test_mending_that_is_killed_is_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so is one that has to undo: something is in the way of a file."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    for way, count in ((way, count) for way in (False, True) for count in range(1, 10)):
+        folder = tmp_path / f"{way}-{count}"
+        old_files(folder)
+        before = listing(folder)
+
+        def killed(folder: Path = folder) -> None:
+            with OutputFolder(folder) as out:
+                for name in ("knots.json", "part.stl", "report.json"):
+                    out.write(name, "new")
+                kill_at(5, monkeypatch)
+                out.commit()
+
+        assert in_a_child(killed) == 9
+        assert any(p.name.startswith(".knotfab-") for p in folder.iterdir())
+        if way:
+            (folder / "report.json").unlink()
+            (folder / "report.json").mkdir()
+
+        def mended(folder: Path = folder, count: int = count) -> None:
+            kill_at(count, monkeypatch)
+            mend(folder)
+
+        in_a_child(mended)
+        mend(folder)
+        found = listing(folder)
+        if way:
+            assert found.pop("report.json/") == b"" and before["part.stl"] == found["part.stl"]
+            assert set(found) == set(before) - {"report.json"}
+        else:
+            assert (found["part.stl"], found["report.json"]) == (b"new", b"new")
+            assert "part.glb" not in found
+
+
+def test_a_living_build_keeps_its_hidden_folder_and_a_killed_one_does_not(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as out:
+        out.write("knots.json", "new")
+        (tmp_path / ".knotfab-dead" / "new").mkdir(parents=True)
+        build(tmp_path, note="of another")
+        assert out.file("knots.json").exists() and not (tmp_path / ".knotfab-dead").exists()
+        out.commit()
+    assert listing(tmp_path) == {"knots.json": b"new", "note": b"of another"}
+
+
+def test_two_builds_into_one_folder_do_not_mix(tmp_path: Path) -> None:
+    def write(content: str) -> None:
+        for _ in range(20):
+            with OutputFolder(tmp_path) as out:
+                for name in ("knots.json", "part.stl", "report.json"):
+                    out.write(name, content)
+                out.commit()
+
+    threads = [threading.Thread(target=write, args=(c,)) for c in ("one", "two")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    found = listing(tmp_path)
+    assert set(found) == {"knots.json", "part.stl", "report.json"} and len({*found.values()}) == 1
+
+
+@pytest.mark.parametrize("when", ["while it writes", "before it is moved"])
+def test_a_folder_that_is_removed_meanwhile_is_no_success(tmp_path: Path, when: str) -> None:
+    said = "removed while the build"
+    with pytest.raises(MachineError, match=said) as caught, OutputFolder(tmp_path / "out") as out:
+        out.write("knots.json", "new")
+        shutil.rmtree(tmp_path / "out")
+        if when == "while it writes":
+            out.write("part.stl", "new")
+        out.commit()
+    assert caught.value.exit_code == 3 and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.EFBIG, errno.EIO])
+def test_a_disk_that_fails_is_said_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    """By us, or by a library that has other words for it."""
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
+
+    def fail(self: Path, data: bytes) -> int:
+        raise OSError(code, os.strerror(code), *([str(self)] if code == errno.EIO else []))
+
+    for own in (True, False):
+        with pytest.raises(MachineError, match=os.strerror(code)), OutputFolder(tmp_path) as out:
+            monkeypatch.setattr(Path, "write_bytes", fail)
+            if own:
+                out.write("knots.json", "new")
+            raise RuntimeError("Error writing stream")
+        monkeypatch.undo()
+        assert listing(tmp_path) == before

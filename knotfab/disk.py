@@ -1,0 +1,120 @@
+"""Files and folders as the system has them: where they are, what may be read of them, whose they are now."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from knotfab.errors import InputError, why_of
+
+__all__ = ["MOST_TEXT", "at_home", "hold", "locked", "read_file", "read_text"]
+
+_fcntl: Any = (
+    importlib.import_module("fcntl") if os.name == "posix" else None
+)  # Windows has no such locks
+MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
+
+
+def at_home(path: str | Path) -> Path:
+    """A path whose ~ stands for a home, unless a file of that very name is there, or nobody lives there."""
+    return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
+
+
+def read_file(
+    path: Path,
+    what: str,
+    noun: str = "file",
+    most: int = MOST_TEXT,
+    *,
+    missing: str = "Check the path.",
+    too_large: str = "Name another one.",
+) -> bytes:
+    """What a file holds; its kind and its size are asked before it is read.
+
+    Args:
+        what: how an error names it. noun: what it is.
+        most: bytes that it may have.
+        missing, too_large: remedies where there is none, or where it has more.
+
+    Raises:
+        InputError: there is none, it may not be read, it is no regular file, or too large.
+    """
+    try:
+        state = path.stat()
+        if stat.S_ISDIR(state.st_mode):
+            raise InputError(what, "it is a directory", f"Name a {noun} in it.")
+        if not stat.S_ISREG(state.st_mode):
+            raise InputError(what, "it is not a regular file", f"Name a {noun}.")
+        data = b""
+        if state.st_size <= most:
+            with path.open("rb") as file:
+                data = file.read(most + 1)
+        size = max(state.st_size, len(data))
+        if size > most:
+            why = f"the file has {size / 2**20:.0f} MiB, too much for a {noun}"
+            raise InputError(what, why, too_large)
+        return data
+    except FileNotFoundError as error:
+        raise InputError(what, "there is no such file", missing) from error
+    except PermissionError as error:
+        raise InputError(
+            what, "it may not be read", "Change its permissions (chmod u+r) or copy it."
+        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise InputError(what, f"it cannot be read ({why_of(error)})", "Check the path.") from error
+
+
+def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check the path.") -> str:
+    """The text of a file, in UTF-8, with a byte order mark or without.
+
+    Raises:
+        InputError: as `read_file`; or it is no such text.
+    """
+    data = read_file(path, what, noun, missing=missing)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(what, "it is not a UTF-8 text", f"Save the {noun} as UTF-8.") from error
+
+
+def hold(folder: Path, wait: bool = False) -> int | None:
+    """Make a folder this process's own, until what is returned is closed or the process ends.
+
+    Returns:
+        None where the system has no such locks.
+
+    Raises:
+        BlockingIOError: it is another's, and this one does not wait.
+        OSError: there is no such folder.
+    """
+    if _fcntl is None:
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        _fcntl.flock(handle, _fcntl.LOCK_EX | (0 if wait else _fcntl.LOCK_NB))
+    except BlockingIOError:
+        os.close(handle)
+        raise
+    except OSError:  # some network's file system
+        os.close(handle)
+        return None
+    except BaseException:
+        os.close(handle)
+        raise
+    return handle
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Meanwhile, no other process is in such a block of this folder."""
+    handle = hold(folder, wait=True)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
