@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from shapely import MultiPolygon, Polygon
@@ -13,7 +15,7 @@ from knotfab.target.data_uri import encode_image
 from knotfab.target.opening import Loss
 from knotfab.target.silhouette import fit_size
 
-__all__ = ["draw_survey"]
+__all__ = ["Panel", "draw_panels", "draw_survey"]
 
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
@@ -24,12 +26,16 @@ _FAINT, _RED = (196, 190, 182), (212, 30, 30)
 _SEEN = 9.0  # px: a smaller loss gets a ring about it
 
 
+class Panel(NamedTuple):
+    """A silhouette, or what is left of it for a tube, and the words above it."""
+
+    caption: str
+    image: Image.Image
+
+
 def draw_survey(found: Survey) -> bytes:
     """A PNG: a row for each picture, with its silhouette and one panel for each radius."""
-    rows = [
-        [_panel(seen, None), *(_panel(seen, radius) for radius in seen.losses)]
-        for seen in found.views
-    ]
+    rows = [[_with_caption(panel) for panel in _row(seen)] for seen in found.views]
     width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
     heights = [max(p.height for p in row) + _GAP for row in rows]
     sheet = Image.new("RGB", (width, _GAP + sum(heights)), _PAPER)
@@ -41,11 +47,29 @@ def draw_survey(found: Survey) -> bytes:
     return encode_image(sheet, compress_level=6)
 
 
-def _panel(seen: ViewSurvey, radius: float | None) -> Image.Image:
+def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
+    """The panels of all pictures in their order, so many px on the longer side."""
+    return [panel for seen in found.views for panel in _row(seen, side_px)]
+
+
+def _row(seen: ViewSurvey, side_px: int = _PANEL) -> list[Panel]:
+    return [_panel(seen, radius, side_px) for radius in (None, *seen.losses)]
+
+
+def _with_caption(panel: Panel) -> Image.Image:
+    picture = panel.image
+    sheet = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
+    sheet.paste(picture, (0, _TEXT))
+    font = ImageFont.load_default(14)
+    ImageDraw.Draw(sheet).text((0, 8), panel.caption, fill=_INK, font=font)
+    return sheet
+
+
+def _panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
     """The silhouette, or what is left of it for a tube of this radius (mm) and what is lost."""
     width, height = seen.target.width, seen.target.height
-    scale = _PANEL * _FINER / max(width, height)
-    size = fit_size(width, height, _PANEL * _FINER)
+    scale = side_px * _FINER / max(width, height)
+    size = fit_size(width, height, side_px * _FINER)
     picture = Image.new("RGB", size, _PAPER)
     draw = ImageDraw.Draw(picture)
     lost = [] if radius is None else seen.losses[radius]
@@ -56,12 +80,7 @@ def _panel(seen: ViewSurvey, radius: float | None) -> Image.Image:
         _ring(draw, loss, scale)
     draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=_FRAME, width=_FINER)
     picture = picture.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.BOX)
-    panel = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
-    panel.paste(picture, (0, _TEXT))
-    ImageDraw.Draw(panel).text(
-        (0, 8), _caption(seen, radius, lost), fill=_INK, font=ImageFont.load_default(14)
-    )
-    return panel
+    return Panel(_caption(seen, radius, lost), picture)
 
 
 def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:

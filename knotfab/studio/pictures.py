@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
+from pydantic import BaseModel, ConfigDict
 
 from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
@@ -15,23 +15,45 @@ from knotfab.target import raster, svg, text
 from knotfab.target.data_uri import encode_image
 from knotfab.target.read import TEXT_PREFIX, name_picture
 
-__all__ = ["LARGEST_BYTES", "StudioPicture", "keep_picture", "keep_text"]
+__all__ = [
+    "LARGEST_BYTES",
+    "StudioPicture",
+    "TooLargeError",
+    "keep_picture",
+    "keep_text",
+    "thumbnail",
+]
 
 LARGEST_BYTES = 32 * 2**20
 _LARGEST_PIXELS = 40_000_000
 _LONGEST_TEXT = 40  # characters
-_SHOWN_PX = 512
+_SHOWN_PX = 1024
+_THUMBNAILS = ".shown"
 
 
-@dataclass(frozen=True)
-class StudioPicture:
-    """A picture to build: `source` as the command line takes it, `shown` a small PNG of it."""
+class TooLargeError(InputError):
+    """It has more bytes than are taken."""
+
+
+class StudioPicture(BaseModel):
+    """A picture to build, kept as `file` in the folder of pictures; `text`: what is typed, of a text.
+
+    `width` and `height` are its px, upright; `frames`: how many it has, more than 1 where it moves.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
     name: str
-    source: str
+    title: str
+    file: str
+    text: str | None = None
     width: int
     height: int
-    shown: bytes
+    frames: int = 1
+
+    def source(self, folder: Path) -> str:
+        """The picture as the command line takes it."""
+        return str(folder / self.file) if self.text is None else TEXT_PREFIX + self.text
 
 
 def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
@@ -45,6 +67,7 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         raise InputError(what, "the file is empty", "Copy or export it again.")
     if len(data) > LARGEST_BYTES:
         raise too_large(what)
+    frames = 1
     if svg.looks_like_svg(data):
         image, _ = raster.decode(svg.render_svg(data, what), what)
         suffix = ".svg"
@@ -52,12 +75,21 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         if raster.looks_like_raster(data):
             _check_pixels(data, what)
         image, kind = raster.decode(data, what)  # says what it is not
-        suffix = raster.SUFFIXES[kind][0]
+        suffix, frames = raster.SUFFIXES[kind][0], raster.count_frames(data)
     path = _keep(data, name_picture(what), suffix, folder)
-    return StudioPicture(path.stem, str(path), image.width, image.height, _show(image))
+    title = Path(what).stem
+    _keep_thumbnail(image, path)
+    return StudioPicture(
+        name=path.stem,
+        title=title,
+        file=path.name,
+        width=image.width,
+        height=image.height,
+        frames=frames,
+    )
 
 
-def keep_text(content: str, folder: Path) -> StudioPicture:
+def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPicture:
     """A text as a picture, kept in `folder` so that no other takes its name.
 
     Raises:
@@ -67,9 +99,16 @@ def keep_text(content: str, folder: Path) -> StudioPicture:
     if not 0 < len(content) <= _LONGEST_TEXT:
         raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
     source = TEXT_PREFIX + content
-    image, _ = raster.decode(text.render_text(content, None), source)
+    image, _ = raster.decode(text.render_text(content, font), source)
     path = _keep(content.encode(), name_picture(source), ".txt", folder)
-    return StudioPicture(path.stem, source, image.width, image.height, _show(image))
+    _keep_thumbnail(image, path)
+    size = {"width": image.width, "height": image.height}
+    return StudioPicture(name=path.stem, title=content, file=path.name, text=content, **size)
+
+
+def thumbnail(folder: Path, name: str) -> Path:
+    """The small PNG of a picture."""
+    return folder / _THUMBNAILS / f"{name}.png"
 
 
 def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
@@ -87,8 +126,8 @@ def _keep(data: bytes, plain: str, suffix: str, folder: Path) -> Path:
     return path
 
 
-def too_large(what: str) -> InputError:
-    return InputError(
+def too_large(what: str) -> TooLargeError:
+    return TooLargeError(
         what,
         f"it has more than {LARGEST_BYTES // 2**20} MB, too much for a picture",
         "Scale it down; about 1000 pixels on a side are enough.",
@@ -111,10 +150,10 @@ def _check_pixels(data: bytes, what: str) -> None:
         )
 
 
-def _show(image: Image.Image) -> bytes:
-    """A small PNG of it: pixels alone, nothing of the file."""
+def _keep_thumbnail(image: Image.Image, path: Path) -> None:
+    """Keep a small PNG of a picture: pixels alone, nothing of the file."""
     small = image.convert("RGBA")
     small.thumbnail((_SHOWN_PX, _SHOWN_PX))
     plain = Image.new("RGBA", small.size)
     plain.paste(small)
-    return encode_image(plain)
+    write_whole(thumbnail(path.parent, path.stem), encode_image(plain))

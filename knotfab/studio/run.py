@@ -17,6 +17,7 @@ import uvicorn
 
 from knotfab.errors import InputError
 from knotfab.files.folder import OutputFolder
+from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
 
@@ -49,7 +50,7 @@ def run_studio(port: int, open_page: bool, folder: Path) -> None:
 
 
 def serve(
-    studio: Studio,
+    studio: Broadcast,
     port: int,
     announce: Callable[[str], None],
     until: Callable[[], Coroutine[None, None, None]] | None = None,

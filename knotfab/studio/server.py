@@ -1,213 +1,124 @@
-"""The studio's pages and sockets, as an ASGI application."""
+"""The studio's addresses and its socket, as an ASGI application."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import AsyncIterator, Awaitable, Callable
-from pathlib import Path
-from typing import Any
+from functools import partial
 
+from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from knotfab.errors import InputError, KnotfabError
-from knotfab.files.folder import REJECTED
-from knotfab.report.report_html import VIEWER
-from knotfab.scene.catalogue import materials, printers
-from knotfab.studio.guard import REPORT_POLICY, RequestGuard
-from knotfab.studio.pictures import LARGEST_BYTES, keep_picture, keep_text, too_large
-from knotfab.studio.session import Studio, child_of
+from knotfab.errors import InputError, explain_error, keep_traceback
+from knotfab.studio import pages
+from knotfab.studio.broadcast import Broadcast
+from knotfab.studio.calls import CALLS, Call
+from knotfab.studio.guard import RequestGuard
+from knotfab.studio.pictures import LARGEST_BYTES, TooLargeError, keep_picture, too_large
+from knotfab.studio.session import Studio
 
 __all__ = ["make_app"]
 
-_STATIC = Path(__file__).parent / "static"
-_TYPES = {
-    ".html": "text/html; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".png": "image/png",
-    ".json": "application/json",
-    ".pdf": "application/pdf",
-    ".3mf": "model/3mf",
-    ".stl": "model/stl",
-    ".glb": "model/gltf-binary",
-}
 _LARGEST_JSON = 64 * 2**10
-_DRAINED = (
-    8  # times what is allowed is read and dropped, so that a browser hears why it was refused
-)
-Handler = Callable[[Request], Awaitable[Response]]
+# so much more is read and dropped, so that a browser hears why it was refused
+_DRAINED_BYTES = 2 * 2**30
+Answer = Callable[[Request], Awaitable[Response]]
 
 
-def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
+def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette:
     """The application.
 
     Args:
         token: what the address must have once. hosts: what the Host header may be, with the port.
     """
-    # a picture is added after the other, so that each finds a name of its own
-    adding = asyncio.Lock()
-
-    async def page(_: Request) -> Response:
-        return _serve(_STATIC / "index.html")
-
-    async def static(request: Request) -> Response:
-        name = request.path_params["name"]
-        if name == "viewer.js":
-            return _serve(VIEWER)
-        known = {path.name: path for path in _STATIC.iterdir() if path.suffix != ".html"}
-        return _serve(known[name]) if name in known else _lost()
-
-    async def state(_: Request) -> Response:
-        return JSONResponse(studio.describe())
-
-    async def choices(_: Request) -> Response:
-        made = [
-            {"name": name, "process": p.process, "volume_mm": p.build_volume_mm}
-            for name, p in printers().items()
-        ]
-        return JSONResponse({"printers": made, "materials": list(materials())})
-
-    async def add_picture(request: Request) -> Response:
-        name = request.query_params.get("name", "picture")
-        data = await _read_body(request, LARGEST_BYTES, name)
-        async with adding:
-            kept = await asyncio.to_thread(keep_picture, data, name, studio.picture_folder)
-            studio.add_picture(kept, request.query_params.get("beside") == "1")
-        return JSONResponse({"name": kept.name})
-
-    async def add_text(request: Request) -> Response:
-        given = await _read_json(request)
-        text = str(given.get("text", ""))
-        async with adding:
-            kept = await asyncio.to_thread(keep_text, text, studio.picture_folder)
-            studio.add_picture(kept, given.get("beside") is True)
-        return JSONResponse({"name": kept.name})
-
-    async def choose(request: Request) -> Response:
-        given = await _read_json(request)
-        studio.choose([str(name) for name in given.get("names", [])])
-        return JSONResponse({})
-
-    async def set_(request: Request) -> Response:
-        studio.set(await _read_json(request))
-        return JSONResponse({})
-
-    async def build(request: Request) -> Response:
-        given = await _read_json(request)
-        studio.press(go_on=given.get("go_on") is True)
-        return JSONResponse({})
-
-    async def stop(_: Request) -> Response:
-        studio.stop()
-        return JSONResponse({})
-
-    async def picture(request: Request) -> Response:
-        found = studio.pictures.get(request.path_params["name"])
-        return _lost() if found is None else Response(found.shown, media_type="image/png")
-
-    async def preview(_: Request) -> Response:
-        if not studio.preview_png:
-            return _lost()
-        return Response(studio.preview_png, media_type="image/png")
-
-    async def file(request: Request) -> Response:
-        where, name = request.path_params["where"], request.path_params["name"]
-        rejected = where.endswith(f"/{REJECTED}")
-        folder = studio.folder_of(where.removesuffix(f"/{REJECTED}"))
-        path = None if folder is None else _find(folder, name, rejected)
-        return _lost() if path is None else _serve(path, whole=True)
-
-    async def live(socket: WebSocket) -> None:
-        await socket.accept()
-        listener = studio.listen()
-
-        async def send() -> None:
-            while True:
-                for text in await listener.next():
-                    await socket.send_text(text)
-
-        sending = asyncio.create_task(send())
-        try:
-            with contextlib.suppress(WebSocketDisconnect):
-                while True:
-                    await socket.receive_text()  # nothing is asked for here; it ends with the page
-        finally:
-            studio.listeners.discard(listener)
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sending
-
-    @contextlib.asynccontextmanager
-    async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        await studio.open()
-        try:
-            yield
-        finally:
-            await studio.close()
-
-    seen = [
-        Route("/", page),
-        Route("/static/{name}", static),
-        Route("/api/state", state),
-        Route("/api/choices", choices),
-        Route("/files/{where:path}/{name}", file),
-        WebSocketRoute("/live", live),
-    ]
-    changing = [
-        Route("/api/pictures", add_picture, methods=["POST"]),
-        Route("/api/text", add_text, methods=["POST"]),
-        Route("/api/choose", choose, methods=["POST"]),
-        Route("/api/settings", set_, methods=["POST"]),
-        Route("/api/build", build, methods=["POST"]),
-        Route("/api/stop", stop, methods=["POST"]),
-        Route("/pictures/{name}.png", picture),
-        Route("/preview.png", preview),
-    ]
-    return Starlette(
-        routes=seen if studio.watching else [*seen, *changing],
+    shown: dict[str, Answer] = {
+        "/": pages.show_page,
+        "/static/{name}": pages.show_static,
+        "/api/state": _show_state,
+        "/files/{where:path}/{name}": pages.show_file,
+    }
+    changing: dict[str, Answer] = {}
+    if isinstance(studio, Studio):
+        shown |= {
+            "/api/choices": pages.show_choices,
+            "/pictures/{name}.png": pages.show_picture,
+            "/preview/{panel:int}.png": pages.show_panel,
+        }
+        changing = {f"/api/{name}": partial(_call, call) for name, call in CALLS.items()}
+        changing["/api/pictures"] = _add_picture
+    app = Starlette(
+        routes=[
+            *(Route(path, _answered(answer), methods=["GET"]) for path, answer in shown.items()),
+            *(
+                Route(path, _answered(answer), methods=["POST"])
+                for path, answer in changing.items()
+            ),
+            WebSocketRoute("/live", _follow),
+        ],
         middleware=[Middleware(RequestGuard, token=token, hosts=hosts)],
-        exception_handlers={
-            KnotfabError: _explain,
-            HTTPException: _explain_http,
-            Exception: _explain_fault,
-        },
-        lifespan=lifespan,
+        exception_handlers={HTTPException: _explain_http},
+        lifespan=_live,
     )
+    app.state.studio = studio
+    return app
 
 
-def _serve(path: Path, whole: bool = False) -> Response:
-    """A file by its type; of a build (`whole`) what is no picture and no report is saved, not shown."""
-    if not path.is_file():
-        return _lost()
-    kind = _TYPES.get(path.suffix, "application/octet-stream")
-    if not whole:
-        return FileResponse(path, media_type=kind)
-    if path.name == "report.html":
-        return FileResponse(path, headers={"content-security-policy": REPORT_POLICY})
-    shown = path.suffix == ".png"
-    if path.suffix in (".html", ".svg"):
-        kind = "application/octet-stream"
-    saved = None if shown else f"{path.parent.name}-{path.name}"
-    return FileResponse(path, media_type=kind, filename=saved)
+@contextlib.asynccontextmanager
+async def _live(app: Starlette) -> AsyncIterator[None]:
+    await app.state.studio.open()
+    try:
+        yield
+    finally:
+        await app.state.studio.close()
 
 
-def _find(build: Path, name: str, rejected: bool) -> Path | None:
-    """A file of a build's folder, by its name there."""
-    folder = child_of(build, REJECTED) if rejected else build
-    path = None if folder is None else child_of(folder, name)
-    return path if path is not None and path.is_file() else None
+def _answered(answer: Answer) -> Answer:
+    """The answer to a request, or the sentence why there is none: nothing else reaches page or terminal."""
+
+    async def answered(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except Exception as error:
+            told = explain_error(error) or keep_traceback(error)
+            code = 413 if isinstance(told, TooLargeError) else 500 if told.exit_code == 3 else 422
+            return JSONResponse({"sentence": str(told).strip()}, code)
+
+    return answered
 
 
-def _lost() -> Response:
-    return PlainTextResponse("There is no such file in the studio.", 404)
+async def _show_state(request: Request) -> Response:
+    return JSONResponse(request.app.state.studio.describe())
+
+
+async def _add_picture(request: Request) -> Response:
+    studio: Studio = request.app.state.studio
+    name = request.query_params.get("name", "picture")
+    data = await _read_body(request, LARGEST_BYTES, name)
+    async with studio.adding:
+        kept = await asyncio.to_thread(keep_picture, data, name, studio.picture_folder)
+        studio.add_picture(kept)
+    return JSONResponse({"name": kept.name})
+
+
+async def _call(call: type[Call], request: Request) -> Response:
+    """Do what a call asks for."""
+    body = await _read_body(request, _LARGEST_JSON, "the call")
+    try:
+        asked = call.model_validate_json(body or b"{}")
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part)[:40] for part in found["loc"])
+        why = found["msg"].replace("\n", " ")
+        why = f"{where}: {why[:1].lower()}{why[1:]}" if where else why[:1].lower() + why[1:]
+        raise InputError("the call", why, "Load the page again.") from error
+    return JSONResponse(await asked.do(request.app.state.studio))
 
 
 async def _read_body(request: Request, largest: int, what: str) -> bytes:
@@ -216,42 +127,47 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
     Raises:
         InputError: it is, or it broke off.
     """
+    what = what[:80]
+    told = request.headers.get("content-length", "")
+    if told.isdecimal() and (len(told) > 12 or int(told) > _DRAINED_BYTES):
+        raise too_large(what)
     parts, size = [], 0
     try:
         async for part in request.stream():
             size += len(part)
             if size <= largest:
                 parts.append(part)
-            elif size > _DRAINED * largest:
+            elif size > _DRAINED_BYTES:
                 break
     except ClientDisconnect as error:
-        raise InputError(what[:80], "it broke off on its way", "Hand it in again.") from error
+        raise InputError(what, "it broke off on its way", "Hand it in again.") from error
     if size > largest:
-        raise too_large(what[:80])
+        raise too_large(what)
     return b"".join(parts)
 
 
-async def _read_json(request: Request) -> dict[str, Any]:
+async def _follow(socket: WebSocket) -> None:
+    """Tell a tab what happens until it is closed; nothing is asked for here."""
+    studio: Broadcast = socket.app.state.studio
+    await socket.accept()
+    listener = studio.listen()
+
+    async def send() -> None:
+        while True:
+            for text in await listener.next():
+                await socket.send_text(text)
+
+    sending = asyncio.create_task(send())
     try:
-        found = json.loads(await _read_body(request, _LARGEST_JSON, "the call") or b"{}")
-    except ValueError as error:
-        raise InputError("the call", "it is not JSON", "Load the page again.") from error
-    if not isinstance(found, dict):
-        raise InputError("the call", "it is no table", "Load the page again.")
-    return found
-
-
-async def _explain(_: Request, error: Exception) -> Response:
-    return JSONResponse({"sentence": str(error)}, 422)
+        while (await socket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        studio.listeners.discard(listener)
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sending
 
 
 async def _explain_http(_: Request, error: Exception) -> Response:
     code = error.status_code if isinstance(error, HTTPException) else 400
     return PlainTextResponse("The studio has nothing at this address.", code)
-
-
-async def _explain_fault(_: Request, error: Exception) -> Response:
-    kind = type(error).__name__
-    return JSONResponse(
-        {"sentence": f"The studio made a mistake ({kind}): load the page again."}, 500
-    )

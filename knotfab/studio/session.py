@@ -1,100 +1,80 @@
-"""What the studio knows: pictures, settings, the build that runs. Every tab shows it, none owns it."""
+"""What the studio knows: pictures, settings, builds. Every tab shows it, none owns it, a restart keeps it."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
-import json
-import time
-from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
 
 from knotfab.batch.tasks import list_arguments
-from knotfab.batch.worker import read_report
 from knotfab.errors import InputError, KnotfabError
-from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions, options_from
 from knotfab.prepare import check_options, survey_pictures
-from knotfab.scene.catalogue import materials, printers
+from knotfab.sequence.frames import MOST_FRAMES
+from knotfab.studio.broadcast import Broadcast
+from knotfab.studio.builds import Builds, Record, child_of
+from knotfab.studio.fields import DEFAULTS, FIELDS, READING, Value, in_page_words, read_field
 from knotfab.studio.live_build import Event, LiveBuild, Spare
-from knotfab.studio.pictures import StudioPicture
+from knotfab.studio.pictures import StudioPicture, thumbnail
 
-__all__ = ["BUILDS", "SHOWN_FILES", "Listener", "Studio", "child_of"]
+__all__ = ["Studio"]
 
-BUILDS = "builds"
-_STARTS, _PICTURES = "starts", "pictures"
-_MOST_PICTURES = 4
+_PICTURES, _MEMORY = "pictures", "studio.json"
+_MOST_VIEWS = 4
 _LONGEST_NAME = 80  # characters of a build's folder
-# the options of `knotfab build` that the page sets; none of them names a file
-SETTINGS = (
-    "width", "height", "lamp_distance", "wall_distance", "lamp_diameter", "tube_radius", "depth",
-    "knots", "knot", "mount", "printer", "material", "accuracy", "time_budget", "ink", "invert",
-    "threshold", "thicken", "lines", "tone", "smooth", "keep_largest", "seed", "print",
-)  # fmt: skip
-_DEFAULTS: dict[str, Any] = {"print": True, "mount": "auto", "accuracy": "standard"}
-# of a build's folder, in the order in which a person wants them
-SHOWN_FILES = (
-    "part.3mf", "part.stl", "part.glb", "part-colours.3mf", "coupon.3mf", "setup.pdf",
-    "report.html", "report.json", "scene.toml", "knots.json", "slicer.ini",
-)  # fmt: skip
+_LONGEST_SHOWN = 60  # characters of what a wrong field holds
+Kind = Literal["one", "views", "frames"]
 
 
-@dataclass(eq=False)
-class Listener:
-    """What is to be sent to one tab: every message in its order, but of the frames only the latest."""
+class _Memory(BaseModel):
+    """What a studio finds again after a restart."""
 
-    messages: deque[str] = field(default_factory=deque)
-    frame: str | None = None
-    woken: asyncio.Event = field(default_factory=asyncio.Event)
+    model_config = ConfigDict(extra="ignore")
 
-    def put(self, text: str, frame: bool = False) -> None:
-        if frame:
-            self.frame = text
-        else:
-            self.messages.append(text)
-        self.woken.set()
-
-    async def next(self) -> list[str]:
-        """Wait until there is something to send."""
-        await self.woken.wait()
-        self.woken.clear()
-        found = [*self.messages, *([] if self.frame is None else [self.frame])]
-        self.messages.clear()
-        self.frame = None
-        return found
+    pictures: tuple[StudioPicture, ...] = ()
+    chosen: tuple[str, ...] = ()
+    kind: Kind = "one"
+    settings: dict[str, Value] = dict(DEFAULTS)
+    readings: dict[str, dict[str, Value]] = {}
+    current: str = ""
 
 
-class Studio:
+class Studio(Broadcast):
     """The state of a studio whose files lie in `folder`; all of it is changed in the event loop's thread."""
 
-    watching = False  # it may be changed from the page
-
     def __init__(self, folder: Path, warm: bool = True) -> None:
+        super().__init__()
         self.folder = folder
+        self.builds = Builds(folder)
         self.pictures: dict[str, StudioPicture] = {}
         self.chosen: tuple[str, ...] = ()
-        self.settings: dict[str, Any] = dict(_DEFAULTS)
-        self.preview: dict[str, Any] = {"lines": [], "error": ""}
-        self.preview_png = b""
+        self.kind: Kind = "one"
+        self.settings: dict[str, Value] = dict(DEFAULTS)
+        self.readings: dict[str, dict[str, Value]] = {}  # of pictures that are not the first chosen
+        self.wrong: dict[
+            str, dict[str, str]
+        ] = {}  # fields, with what they hold and why that is wrong
+        self.current = ""  # the build that is shown, and gone on from
+        self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
+        self.panels: list[bytes] = []
         self.build: LiveBuild | None = None
-        self.builds = folder / BUILDS
-        self.out = self.builds  # of the build that runs, or ran last
-        self.status: dict[str, Any] = {"phase": "idle"}
-        self.scene: str | None = None  # the last event of its kind, for a tab that comes later
-        self.frame: str | None = None
-        self.start = ""  # knots to go on from
         self.spare = Spare(warm)
-        self.listeners: set[Listener] = set()
+        self.adding = (
+            asyncio.Lock()
+        )  # pictures are added one after the other, so that each finds a name
         self._previews = 0
-        self._pressed = 0.0
-        self._reported = False  # the build got as far as its report
 
     async def open(self) -> None:
-        """Make the folder, and a process that waits for the first build."""
+        """Find again what was left, and prepare a process for the first build."""
+        self._remember()
+        if self.chosen:
+            self.renew()
         await asyncio.to_thread(self.spare.prepare)
 
     async def close(self) -> None:
@@ -105,96 +85,161 @@ class Studio:
             await asyncio.to_thread(self.build.kill)
 
     @property
-    def running(self) -> bool:
-        return self.status["phase"] in ("running", "stopping")
-
-    @property
     def picture_folder(self) -> Path:
         return self.folder / _PICTURES
 
+    @property
+    def can_go_on(self) -> bool:
+        return self.builds.start_of(self.current) is not None
+
     def describe(self) -> dict[str, Any]:
         """All of it, for a page that was opened or loaded anew."""
+        tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
-            "pictures": [
-                {"name": p.name, "text": p.source.startswith("text:"), "size": [p.width, p.height]}
-                for p in self.pictures.values()
-            ],
+            **super().describe(),
+            "pictures": tray,
             "chosen": self.chosen,
+            "kind": self.kind,
             "settings": self.settings,
+            "wrong": self.wrong,
             "preview": self.preview,
-            "build": {**self.status, "can_go_on": bool(self.start)},
-            "builds": self.list_builds(),
-            "watching": self.watching,
+            "builds": self.builds.listed(),
+            "current": self.current,
+            "can_go_on": self.can_go_on,
         }
 
     def folder_of(self, where: str) -> Path | None:
-        """The folder of a build, found by the names of what is really there; None where there is none."""
-        return child_of(self.builds, where)
+        return child_of(self.builds.folder, where)
 
-    def listen(self) -> Listener:
-        """A listener, which is told at once how things stand."""
-        listener = Listener()
-        listener.put(json.dumps({"event": "state", **self.describe()}))
-        if self.scene is not None:
-            listener.put(self.scene)
-        if self.frame is not None:
-            listener.put(self.frame, frame=True)
-        self.listeners.add(listener)
-        return listener
+    def plain(self, sentence: str) -> str:
+        """A sentence without this machine's folders, and with the page's words for options."""
+        for folder in (self.picture_folder, self.builds.folder, self.folder):
+            sentence = sentence.replace(f"{folder}/", "")
+        return in_page_words(sentence)
 
-    def add_picture(self, picture: StudioPicture, beside: bool = False) -> None:
-        """Take a picture in and choose it, in place of the others or beside them as a further view."""
-        names = [*self.chosen, picture.name] if beside else [picture.name]
-        if len(set(names)) > _MOST_PICTURES:
-            raise InputError("the pictures", f"there are {len(names)}", "Take up to 4 views.")
+    # ---- pictures
+
+    def add_picture(self, picture: StudioPicture) -> None:
+        """Take a picture in and choose it: in place of the others, or beside them as a view or a frame."""
         self.pictures[picture.name] = picture
-        self.choose(names)
+        self.choose([picture.name] if self.kind == "one" else [*self.chosen, picture.name])
 
-    def choose(self, names: Sequence[str]) -> None:
-        """Choose the pictures, one a view.
+    def choose(self, names: Iterable[str], kind: Kind | None = None) -> None:
+        """Choose the pictures, one a view or a frame, in their order.
 
         Raises:
-            InputError: there is none of such a name.
+            InputError: there is none of such a name, or there are too many.
         """
-        names = tuple(dict.fromkeys(names))[:_MOST_PICTURES]
+        kind = kind or self.kind
+        names = tuple(dict.fromkeys(names))
+        most = {"one": 1, "views": _MOST_VIEWS, "frames": MOST_FRAMES}[kind]
+        names = names[:1] if kind == "one" else names
         for name in names:
             if name not in self.pictures:
                 raise InputError(
                     f"the picture {name}", "there is none of that name", "Drop it again."
                 )
-        self.chosen = names
+        if len(names) > most:
+            raise InputError(
+                "the pictures", f"there are {len(names)}", f"Take up to {most} {kind}."
+            )
+        self._swap_readings(names[:1])
+        self.chosen, self.kind = names, kind
         self.renew()
 
-    def set(self, given: Mapping[str, Any]) -> None:
-        """Change settings; None or "" takes one back.
+    def remove_picture(self, name: str) -> None:
+        """Take a picture out of the tray; its file goes too, where no build was made of it.
 
         Raises:
-            InputError: there is no such setting, or its value is wrong.
+            InputError: there is none of that name.
         """
-        wanted = dict(self.settings)
-        for name, value in given.items():
-            if name not in SETTINGS or not isinstance(value, str | int | float | bool | None):
-                raise InputError(
-                    f"the setting {name}", "there is none of that name", "Leave it out."
-                )
-            if value is None or value == "":
-                wanted.pop(name, None)
-            else:
-                wanted[name] = value
-        for name, known in (("printer", printers()), ("material", materials())):
-            if name in wanted and wanted[name] not in known:
-                raise InputError(f"the {name} {wanted[name]}", "it is not known", "Choose another.")
-        check_options(options_from(wanted))
-        self.settings = wanted
+        picture = self.pictures.get(name)
+        if picture is None:
+            raise InputError(
+                f"the picture {name}", "there is none of that name", "Load the page again."
+            )
+        self.choose([other for other in self.chosen if other != name])
+        del self.pictures[name]
+        self.readings.pop(name, None)
+        if not self.builds.keeps(name) and not self.running:
+            for path in (self.picture_folder / picture.file, thumbnail(self.picture_folder, name)):
+                with contextlib.suppress(OSError):
+                    path.unlink(missing_ok=True)
         self.renew()
 
+    def _swap_readings(self, first: Sequence[str]) -> None:
+        """How a picture is read goes with it: keep that of the one that was first, take that of the next."""
+        if tuple(first) == self.chosen[:1] or not first:
+            return
+        kept = {key: self.settings.pop(key) for key in READING if key in self.settings}
+        for name in self.chosen[:1]:
+            self.readings[name] = kept
+        self.settings |= self.readings.get(first[0], {})
+        for key in READING:
+            self.wrong.pop(key, None)
+
+    # ---- settings
+
+    def set(self, given: Mapping[str, Any]) -> None:
+        """Change settings; None or "" takes one back. A wrong one stays as it was, and is marked.
+
+        Raises:
+            InputError: there is no such setting, or a value is wrong.
+        """
+        for name, value in given.items():
+            if name not in FIELDS or not isinstance(value, Value | None):
+                raise InputError(
+                    f"the setting {name[:40]}", "there is none of that name", "Leave it out."
+                )
+        wanted = dict(self.settings)
+        for name, value in given.items():
+            self.wrong.pop(name, None)
+            try:
+                read = read_field(name, value)
+            except ValueError as error:
+                self._mark(name, value, str(error))
+                continue
+            wanted.pop(name, None)
+            if read is not None:
+                wanted[name] = read
+        self.settings = wanted
+        self._check_together(given)
+        self.renew()
+        for name in given:
+            if name in self.wrong:
+                raise InputError(FIELDS[name].label, self.wrong[name]["why"].rstrip("."), "")
+
+    def _check_together(self, given: Mapping[str, Any]) -> None:
+        """Mark the field that was changed last where each is right by itself and all together are not."""
+        for name in [name for name, mark in self.wrong.items() if mark.get("together")]:
+            del self.wrong[name]
+        try:
+            check_options(self._options())
+        except KnotfabError as error:
+            name = next(reversed([*given]), "accuracy")
+            self._mark(name, self.settings.get(name, ""), self.plain(str(error)), together=True)
+
+    def _mark(self, name: str, held: object, why: str, together: bool = False) -> None:
+        text = "" if held is None else str(held)[:_LONGEST_SHOWN]
+        self.wrong[name] = {"text": text, "why": why, **({"together": "yes"} if together else {})}
+
+    def _options(self) -> BuildOptions:
+        given: dict[str, Any] = dict(self.settings)
+        if not any(self.pictures[name].text for name in self.chosen):
+            given.pop("font", None)
+        return options_from({**given, "sequence": self.kind == "frames"})
+
+    # ---- the preview
+
     def renew(self) -> None:
-        """Tell all tabs how things stand, and look at the pictures anew."""
+        """Tell all tabs how things stand, keep it, and look at the pictures anew."""
         self._previews += 1
         if self.chosen:
+            self.preview = {**self.preview, "looking": True}
             asyncio.get_running_loop().create_task(self._look(self._previews))
         else:
-            self.preview, self.preview_png = {"lines": [], "error": ""}, b""
+            self.preview, self.panels = {"lines": [], "error": "", "panels": []}, []
+        self.keep()
         self.tell_state()
 
     async def _look(self, number: int) -> None:
@@ -202,60 +247,64 @@ class Studio:
         await asyncio.sleep(0.15)
         if number != self._previews:
             return
-        sources, options = self._sources(), options_from(self.settings)
+        panels: list[bytes] = []
         try:
-            found, png = await asyncio.to_thread(_preview, sources, options)
+            found, panels = await asyncio.to_thread(_preview, self._sources(), self._options())
         except KnotfabError as error:
-            found, png = {"lines": [], "error": self._plain(str(error))}, b""
+            found = {"lines": [], "error": self.plain(str(error)), "panels": []}
+        except Exception as error:  # of a library, on a picture that nobody foresaw
+            why = f"This picture cannot be looked at ({type(error).__name__}): try another one."
+            found = {"lines": [], "error": why, "panels": []}
         if number == self._previews:
-            self.preview, self.preview_png = {**found, "number": number}, png
+            found["lines"] = [self.plain(line) for line in found["lines"]]
+            self.preview, self.panels = {**found, "number": number}, panels
             self.tell_state()
 
     def _sources(self) -> list[str]:
-        return [self.pictures[name].source for name in self.chosen]
+        return [self.pictures[name].source(self.picture_folder) for name in self.chosen]
+
+    # ---- builds
 
     def press(self, go_on: bool = False) -> None:
-        """Build what is chosen; `go_on`: from where the knots of the last build stood.
+        """Build what is chosen; `go_on`: from where the knots of the build that is shown stood.
 
         Raises:
-            InputError: a build runs already, nothing is chosen, or there are no knots to go on from.
+            InputError: a build runs already, nothing is chosen, a field is wrong, or there are no knots.
         """
         if self.running:
             raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
         if not self.chosen:
             raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
-        if go_on and not self.start:
+        if self.wrong:
+            fields = ", ".join(FIELDS[name].label for name in self.wrong)
+            raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
+        start = self.builds.start_of(self.current)
+        if go_on and start is None:
             raise InputError("the build", "there are no knots to go on from", "Build it anew.")
-        name = "-and-".join(self.chosen)
-        if len(name) > _LONGEST_NAME or tuple(name.split("-and-")) != self.chosen:
-            digest = hashlib.sha256(repr(self.chosen).encode()).hexdigest()[:8]
-            name = f"{name[:_LONGEST_NAME]}-{digest}"
-        arguments = [*self._sources(), *list_arguments(options_from(self.settings))]
+        pictures = [self.pictures[name] for name in self.chosen]
+        record = Record(
+            title=_title([picture.title for picture in pictures], self.kind),
+            pictures=pictures,
+            kind=self.kind,
+            settings=self.settings,
+        )
+        arguments = [*self._sources(), *list_arguments(self._options())]
         if go_on:
-            start = self.folder / _STARTS / f"{name}.json"
-            write_whole(start, self.start.encode())
             arguments.append(f"--start={start}")
+        name = self.builds.begin(_folder_name(self.chosen, self.kind), record)
         loop = asyncio.get_running_loop()
+        out = self.builds.folder / name
+        self.begin(out, self.builds.title_of(name))
+        self.current = name
 
         def tell(event: Event) -> None:
-            loop.call_soon_threadsafe(self._hear, event)
+            loop.call_soon_threadsafe(self.hear, event)
 
-        self.scene = self.frame = None
-        self._pressed = time.monotonic()
-        self.status = {
-            "phase": "running",
-            "name": name,
-            "stage": "start",
-            "share": 0.0,
-            "notes": [],
-        }
-        self._reported = False
-        self.out = self.builds / name
         try:
-            self.build = LiveBuild(self.spare, arguments, self.out, tell)
+            self.build = LiveBuild(self.spare, arguments, out, tell)
         except OSError as error:
-            why = f"The build cannot be started ({error.strerror}): try again."
-            self.status |= {"phase": "failed", "exit_code": 3, "sentence": why, "left_s": 0}
+            self.end(3, f"The build cannot be started ({error.strerror}): try again.")
+        self.keep()
         self.tell_state()
 
     def stop(self) -> None:
@@ -266,109 +315,137 @@ class Studio:
             self.build.stop()
             self.tell_state()
 
-    def _hear(self, event: Event) -> None:
-        """Take note of an event of the build, and pass it on."""
-        kind = event["event"]
-        if kind == "standing":
-            self.start = event["start"]
-            return
-        if kind == "ended":
-            self._end(event["code"], event["sentence"])
-            return
-        text = json.dumps(event)
-        if kind == "end":
-            self._reported = True
-        if kind == "knots":
-            if self.frame is None:
-                self.status["first_frame_s"] = round(time.monotonic() - self._pressed, 3)
-            self.frame = text
-        elif kind == "scene":
-            self.scene = text
-        elif kind == "stage":
-            self.status |= {"stage": event["name"], "left_s": event["left_s"]}
-        elif kind == "progress":
-            kept = {k: event[k] for k in ("stage", "share", "left_s") if event[k] is not None}
-            self.status |= kept
-            if event["iou"] is not None:
-                self.status["iou"] = event["iou"]
-        elif kind == "say":
-            self.status["notes"] = [*self.status["notes"], event["text"]][-40:]
-        self._send(text, frame=kind == "knots")
+    def open_build(self, name: str) -> None:
+        """Show a build that was made before, with its pictures and settings.
 
-    def _end(self, code: int, sentence: str) -> None:
-        """How a build ended, in a word and a sentence."""
-        # before it could tidy up, or after
-        if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
-            code = 130
-        phases = {0: "done", 1: "rejected", 130: "stopped"}
-        self.status["phase"] = phases.get(code, "failed")
-        self.status |= {"exit_code": code, "sentence": self._plain(sentence), "left_s": 0}
-        if code == 130:
-            self.status["sentence"] = "Stopped; what was built before is as it was."
-        report = self.out / ("" if code == 0 else REJECTED) / "report.json"
-        # a report that this build did not write is an earlier one's
-        if code == 0 or (code == 1 and self._reported and report.is_file()):
-            self.status["share"] = 1.0
-            where = self.out.name + ("" if code == 0 else f"/{REJECTED}")
-            self.status["result"] = self._result(where)
-        elif code == 1:
-            self.status["phase"] = "failed"
+        Raises:
+            InputError: one runs, there is none of that name, or its pictures are gone.
+        """
+        if self.running:
+            raise InputError("the build", "one runs", "Stop it first, or wait for it.")
+        record = self.builds.records.get(self.builds.require(name))
+        self._show(name)
+        if record is not None and record.pictures:
+            for picture in record.pictures:
+                if not (self.picture_folder / picture.file).is_file():
+                    raise InputError(
+                        f"the picture {picture.title}", "its file is gone", "Drop it again."
+                    )
+                self.pictures.setdefault(picture.name, picture)
+            self._swap_readings([record.pictures[0].name])
+            self.chosen, self.kind = tuple(p.name for p in record.pictures), record.kind
+            self.settings = {key: v for key, v in record.settings.items() if key in FIELDS}
+            self.wrong.clear()
+            self._check_together({})
+        self.renew()
+
+    def rename(self, name: str, title: str) -> None:
+        """Give a build another title.
+
+        Raises:
+            InputError: as `Builds.rename`.
+        """
+        self.builds.rename(name, title)
+        if name == self.current:
+            self.status["title"] = self.builds.title_of(name)
+        self.tell_state()
+
+    def delete(self, name: str) -> None:
+        """Remove a build for good.
+
+        Raises:
+            InputError: it runs, there is none of that name, or it cannot be removed.
+        """
+        if self.running and name == self.current:
+            raise InputError("the build", "it runs", "Stop it first.")
+        self.builds.delete(name)
+        if name == self.current:
+            self.status, self.current = {"phase": "idle"}, ""
+            self.scene = self.frame = None
+        self.keep()
+        self.tell_state()
+
+    def _show(self, name: str) -> None:
+        """Let the status be that of a build which ended."""
+        found, record = self.builds.describe(name), self.builds.records.get(name)
+        self.current, self.scene, self.frame = name, None, None
+        self.status = {
+            "phase": found["phase"], "name": name, "title": found["title"], "notes": [],
+            "sentence": record.sentence if record else "", "share": 1.0, "left_s": 0,
+        }  # fmt: skip
+        if found["result"]:
+            self.status["result"] = found["result"]
+
+    def hear(self, event: Event) -> None:
+        """Take note of an event of the build that runs."""
+        if event["event"] == "standing":
+            with contextlib.suppress(InputError):  # the disk is full: the one before stays
+                write_whole(self.builds.start_path(self.current), event["start"].encode())
+        elif event["event"] == "ended":
+            self.end(event["code"], event["sentence"])
+        else:
+            super().hear(event)
+
+    def end(self, code: int, sentence: str) -> None:
+        super().end(code, sentence)
+        self.builds.end(self.current, self.status["phase"], self.status["sentence"])
+        if self.current not in self.builds.names():
+            self.current = ""
+        self.keep()
         self.tell_state()
         asyncio.get_running_loop().create_task(asyncio.to_thread(self.spare.prepare))
 
-    def _plain(self, sentence: str) -> str:
-        """A sentence without this machine's folders."""
-        return sentence.replace(f"{self.picture_folder}/", "").replace(f"{self.folder}/", "")
+    # ---- what a restart keeps
 
-    def list_builds(self) -> list[dict[str, Any]]:
-        """The builds that passed, the newest first."""
+    def keep(self) -> None:
+        """Write down what a restart shall find again; without room for that the studio goes on."""
+        memory = _Memory(
+            pictures=tuple(self.pictures.values()), chosen=self.chosen, kind=self.kind,
+            settings=self.settings, readings=self.readings, current=self.current,
+        )  # fmt: skip
+        with contextlib.suppress(InputError):
+            write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
+
+    def _remember(self) -> None:
+        """Find again what `keep` wrote, as far as it is still there."""
         try:
-            found = sorted(self.builds.glob("*/report.json"), key=lambda p: -p.stat().st_mtime)
-        except OSError:
-            return []
-        return [self._result(path.parent.name) for path in found[:24]]
-
-    def _result(self, where: str) -> dict[str, Any]:
-        """A folder of a build: what it holds, and the figures that a person asks for first."""
-        folder = self.builds / where
-        held = {p.name for p in folder.iterdir() if p.is_file()}
-        rest = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith("plate-"))
-        report = read_report(folder) or {}
-        views, piece = report.get("views", []), report.get("print", {})
-        return {
-            "where": where,
-            "verdict": (report.get("verdict") or {}).get("word"),
-            "reasons": (report.get("verdict") or {}).get("reasons", []),
-            "ious": [view.get("iou") for view in views],
-            "hours": None if piece.get("time_s") is None else piece["time_s"] / 3600,
-            "mass_g": piece.get("filament_g") or piece.get("mass_g"),
-            "size_mm": piece.get("bounding_box_mm"),
-            "files": list(dict.fromkeys([*(n for n in SHOWN_FILES if n in held), *rest])),
-            "compare": sorted(n for n in held if n.startswith("compare-") and n.endswith(".png")),
-        }
-
-    def tell_state(self) -> None:
-        """Send the state to every tab."""
-        self._send(json.dumps({"event": "state", **self.describe()}))
-
-    def _send(self, text: str, frame: bool = False) -> None:
-        for listener in self.listeners:
-            listener.put(text, frame)
+            memory = _Memory.model_validate_json((self.folder / _MEMORY).read_bytes())
+        except (OSError, ValueError):
+            return
+        held = (p for p in memory.pictures if (self.picture_folder / Path(p.file).name).is_file())
+        self.pictures = {picture.name: picture for picture in held}
+        self.chosen = tuple(name for name in memory.chosen if name in self.pictures)
+        self.kind = memory.kind
+        self.settings = {key: value for key, value in memory.settings.items() if key in FIELDS}
+        self.readings = memory.readings
+        if memory.current in self.builds.names():
+            self._show(memory.current)
 
 
-def child_of(folder: Path, name: str) -> Path | None:
-    """What is really there by that name, so that no path leads elsewhere: no link, nothing hidden."""
-    try:
-        names = {path.name for path in folder.iterdir() if not path.is_symlink()}
-    except OSError:
-        return None
-    return folder / name if name in names and not name.startswith(".") else None
+def _title(titles: Sequence[str], kind: Kind) -> str:
+    """A build's title, after its pictures."""
+    title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
+    return title if len(title) <= _LONGEST_NAME else title[: _LONGEST_NAME - 1] + "…"
 
 
-def _preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], bytes]:
-    """The figures, and the picture of what tubes lose."""
-    from knotfab.preview.draw import draw_survey
+def _folder_name(chosen: Sequence[str], kind: Kind) -> str:
+    """A build's folder, after its pictures."""
+    if kind == "frames":
+        return f"{chosen[0][:_LONGEST_NAME]}-frames"
+    name = "-and-".join(chosen)
+    if len(name) > _LONGEST_NAME:
+        name = f"{name[:_LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return name
+
+
+def _preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
+    """The figures, and the pictures of what tubes lose, each with its caption."""
+    from knotfab.preview.draw import draw_panels
     from knotfab.preview.sentence import list_figures
+    from knotfab.target.data_uri import encode_image
 
     found = survey_pictures(sources, options)
-    return {**list_figures(found), "error": ""}, draw_survey(found)
+    drawn = draw_panels(found)
+    captions = [panel.caption for panel in drawn]
+    figures = {**list_figures(found), "error": "", "panels": captions}
+    return figures, [encode_image(panel.image, compress_level=6) for panel in drawn]

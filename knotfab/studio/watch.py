@@ -7,11 +7,11 @@ import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
+from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.live_build import Event
 from knotfab.studio.run import open_in_browser, serve
-from knotfab.studio.session import Studio
 
 __all__ = ["WatchedBuild", "watch"]
 
@@ -19,23 +19,14 @@ _GRACE_S = 10  # without a tab, once the build has ended: a page that is loaded 
 _UNKNOWN = "The build ended without a result; the terminal says why."
 
 
-class WatchedBuild(Studio):
-    """A studio of one build, whose events come from elsewhere; `out` is its folder, all that can be read."""
+class WatchedBuild(Broadcast):
+    """A build whose events come from elsewhere; `out` is its folder, all that can be read."""
 
     watching = True
 
     def __init__(self, out: Path) -> None:
-        super().__init__(out.parent, warm=False)
-        self.builds, self.out = out.parent, out
-        self.status = {
-            "phase": "running", "name": out.name, "stage": "start", "share": 0.0, "notes": [],
-        }  # fmt: skip
-
-    def folder_of(self, where: str) -> Path | None:
-        return self.out if where == self.out.name else None
-
-    def list_builds(self) -> list[dict[str, Any]]:
-        return []
+        super().__init__()
+        self.begin(out, out.name)
 
     async def follow(self, events: TextIO, grace_s: int = _GRACE_S) -> None:
         """Pass the events on until there are no more, and wait until nobody looks any longer."""
@@ -44,8 +35,9 @@ class WatchedBuild(Studio):
             with contextlib.suppress(ValueError):  # it broke off with its build
                 event = json.loads(line)
                 end = event if event["event"] == "end" else end
-                self._hear(event)
-        self._end(end.get("exit_code", 2), "" if end else _UNKNOWN)
+                self.hear(event)
+        self.end(end.get("exit_code", 2), "" if end else _UNKNOWN)
+        self.tell_state()
         alone = 0
         while alone < grace_s:
             await asyncio.sleep(1)

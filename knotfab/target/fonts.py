@@ -15,7 +15,7 @@ from knotfab.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
-__all__ = ["find_font", "load_font", "supply_fonts"]
+__all__ = ["find_font", "list_families", "load_font", "supply_fonts"]
 
 # All of them come with matplotlib.
 _SUPPLIED = (
@@ -135,20 +135,33 @@ def _system_fonts(pattern: str) -> Iterator[str]:
 
     Where there is no fontconfig: of all fonts that matplotlib finds, if a character is looked for.
     """
-    program = shutil.which("fc-list")
-    if program is None:
+    if shutil.which("fc-list") is None:
         if pattern.startswith(":"):
             from matplotlib.font_manager import findSystemFonts
 
             yield from sorted(findSystemFonts())
         return
+    lines = (line.partition("\t") for line in _ask_fontconfig("%{file}\t%{style}\n", pattern))
+    plain = {path: style.lower().split(",")[0] not in _PLAIN for path, _, style in lines}
+    yield from sorted(plain, key=lambda path: (plain[path], path))
+
+
+def list_families() -> tuple[str, ...]:
+    """The families that a text can be drawn in, by name."""
+    found = _ask_fontconfig("%{family[0]}\n", ":outline=true")
+    return tuple(sorted({*found, "DejaVu Sans", "DejaVu Sans Mono", "DejaVu Serif"}))
+
+
+def _ask_fontconfig(form: str, pattern: str) -> list[str]:
+    """Lines of this form, one for each font that matches; none where there is no fontconfig."""
+    program = shutil.which("fc-list")
+    if program is None:
+        return []
     try:
         said = subprocess.run(
-            [program, "--format=%{file}\t%{style}\n", pattern],
+            [program, f"--format={form}", pattern],
             capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False,
         ).stdout  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
-        return
-    lines = (line.partition("\t") for line in said.splitlines() if line)
-    plain = {path: style.lower().split(",")[0] not in _PLAIN for path, _, style in lines}
-    yield from sorted(plain, key=lambda path: (plain[path], path))
+        return []
+    return [line for line in said.splitlines() if line]

@@ -30,7 +30,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from knotfab.errors import InputError
 from knotfab.knots import read_start
-from knotfab.studio import server, session
+from knotfab.studio import broadcast, server, session
 from knotfab.studio.pictures import LARGEST_BYTES
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
@@ -44,7 +44,9 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Builds and previews are played; the folder that keeps a line a run."""
     script, runs = write_player(tmp_path)
     monkeypatch.setattr("sys.executable", str(script))
-    monkeypatch.setattr(session, "_preview", lambda *_: ({"lines": [], "error": ""}, b""))
+    monkeypatch.setattr(
+        session, "_preview", lambda *_: ({"lines": [], "error": "", "panels": []}, [])
+    )
     return runs
 
 
@@ -80,7 +82,7 @@ def build(client: TestClient, told: str, *phases: str) -> dict[str, Any]:
 
 
 def refuse(answer: Any, code: int, why: str) -> None:
-    sentence = answer.json()["sentence"] if code == 422 else answer.text
+    sentence = answer.text if code in (403, 404) else answer.json()["sentence"]
     assert answer.status_code == code and why in sentence, answer.text
     assert "\n" not in sentence and sentence[-1] in ".!"
 
@@ -125,7 +127,7 @@ def test_what_is_no_picture(client: TestClient, tmp_path: Path) -> None:
 
     refuse(hand_in(b"I am no picture.\n", "words.png"), 422, "words.png: it is not a picture")
     refuse(hand_in(b"", "empty.png"), 422, "empty")
-    refuse(hand_in(b"\x89PNG\r\n\x1a\n" + b"x" * LARGEST_BYTES, "huge.png"), 422, "more than 32 MB")
+    refuse(hand_in(b"\x89PNG\r\n\x1a\n" + b"x" * LARGEST_BYTES, "huge.png"), 413, "more than 32 MB")
     wide = io.BytesIO()
     Image.new("1", (7000, 6000)).save(wide, "PNG")
     refuse(hand_in(wide.getvalue(), "wide.png"), 422, "more than 40 million")
@@ -147,7 +149,7 @@ def test_what_was_uploaded_is_served_as_pixels_alone(client: TestClient, tmp_pat
     assert shown.headers["content-type"] == "image/png"
     assert np.asarray(Image.open(io.BytesIO(shown.content)).getchannel("A")).std() > 10
     kept = tmp_path / "studio" / "pictures"
-    assert [p.name for p in kept.iterdir()] == ["drawn.svg"]
+    assert [p.name for p in kept.glob("[!.]*")] == ["drawn.svg"]
     for path in ("/pictures/drawn.svg", "/files/drawn/drawn.svg", "/files/..%2fpictures/drawn.svg"):
         assert client.get(path).status_code == 404
 
@@ -185,7 +187,7 @@ def test_no_two_choices_share_a_folder(client: TestClient) -> None:
         ask(client, "/api/text", text=name)
     found = set()
     for choice in choices:
-        assert ask(client, "/api/choose", names=choice).status_code == 200
+        assert ask(client, "/api/choose", names=choice, kind="views").status_code == 200
         assert ask(client, "/api/build").status_code == 200
         found.add(wait_for(client, "done")["build"]["name"])
     assert len(found) == len(choices) and max(map(len, found)) < 100
@@ -199,7 +201,7 @@ def test_a_failed_build_is_not_shown_with_an_earlier_report(
     (earlier / "report.json").write_text("{}")
     state = build(client, "crash")["build"]
     assert (state["phase"], state["sentence"]) == ("failed", "out of ideas")
-    assert "result" not in state
+    assert "result" not in state and state["name"] != "crash"
 
 
 def test_a_build_that_cannot_be_started_has_failed(
@@ -226,7 +228,9 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
         return {"type": "http.disconnect"}
 
     with pytest.raises(InputError, match="it broke off"):
-        asyncio.run(server._read_body(Request({"type": "http"}, receive), 10, "cat.png"))
+        asyncio.run(
+            server._read_body(Request({"type": "http", "headers": []}, receive), 10, "cat.png")
+        )
 
 
 @pytest.mark.slow
@@ -274,8 +278,9 @@ def test_two_tabs_and_a_reload_in_the_middle_see_one_build(client: TestClient) -
     with client.websocket_connect(LIVE) as one:
         assert one.receive_json()["build"]["phase"] == "idle"
         build(client, "wait", "running")
-        seen = [one.receive_json() for _ in range(8)]
-        assert {"scene", "knots"} <= {event["event"] for event in seen}
+        seen: set[str] = set()
+        while not {"scene", "knots"} <= seen:
+            seen.add(one.receive_json()["event"])
         refuse(ask(client, "/api/build"), 422, "one runs already")
         with client.websocket_connect(LIVE) as two:  # a second tab, or the first loaded anew
             state, scene, frame = (two.receive_json() for _ in range(3))
@@ -312,7 +317,7 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
     build(client, "wait", "running")
     client.post("/api/stop", json={})
     state = wait_for(client, "stopped")
-    assert state["build"]["can_go_on"]
+    assert state["can_go_on"]
     ask(client, "/api/settings", lamp_distance=700)
     ask(client, "/api/text", text="pass")
     assert ask(client, "/api/build", go_on=True).status_code == 200
@@ -329,11 +334,21 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
     [
         ({"out": "/tmp/elsewhere"}, "there is none of that name"),
         ({"scene": "/etc/passwd"}, "there is none of that name"),
-        ({"printer": "../../etc/passwd"}, "it is not known"),
-        ({"width": -3}, "out of bounds"),
-        ({"tube_radius": "thick"}, "not a positive number"),
+        ({"printer": "../../etc/passwd"}, "not known"),
+        ({"width": -3}, "Width on the wall: Give 5 to 10 000 mm."),
+        ({"tube_radius": "thick"}, "Tube radius: This is no length"),
         ({"width": [1]}, "there is none of that name"),
-        ({"width": "abc"}, "a valid number"),
+        ({"width": "abc"}, "no length"),
+        ({"width": 10**50}, "Give 5 to"),
+        ({"width": "9" * 5000}, "no more than 60"),
+        ({"wall_distance": 0}, "Piece to wall"),
+        ({"lamp_distance": "3 parsec"}, "There is no unit parsec"),
+        ({"seed": "1.5"}, "a whole number from 0 to 2 147 483 647"),
+        ({"threshold": "120 %"}, "between 0 and 1"),
+        ({"crop": "1,2,3"}, "left, top, width and height"),
+        ({"font": "/etc/passwd"}, "not known"),
+        ({"print": "perhaps"}, "neither on nor off"),
+        ({"sequence": True}, "there is none of that name"),
     ],
 )
 def test_a_wrong_setting_changes_nothing(
@@ -345,11 +360,49 @@ def test_a_wrong_setting_changes_nothing(
 
 
 def test_what_is_no_call(client: TestClient) -> None:
-    refuse(client.post("/api/settings", content=b"{"), 422, "not JSON")
-    refuse(client.post("/api/settings", content=b"[]"), 422, "no table")
     refuse(ask(client, "/api/text", text="  "), 422, "0 characters")
     refuse(ask(client, "/api/choose", names=["nothing"]), 422, "none of that name")
     refuse(client.get("/nowhere"), 404, "nothing at this address")
+    for body in (
+        b"{", b"[]", b"5", b"\xff", b"[" * 60_000, b'{"a":' * 10_000, b'{"text": NaN}', b'{"text": null}',
+        b'{"text": "\\ud800"}', b'{"text": 7}', b'{"text": "a", "more": 1}', b"9" * 5000,
+    ):  # fmt: skip
+        refuse(client.post("/api/text", content=body), 422, "the call: ")
+    for body in (
+        b'{"names": 5}',
+        b'{"names": null}',
+        b'{"names": ["\\udfff"]}',
+        b'{"names": ' + b"9" * 5000 + b"}",
+    ):
+        refuse(client.post("/api/choose", content=body), 422, "the call: ")
+    refuse(client.post("/api/settings", content=b'{"\\ud800": 1}'), 422, "the call: ")
+    refuse(client.post("/api/settings", content=b'{"width": NaN}'), 422, "no length")
+    refuse(client.post("/api/text", content=b" " * 100_000), 413, "more than")
+    assert client.get("/api/state").json()["pictures"] == []
+
+
+def test_what_a_tab_sends_through_its_socket_is_let_pass(client: TestClient) -> None:
+    with client.websocket_connect(LIVE) as tab:
+        tab.receive_json()
+        tab.send_bytes(b"\x00\xff")
+        tab.send_text("\ud83d\ude00")
+        ask(client, "/api/text", text="pass")
+        while tab.receive_json()["pictures"] == []:
+            pass
+
+
+def test_what_nobody_foresaw_is_a_sentence_and_goes_to_a_file(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("a mistake")
+
+    monkeypatch.setattr(Studio, "stop", fail)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    refuse(client.post("/api/stop", json={}), 500, "ZeroDivisionError")
+    (kept,) = tmp_path.glob("knotfab-*.txt")
+    assert "a mistake" in kept.read_text()
 
 
 def test_the_studio_ends_its_build_with_itself(runs: Path, tmp_path: Path) -> None:
@@ -366,7 +419,7 @@ def test_the_studio_ends_its_build_with_itself(runs: Path, tmp_path: Path) -> No
 
 def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
     async def follow() -> list[str]:
-        listener = session.Listener()
+        listener = broadcast.Listener()
         for k in range(1000):
             listener.put(f"frame {k}", frame=True)
         listener.put("state")
@@ -376,6 +429,7 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
 
 
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
-    figures, png = session._preview(["text:I"], session.options_from({"width": 150}))
+    figures, panels = session._preview(["text:I"], session.options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
-    assert Image.open(io.BytesIO(png)).width > 700
+    assert len(figures["panels"]) == len(panels) > 1 and "150 x" in figures["panels"][0]
+    assert {max(Image.open(io.BytesIO(png)).size) for png in panels} == {720}

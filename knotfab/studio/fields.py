@@ -1,0 +1,208 @@
+"""The fields of the page: what a person may write into each, and what is said where it is wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+from knotfab.errors import InputError
+from knotfab.lengths import read_length, read_number
+from knotfab.read_options import read_seconds
+from knotfab.scene.catalogue import materials, printers
+from knotfab.target.fonts import list_families
+
+__all__ = ["DEFAULTS", "FIELDS", "READING", "Value", "in_page_words", "read_field"]
+
+Value = str | int | float | bool
+_LONGEST = 60  # characters that a field holds
+
+
+@dataclass(frozen=True)
+class _Field:
+    """An option of `knotfab build` that the page sets: its label there, and how what is written is read."""
+
+    label: str
+    read: Callable[[str], Value]
+
+
+def _length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -> Value:
+    """Millimetres of a length with any usual unit, or one of the words."""
+    if text in words:
+        return text
+    example = f"Give one such as {_round(max(2.0, least))} mm"
+    value = read_length("", text, f"{example}{''.join(f', or {word}' for word in words)}.")
+    if not least <= value <= most:
+        raise ValueError(f"Give {_round(least)} to {_round(most)} mm.")
+    value = float(f"{value:.6g}")
+    return int(value) if value.is_integer() else value
+
+
+def _share(text: str) -> Value:
+    value = read_number("", text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    if not 0 < value < 1:
+        raise ValueError("Give a share between 0 and 1, such as 0.4.")
+    return value
+
+
+def _count(text: str, least: int, most: int) -> Value:
+    value = read_number("", text)
+    if value % 1 or not least <= value <= most:
+        raise ValueError(f"Give a whole number from {least} to {most:,}.".replace(",", " "))
+    return int(value)
+
+
+def _pixels(text: str) -> Value:
+    value = read_number("", text.removesuffix("px"))
+    if not 0 <= value <= 100:
+        raise ValueError("Give 0 to 100 pixels of the picture.")
+    return value
+
+
+def _crop(text: str) -> Value:
+    plain = re.sub(r"[\s,;]+", ",", text.strip("()[] "))
+    parts = plain.split(",")
+    if plain in ("auto", "none"):
+        return plain
+    if len(parts) != 4 or not all(p.isdecimal() and len(p) < 6 for p in parts) or "0" in parts[2:]:
+        raise ValueError(
+            "Drag a rectangle, or give left, top, width and height in px: 20, 40, 600, 400."
+        )
+    return ",".join(str(int(p)) for p in parts)
+
+
+def _time(text: str) -> Value:
+    seconds = read_seconds(text)
+    if not 2 <= seconds <= 7 * 86400:
+        raise ValueError("Give a time from 2 s to a week.")
+    return f"{seconds:g}s"
+
+
+def _flag(text: str) -> Value:
+    if text not in ("true", "false"):
+        raise ValueError("This is neither on nor off.")
+    return text == "true"
+
+
+def _one_of(text: str, known: Callable[[], Mapping[str, Any]] | Mapping[str, Any]) -> Value:
+    names = known() if callable(known) else known
+    if text not in names:
+        raise ValueError("This is not known. Choose another.")
+    return text
+
+
+def _ink(text: str) -> Value:
+    from PIL import ImageColor
+
+    if text in ("auto", "dark", "light", "alpha", "flood"):
+        return text
+    try:
+        return "#{:02x}{:02x}{:02x}".format(*ImageColor.getrgb(text)[:3])
+    except ValueError:
+        raise ValueError("This is no colour. Give one such as red or #d02010.") from None
+
+
+def _choice(*words: str) -> Callable[[str], Value]:
+    return partial(_one_of, known=dict.fromkeys(words))
+
+
+def _round(value: float) -> str:
+    return f"{value:,.6g}".replace(",", " ") if value >= 10_000 else f"{value:g}"
+
+
+@cache
+def _families() -> dict[str, None]:
+    return dict.fromkeys(list_families())
+
+
+_KNOTS = (
+    "unknot",
+    "trefoil",
+    "left trefoil",
+    "figure-eight",
+    "cinquefoil",
+    "5_2",
+    "8_19",
+    "3_1#4_1",
+)
+_far = partial(_length, least=1.0, most=100_000.0)
+_wide = partial(_length, least=5.0, most=10_000.0)
+# the options of `knotfab build` that the page sets; none of them names a file
+FIELDS: dict[str, _Field] = {
+    "width": _Field("Width on the wall", _wide),
+    "height": _Field("Height on the wall", _wide),
+    "lamp_distance": _Field("Lamp to piece", _far),
+    "wall_distance": _Field("Piece to wall", partial(_length, least=1.0, most=10_000.0)),
+    "lamp_diameter": _Field("Lamp diameter", partial(_length, least=0.0, most=1000.0)),
+    "tube_radius": _Field("Tube radius", partial(_length, least=0.1, most=200.0, words=("auto",))),
+    "depth": _Field("Depth", partial(_length, least=0.5, most=5000.0, words=("auto", "flat"))),
+    "knots": _Field("Knots", _choice("auto", "1")),
+    "knot": _Field("Knot type", _choice(*_KNOTS)),
+    "free": _Field("Pose and distances", _choice("view")),
+    "mount": _Field("Mount", _choice("auto", "wall", "stand", "none")),
+    "printer": _Field("Printer", partial(_one_of, known=printers)),
+    "material": _Field("Material", partial(_one_of, known=materials)),
+    "accuracy": _Field("Accuracy", _choice("sketch", "draft", "standard", "fine")),
+    "time_budget": _Field("Time", _time),
+    "seed": _Field("Seed", partial(_count, least=0, most=2**31 - 1)),
+    "print": _Field("Check it against the printer", _flag),
+    "colours": _Field("A colour for each body", _flag),
+    "accept": _Field("Build it even if nobody would know it", _choice("unrecognisable")),
+    "ink": _Field("What is drawn", _ink),
+    "invert": _Field("Invert", _flag),
+    "threshold": _Field("Threshold", _share),
+    "crop": _Field("Crop", _crop),
+    "specks": _Field("Specks", partial(_count, least=0, most=10_000_000)),
+    "smooth": _Field("Smooth", _pixels),
+    "keep_largest": _Field("Largest pieces", partial(_count, least=0, most=10_000)),
+    "thicken": _Field("Thin strokes", partial(_length, least=0.1, most=100.0, words=("auto",))),
+    "lines": _Field("Lines", _choice("auto", "on", "off")),
+    "tone": _Field("Shading", _choice("lines", "off")),
+    "font": _Field("Font", partial(_one_of, known=_families)),
+}  # fmt: skip
+# how a picture is read: these go with the picture, and another one begins without them
+READING = (
+    "ink", "invert", "threshold", "crop", "specks", "smooth", "keep_largest", "thicken", "lines", "tone",
+)  # fmt: skip
+DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
+_OTHER_WORDS = {"sequence": "Sequence", "size": "the longer side", "force": "", "out": ""}
+_OPTION = re.compile(r"--([a-z][a-z-]*)(?:[ =]([^\s,;()]*[^\s,;().]))?")
+_FLAGS = ("print", "invert", "colours", "sequence", "accept", "force")
+
+
+def read_field(name: str, given: object) -> Value | None:
+    """What a person wrote or chose, as the option takes it; None where the field is left empty.
+
+    Raises:
+        ValueError: it is wrong; the message is a sentence in the page's words.
+    """
+    if given is None or given is False:
+        return None
+    text = str(given).strip().lower() if isinstance(given, bool) else str(given).strip()
+    if not text:
+        return None
+    if len(text) > _LONGEST or not text.isprintable():
+        raise ValueError(f"Give no more than {_LONGEST} letters and digits.")
+    lower = text if name in ("font", "knot", "printer", "material") else text.lower()
+    try:
+        return FIELDS[name].read(lower)
+    except InputError as error:
+        why = error.why.replace("it is", "This is", 1)
+        raise ValueError(f"{why[:1].upper()}{why[1:]}. {in_page_words(error.remedy)}") from None
+
+
+def in_page_words(sentence: str) -> str:
+    """A sentence of the command line as the page says it: the labels of fields instead of options."""
+
+    def label(found: re.Match[str]) -> str:
+        name, value = found[1].replace("-", "_"), found[2]
+        if name not in FIELDS and name not in _OTHER_WORDS:
+            return found[0]
+        named = FIELDS[name].label if name in FIELDS else _OTHER_WORDS[name]
+        if not value:
+            return f"“{named}”"
+        return f"“{named}” {value}" if name in _FLAGS else f"“{named}”: {value}"
+
+    return _OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))

@@ -1,0 +1,74 @@
+/* What was built: the list, and a result with its files and its report. */
+import { askPerson, attempt, byId, capital, element, post } from "./api.js";
+
+let select = () => {};
+let of = ""; // whose report is shown
+
+export function showBuilds(state, selectTab) {
+  select = selectTab;
+  const running = ["running", "stopping"].includes(state.build.phase);
+  byId("earlier").hidden = !state.builds.length;
+  byId("builds").replaceChildren(...state.builds.map((built) => row(built, built.name === state.current, running)));
+}
+
+function row(built, current, running) {
+  const { name, title, result, picture } = built;
+  const image = picture ? element("img", { src: `/pictures/${encodeURIComponent(picture)}.png`, alt: "" }) : "";
+  const told = result ? brief(result) : "stopped: there are knots to go on from";
+  const open = element("button", { type: "button", class: "open", "aria-current": current && "true", title: `${title}: ${told}`, click: () => show(built, running) }, image, element("span", {}, title, element("small", {}, told)));
+  const rename = element("button", { type: "button", class: "act", "aria-label": `Rename ${title}`, title: "Rename", click: async () => {
+    const text = await askPerson(`Another name for ${title}`, "Rename", title);
+    if (text !== null) attempt("builds-error", post("/api/rename", { name, title: text }));
+  } }, "✎");
+  const remove = element("button", { type: "button", class: "act", "aria-label": `Delete ${title}`, title: "Delete", click: async () => {
+    if (await askPerson(`Delete ${title} with all its files? They cannot be brought back.`, "Delete"))
+      attempt("builds-error", post("/api/delete", { name }));
+  } }, "✕");
+  return element("li", {}, open, rename, remove);
+}
+
+/* While another build runs, an old one's result can be looked at; else its picture and settings come back too. */
+function show({ name, title, result, known }, running) {
+  byId("builds-error").textContent = running || known ? "" : "Built before the studio kept notes: the result is here, its settings are in scene.toml.";
+  if (result) showResult(result, title);
+  select(result ? "tab-result" : "tab-preview");
+  if (!running) attempt("builds-error", post("/api/open", { name }));
+}
+
+export function clearResult() {
+  of = "";
+  byId("result-empty").hidden = false;
+  byId("result").hidden = true;
+}
+
+export function showResult(built, title, anew = false) {
+  const here = `/files/${built.where.split("/").map(encodeURIComponent).join("/")}`;
+  byId("result-empty").hidden = true;
+  byId("result").hidden = false;
+  byId("result-title").textContent = title;
+  byId("verdict").textContent = built.where.endsWith("/rejected") ? "A required check failed" : capital(built.verdict ?? "built");
+  const told = built.readable ? [brief(built), ...built.reasons] : ["Its report.json cannot be read; its files are below"];
+  byId("figures").textContent = told.filter(Boolean).join(". ");
+  const main = ["part.3mf", "zoetrope.3mf"].find((name) => built.files.includes(name));
+  byId("download").hidden = !main;
+  byId("download").textContent = `Download ${main}`;
+  byId("download").href = `${here}/${main}`;
+  byId("files").replaceChildren(...built.files.filter((n) => n !== main).map((name) => element("a", { href: `${here}/${encodeURIComponent(name)}`, download: name.startsWith("report.") ? name : "" }, name)));
+  byId("moving").hidden = !built.files.includes("sequence.gif");
+  if (!byId("moving").hidden) byId("moving").src = `${here}/sequence.gif`;
+  byId("report").hidden = !built.files.includes("report.html");
+  if (!byId("report").hidden && (of !== here || anew)) byId("report").src = `${here}/report.html`;
+  of = here;
+}
+
+export function brief(built) {
+  const parts = [];
+  if (built.where.endsWith("/rejected")) parts.push("a check failed");
+  if (built.verdict) parts.push(built.verdict);
+  const ious = built.ious.filter((v) => v !== null).map((v) => v.toFixed(3));
+  if (ious.length) parts.push(`IoU ${ious.length > 4 ? `${[...ious].sort()[0]} to ${[...ious].sort().at(-1)}` : ious.join(", ")}`);
+  if (built.hours) parts.push(`${built.hours.toFixed(1)} h`);
+  if (built.mass_g) parts.push(`${Math.round(built.mass_g)} g`);
+  if (built.size_mm) parts.push(`${built.size_mm.map((v) => Math.round(v)).join(" × ")} mm`);
+  return parts.join(", ");
+}

@@ -1,0 +1,150 @@
+/* The fields: built from a list, filled from the state, marked where what they hold is wrong. */
+import { byId, element, post } from "./api.js";
+
+const WORDS = { spellcheck: "false", autocomplete: "off" };
+/* [setting, kind, what it needs]; labels come from the server, which says what is wrong in the same words */
+const LISTS = {
+  "clean-fields": [
+    ["ink", "menu", { "": "what stands out", dark: "what is dark", light: "what is light", alpha: "what is opaque", flood: "what the border does not reach (photographs)" }],
+    ["invert", "check", {}],
+    ["threshold", "range", { min: 0.05, max: 0.95, step: 0.01, usual: 0.5, unit: "", hint: "Where ink begins: lower takes more." }],
+    ["specks", "range", { min: 0, max: 20, step: 1, usual: 0, unit: "px", to: (x) => x ** 3, from: Math.cbrt, hint: "Smaller pieces go, smaller holes are filled." }],
+    ["smooth", "range", { min: 0, max: 20, step: 0.5, usual: 0, unit: "px", hint: "Rounds ragged edges." }],
+    ["keep_largest", "text", { placeholder: "all", inputmode: "numeric" }],
+    ["crop", "text", { placeholder: "the whole picture", button: ["crop-open", "Drag …"] }],
+    ["thicken", "menu", { "": "as they are", auto: "widened to what prints" }],
+    ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
+    ["tone", "menu", { "": "none: the silhouette", lines: "one line, closer where it is darker" }],
+  ],
+  "scene-fields": [
+    ["width", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
+    ["lamp_distance", "range", { min: 150, max: 3000, step: 10, usual: 500, unit: "mm" }],
+    ["wall_distance", "range", { min: 30, max: 1000, step: 5, usual: 100, unit: "mm" }],
+    ["lamp_diameter", "range", { min: 0, max: 40, step: 1, usual: 5, unit: "mm" }],
+  ],
+  "print-fields": [
+    ["mount", "choice", { auto: "Auto", wall: "Wall", stand: "Stand", none: "None" }],
+    ["accuracy", "choice", { sketch: "Sketch", draft: "Draft", standard: "Standard", fine: "Fine" }],
+    ["printer", "menu", {}],
+    ["material", "menu", {}],
+    ["print", "check", { hint: "Slices the part with PrusaSlicer, where it is installed: hours, grams and supports, for 30 seconds to some minutes more." }],
+  ],
+  "more-fields": [
+    ["height", "text", { placeholder: "follows the width", unit: "mm" }],
+    ["tube_radius", "text", { placeholder: "auto", unit: "mm", hint: "Half the tube's thickness. Auto: the thickest that draws the picture well." }],
+    ["depth", "text", { placeholder: "auto", unit: "mm", hint: "How far the piece reaches from front to back. Deep pieces hide the picture from elsewhere; “flat” prints fastest." }],
+    ["knots", "menu", { "": "one for each piece of the picture", 1: "all pieces bridged into one" }],
+    ["knot", "menu", { "": "unknot", trefoil: "trefoil", "left trefoil": "left trefoil", "figure-eight": "figure-eight", cinquefoil: "cinquefoil", "5_2": "5_2", "8_19": "8_19", "3_1#4_1": "3_1#4_1" }],
+    ["free", "menu", { "": "as set here", view: "found with the knots" }],
+    ["time_budget", "text", { placeholder: "as long as it takes", hint: "For the whole build, such as 30 s or 2 min." }],
+    ["seed", "text", { placeholder: "0", inputmode: "numeric", hint: "Another number gives another piece with the same shadow." }],
+    ["colours", "check", { hint: "Also a 3MF with each knot in a colour, for several filaments." }],
+    ["accept", "check", { value: "unrecognisable" }],
+  ],
+};
+let labels = {};
+const inputs = {};
+const ranges = {};
+
+export async function buildFields() {
+  const choices = await (await fetch("/api/choices")).json();
+  labels = choices.labels;
+  for (const [place, fields] of Object.entries(LISTS)) byId(place).append(...fields.map(build));
+  inputs.font = byId("font");
+  inputs.font.addEventListener("change", () => set("font", inputs.font.value));
+  inputs.font.after(wrongOf("font"));
+  byId("fonts").append(...choices.fonts.map((value) => element("option", { value })));
+  fillPrinters(choices);
+  fillMaterials(choices.materials);
+}
+
+function build([name, kind, about]) {
+  if (kind === "check") {
+    const input = element("input", { type: "checkbox", id: name, ...described(name, about), change: () => set(name, input.checked ? about.value ?? true : null) });
+    inputs[name] = input;
+    return element("div", { class: "line" }, element("label", { class: "check" }, input, ` ${labels[name]}`), ...below(name, about));
+  }
+  if (kind === "choice") {
+    const options = Object.entries(about).map(([value, text]) => element("label", {}, element("input", { type: "radio", name, value, change: () => set(name, value) }), element("span", {}, text)));
+    return element("fieldset", { class: "choice" }, element("legend", {}, labels[name]), element("div", {}, ...options), wrongOf(name));
+  }
+  const label = element("label", { for: name }, labels[name]);
+  if (kind === "menu") {
+    inputs[name] = element("select", { id: name, ...described(name, {}), change: (e) => set(name, e.target.value) }, ...Object.entries(about).map(([value, text]) => element("option", { value }, text)));
+    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name));
+  }
+  const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: about.placeholder ?? about.usual, ...(about.inputmode ? { inputmode: about.inputmode } : {}), change: () => set(name, input.value) });
+  inputs[name] = input;
+  const unit = element("span", {}, about.unit ?? "");
+  if (kind === "text") {
+    const button = about.button ? element("button", { type: "button", id: about.button[0] }, about.button[1]) : unit;
+    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, input, button), ...below(name, about));
+  }
+  const { to = (x) => x, min, max, step } = about;
+  let waiting = 0;
+  const range = element("input", { type: "range", min, max, step, "aria-label": `${labels[name]}${about.unit ? `, ${about.unit}` : ""}`, input: () => {
+    input.value = to(Number(range.value));
+    clearTimeout(waiting);
+    waiting = setTimeout(() => set(name, input.value), 150);
+  } });
+  ranges[name] = [range, about];
+  return element("div", { class: "line" }, element("div", { class: "field" }, label, range, input, unit), ...below(name, about));
+}
+
+const described = (name, { hint }) => ({ "aria-describedby": `${name}-wrong${hint ? ` ${name}-hint` : ""}` });
+const wrongOf = (name) => element("p", { class: "wrong", id: `${name}-wrong`, role: "alert" });
+const below = (name, { hint }) => [wrongOf(name), ...(hint ? [element("p", { class: "hint", id: `${name}-hint` }, hint)] : [])];
+
+function fillPrinters({ printers, usual }) {
+  const told = ({ title, volume_mm: v }) => `${title}, ${v.map((side) => Math.round(side)).join(" × ")} mm`;
+  const order = [...printers].sort((a, b) => a.title.localeCompare(b.title));
+  const own = order.find((p) => p.name === usual);
+  inputs.printer.append(element("option", { value: "" }, `${told(own)} (usual)`), ...order.filter((p) => p !== own).map((p) => element("option", { value: p.name }, told(p))));
+}
+
+function fillMaterials(materials) {
+  const group = (label, found) => element("optgroup", { label }, ...found.map(({ name, title }) => element("option", { value: name }, title)));
+  const wire = (m) => m.process === "wire";
+  inputs.material.append(element("option", { value: "" }, "the printer's usual one"), group("Printed", materials.filter((m) => !wire(m))), group("Bent by hand, with a plan", materials.filter(wire)));
+}
+
+export function set(name, value) {
+  // what is wrong comes back with the state, and is shown at the field
+  post("/api/settings", { [name]: value }).catch((error) => {
+    if (error.message.startsWith("The studio")) byId("setting-error").textContent = error.message;
+  });
+}
+
+export function showFields(state) {
+  byId("setting-error").textContent = "";
+  for (const [name, input] of Object.entries(inputs)) {
+    const wrong = state.wrong[name];
+    input.toggleAttribute("aria-invalid", Boolean(wrong));
+    if (wrong) input.setAttribute("aria-invalid", "true");
+    if (input === document.activeElement && input.type === "text" && !wrong) continue;
+    const value = wrong && !wrong.together ? wrong.text : state.settings[name];
+    if (input.type === "checkbox") input.checked = Boolean(value);
+    else input.value = value ?? "";
+  }
+  if (inputs.printer.selectedIndex < 0) inputs.printer.value = "";
+  for (const name of ["mount", "accuracy"]) for (const input of document.getElementsByName(name)) input.checked = input.value === state.settings[name];
+  for (const mark of document.querySelectorAll(".wrong")) mark.textContent = state.wrong[mark.id.slice(0, -6)]?.why ?? "";
+  const frame = state.preview.views?.[0]?.frame_mm[0];
+  if (frame) inputs.width.placeholder = Math.round(frame);
+  for (const [name, [range, about]] of Object.entries(ranges)) {
+    if (range === document.activeElement) continue;
+    const value = state.settings[name] ?? (name === "width" ? frame : null) ?? about.usual;
+    range.value = (about.from ?? ((x) => x))(Number(value));
+  }
+  byId("font-row").hidden = !state.pictures.some((p) => p.text !== null && state.chosen.includes(p.name)) && byId("source-text").hidden;
+}
+
+/* Go to the first field that is wrong; its sentence stands below it. */
+export function showWrong(state) {
+  const [name] = Object.keys(state.wrong);
+  const input = inputs[name] ?? document.getElementsByName(name)[0];
+  input?.closest("details")?.setAttribute("open", "");
+  input?.focus();
+}
+
+export const labelsOf = (names) => names.map((name) => labels[name]).join(", ");
