@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,9 +81,10 @@ class Knots:
             ],
         }
 
-    def write(self, path: Path) -> None:
-        """Write knots.json."""
-        path.write_text(json.dumps(self.to_dict()))
+    def write(self, path: Path, members: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Write knots.json, with the members of the part's mount if it has any (`Mounted.members`)."""
+        more = {"members": list(members)} if members else {}
+        path.write_text(json.dumps({**self.to_dict(), **more}))
 
     def dump_start(self) -> str:
         """The text of a start, for knots in the scene: at full precision, a search can go on from them."""

@@ -56,6 +56,39 @@ class Mounted:
         mount = self.wall if self.stand is None else self.stand
         return None if mount is None else mount.moves
 
+    def members(self, to_part: Array) -> list[dict[str, Any]]:
+        """The members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
+
+        Each goes `from` a centre line `to` the mount's foot or another centre line; `radius_mm` are those of
+        its ends, `foot` the unit normal of the plate, wall or base that it stands on, if it does.
+        """
+        turn, shift = to_part[:3, :3], to_part[:3, 3]
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        found: list[tuple[Array, Array, tuple[float, float], Array | None]] = []
+        if self.wall is not None and self.upright is not None:
+            out, struts = self.upright[2], self.wall.struts
+            found += [
+                (p.top, p.foot, (p.top_radius_mm, p.foot_radius_mm), out) for p in self.wall.pegs
+            ]
+        elif self.stand is not None:
+            out, struts = self.stand.base.slope.normal, self.stand.struts
+            posts = self.stand.posts
+            ends = zip(posts.start, posts.end, posts.radius, strict=True)
+            found += [(start, end, (r, r), out) for start, end, r in ends]
+        else:
+            return []
+        ends = zip(struts.start, struts.end, struts.radius, strict=True)
+        found += [(start, end, (r, r), None) for start, end, r in ends]
+        return [
+            {
+                "from": (turn @ start + shift).tolist(),
+                "to": (turn @ end + shift).tolist(),
+                "radius_mm": [scale * float(r) for r in radius],
+                **({} if foot is None else {"foot": (turn @ foot / scale).tolist()}),
+            }
+            for start, end, radius, foot in found
+        ]
+
     @property
     def must_be_upright(self) -> bool:
         """A wall mount must; a stand that is too tall for the printer may lie down."""

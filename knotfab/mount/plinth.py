@@ -46,6 +46,12 @@ class Slope:
     height_mm: float
     rise: float
 
+    @property
+    def normal(self) -> Array:
+        """(3,) unit vector upwards."""
+        up: Array = self.axes[1] - self.rise * self.axes[2]
+        return np.asarray(up / np.linalg.norm(up))
+
     def above(self, points: Array) -> Array:
         """(n,) how far above the plane points (n, 3) lie, straight up, mm."""
         own = points @ self.axes.T

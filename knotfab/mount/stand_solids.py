@@ -48,9 +48,7 @@ def stand_bodies(tubes: list[Mesh], mount: StandMount) -> list[Mesh]:
 
 
 def _member_solids(mount: StandMount) -> list[Manifold]:
-    slope, members = mount.base.slope, mount.members
-    normal = slope.axes[1] - slope.rise * slope.axes[2]
-    normal /= np.linalg.norm(normal)
+    normal, members = mount.base.slope.normal, mount.members
     found = []
     for i in range(len(members)):
         top, foot = members.start[i], members.end[i]

@@ -82,7 +82,8 @@ def write_part(
         grown = 1 / shrink_of(scene)[0, 0]  # its holes and pin shrink as the part's do
         bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]
         write_3mf(folder.file(COUPON), bodies, f"{title}, coupon")
-    part.pose.knots.write(folder.file(f"knots{suffix}.json"))
+    members = part.mounted.members(np.asarray(np.linalg.inv(part.pose.matrix)))
+    part.pose.knots.write(folder.file(f"knots{suffix}.json"), members)
     _write_scene(folder, scene, targets, suffix)
 
 

@@ -12,6 +12,7 @@ FILES = ("same_3mf",)  # what is printed is what was verified
 TUBE = (
     "centre_line",
     "tube",
+    "mount",
     "clearance",
     "region",
     "build_volume",

@@ -23,6 +23,7 @@ from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
 from knotfab_validators.tube.mount_matter import strand_faces
+from knotfab_validators.tube.mount_members import check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
 from knotfab_validators.tube.tube_fit import check_tube
@@ -66,6 +67,7 @@ def part_checks(
         checks += _check_lines(mesh, curves, scene, seconds, skip)
     if "tube" in groups:
         checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
+        checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
     if "surface" in groups:
         checks += _check_surface(mesh, curves, scene, seconds, plates, skip, printed)
     return checks
@@ -161,6 +163,18 @@ def _check_tube(
     asked = scene.piece.tube_radius_mm if scene is not None else None
     with time_stage(seconds, "tube"):
         return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked)
+
+
+def _check_mount(
+    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
+) -> Check:
+    """Whether the mount's members are whole, and none but they join strands."""
+    if scene is None or not _is_mounted(scene):
+        return skip_check("mount", "not given a scene with a mount")
+    if mesh is None or curves is None:
+        return skip_check("mount", f"not given the {'part' if mesh is None else 'knots'}")
+    with time_stage(seconds, "tube"):
+        return check_mount(mesh, curves, scene.mount.pegs)
 
 
 def _check_gap(

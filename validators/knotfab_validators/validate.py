@@ -169,14 +169,7 @@ def _shrink(
     """Part and centre lines as they are once the material has shrunk to a share of every length."""
     if mesh is not None:
         mesh = Mesh(share * mesh.vertices, mesh.faces)
-    if curves is not None:
-        radius = curves.radius_mm
-        curves = replace(
-            curves,
-            polygons=tuple(share * polygon for polygon in curves.polygons),
-            radius_mm=None if radius is None else share * radius,
-        )
-    return mesh, curves
+    return mesh, None if curves is None else curves.scaled(share)
 
 
 def _in_file(check: Check, left: float) -> Check:

@@ -13,10 +13,13 @@ from knotfab_validators.files.bad_file import MOST_MM, BadFile, read_bytes, shor
 
 __all__ = ["parse_knots", "read_knots"]
 
-from knotfab_validators.geometry.curves import Curves, edges_of
+from knotfab_validators.files.table import Table
+from knotfab_validators.geometry.curves import Curves, Member, edges_of
 
+UNIT = 1e-6  # of a unit vector's length
 MOST_BYTES = 24_000_000  # 400,000 points; Python holds `[],` in thirty times its bytes
 MOST_KNOTS = 1000
+MOST_MEMBERS = 10_000  # of a mount; a build makes a hundred
 
 
 def read_knots(path: Path) -> Curves:
@@ -56,6 +59,7 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
         types=tuple(_type(knot, f"{name}: knot {i}") for i, knot in enumerate(knots)),
         closed=tuple(knot.get("closed", True) for knot in knots),
         radius_mm=_radius(data.get("radius_mm"), name),
+        members=_members(data.get("members", []), f"{name}: members"),
     )
 
 
@@ -112,6 +116,27 @@ def _type(knot: Any, where: str) -> str:
     if not isinstance(kind, str):
         raise BadFile(f"{where}: type must be a word such as 'unknot' or '3_1'")
     return kind
+
+
+def _members(data: Any, where: str) -> tuple[Member, ...]:
+    """The mount's members, each a table of `from`, `to`, `radius_mm` (two) and perhaps `foot`."""
+    if not isinstance(data, list) or len(data) > MOST_MEMBERS:
+        raise BadFile(f"{where} must be a list of at most {MOST_MEMBERS}")
+    found = []
+    for number, one in enumerate(data):
+        table = Table(one, f"{where}: number {number}")
+        radii, foot = table.numbers("radius_mm", 2, above=0, most=MOST_MM), None
+        if "foot" in table.data:
+            foot = np.array(table.numbers("foot", 3))
+            if abs(float(np.linalg.norm(foot)) - 1) > UNIT:
+                raise BadFile(f"{table.where} foot must be a vector of length 1")
+        start, end = (
+            np.array(table.numbers(k, 3, least=-MOST_MM, most=MOST_MM)) for k in ("from", "to")
+        )
+        if not np.linalg.norm(end - start) > 0:
+            raise BadFile(f"{table.where} begins where it ends")
+        found.append(Member(start, end, (radii[0], radii[1]), foot))
+    return tuple(found)
 
 
 def _radius(value: Any, name: str) -> float | None:

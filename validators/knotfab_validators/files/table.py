@@ -86,8 +86,24 @@ class Table:
         return self.fixed_vector(key, default, above=above)
 
     def fixed_vector(self, key: str, default: Vector, *, above: float = -math.inf) -> Vector:
-        value = self.data.get(key, default)
-        if not isinstance(value, list | tuple) or len(value) != 3:
-            raise BadFile(f"{self.where} {key} must be three numbers, got {short(value)}")
-        x, y, z = (Table({key: item}, self.where).number(key, 0.0, above=above) for item in value)
+        x, y, z = Table({key: self.data.get(key, default)}, self.where).numbers(key, 3, above=above)
         return (x, y, z)
+
+    def numbers(
+        self,
+        key: str,
+        count: int,
+        *,
+        least: float = -math.inf,
+        above: float = -math.inf,
+        most: float = math.inf,
+    ) -> tuple[float, ...]:
+        """So many numbers in a list; there is no default."""
+        value = self.data.get(key)
+        if not isinstance(value, list | tuple) or len(value) != count:
+            words = {2: "two", 3: "three"}.get(count, count)
+            raise BadFile(f"{self.where} {key} must be {words} numbers, got {short(value)}")
+        return tuple(
+            Table({key: item}, self.where).number(key, 0.0, least=least, above=above, most=most)
+            for item in value
+        )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from knotfab_validators.arrays import Array, Ints
 
-__all__ = ["CurveEdges", "Curves", "edges_of"]
+__all__ = ["CurveEdges", "Curves", "Member", "edges_of"]
 
 
 @dataclass(frozen=True)
@@ -23,18 +23,33 @@ class CurveEdges:
 
 
 @dataclass(frozen=True)
+class Member:
+    """A round bar of a mount: from a centre line to another, or to the mount's foot; all (3,), mm.
+
+    `radius_mm` are those of its two ends, `foot` the unit normal of what it stands on, if it does.
+    """
+
+    start: Array
+    end: Array
+    radius_mm: tuple[float, float]
+    foot: Array | None = None
+
+
+@dataclass(frozen=True)
 class Curves:
     """Polygons with one tube radius.
 
     `polygons` are (n, 3) float64 mm; where `closed` says so the last point joins the first, and is
     not repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
-    for an open curve); `radius_mm` is None where the file gives none.
+    for an open curve); `radius_mm` is None where the file gives none. `members` are those of the mount
+    that holds them.
     """
 
     polygons: tuple[Array, ...]
     types: tuple[str, ...]
     closed: tuple[bool, ...]
     radius_mm: float | None
+    members: tuple[Member, ...] = ()
 
     @cached_property
     def edges(self) -> CurveEdges:
@@ -51,6 +66,23 @@ class Curves:
         """Length of each polygon, the closing edge included where it is closed."""
         length = np.linalg.norm(self.edges.end - self.edges.start, axis=1)
         return tuple(np.bincount(self.edges.curve, length, minlength=len(self.polygons)).tolist())
+
+    def scaled(self, share: float) -> Curves:
+        """The same curves, radii and members at a share of every length."""
+        return replace(
+            self,
+            polygons=tuple(share * polygon for polygon in self.polygons),
+            radius_mm=None if self.radius_mm is None else share * self.radius_mm,
+            members=tuple(
+                Member(
+                    share * m.start,
+                    share * m.end,
+                    (share * m.radius_mm[0], share * m.radius_mm[1]),
+                    m.foot,
+                )
+                for m in self.members
+            ),
+        )
 
 
 def edges_of(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -> CurveEdges:

@@ -10,7 +10,7 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.geometry.mesh import connect
 from knotfab_validators.geometry.sampling import cut_edges
 
-__all__ = ["strand_faces", "tube_vertices"]
+__all__ = ["OFF", "strand_faces", "tube_vertices"]
 
 
 OFF = 1.06  # radii from the centre lines: facets and mitred rings stand out by less
@@ -47,11 +47,20 @@ def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radiu
     return own
 
 
-def strand_faces(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
+def strand_faces(
+    vertices: Array,
+    faces: Ints,
+    polygons: Sequence[Array],
+    radius: float,
+    *,
+    proud: float = PROUD,
+    beside: float = BESIDE,
+) -> Mask:
     """(m,) whether each face is the tube's surface and no mount's: close to it, and to one strand alone.
 
     Args:
         vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
+        proud: radii from the centre line that a face may reach. beside: and along it.
     """
     from scipy.spatial import cKDTree
 
@@ -60,14 +69,14 @@ def strand_faces(vertices: Array, faces: Ints, polygons: Sequence[Array], radius
     first = np.concatenate([[0], np.cumsum(count)])
     tree = cKDTree(np.concatenate(samples))
     distance, nearest = tree.query(vertices, distance_upper_bound=REACH * radius)
-    close = (distance <= PROUD * radius)[faces].all(axis=1)
+    close = (distance <= proud * radius)[faces].all(axis=1)
     place = np.minimum(nearest, first[-1] - 1)[faces]
     knot = np.searchsorted(first, place, side="right") - 1
     result: Mask = close & (knot == knot[:, :1]).all(axis=1)
     apart = np.abs(place - place[:, [1, 2, 0]])
     apart = np.minimum(apart, count[knot] - apart)
     # samples are at most SPACING apart, so that so many of them are at most so long
-    result &= (apart <= BESIDE / SPACING).all(axis=1)
+    result &= (apart <= beside / SPACING).all(axis=1)
     return result
 
 

@@ -54,6 +54,8 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     Of a `mounted` part, whose pegs and struts grow out of the tube, points of the exact tube that lie in
     matter are bare by nothing; but only where of `STRETCH` rings in a row at least the share `SHARE` of all
     points is on the surface. So a mesh that is the tube of another radius is told from one with a mount.
+    Points of the mesh outside the tube may be the mount's, and are off by nothing. Those inside are off as
+    ever: where a mount joins a tube their union has no faces, so a face in there is a slit or a cavity.
 
     From the mesh: every vertex is measured, and faces that could dip deeper than `LIMIT` between
     their corners are cut into four and measured again (see `_may_dip`). To the mesh: `ANGLES` points
@@ -63,7 +65,7 @@ def tube_fit(mesh: Mesh, curves: Curves, *, mounted: bool = False) -> TubeFit:
     if curves.radius_mm is None:
         raise ValueError("the tube's radius is not known")
     line = _Line(curves.edges, curves.radius_mm, _open_ends(curves))
-    points, off = _from_mesh(mesh, line)
+    points, off = _from_mesh(mesh, line, mounted)
     rings, ring, curve = _on_tube(line)
     bare = np.minimum(surface_distance(rings, mesh) / line.radius, REACH)
     if mounted:
@@ -83,7 +85,8 @@ def check_tube(
 
     What is proved of the knots (thickness, bend, type) holds for the part only if it is. A `mounted`
     part has more matter than the tube: then the exact tube must lie on its surface or, where the
-    mount joins it, inside (`tube_fit`). `asked_mm`: the scene's radius, which must be that of the curves.
+    mount joins it, inside, and no face lies in the tube (`tube_fit`). `asked_mm`: the scene's radius, which
+    must be that of the curves.
     """
     if curves is None or curves.radius_mm is None:
         lacking = "the knots" if curves is None else "the tube's radius"
@@ -92,12 +95,16 @@ def check_tube(
         return skip_check("tube", "the mesh has no faces, or coordinates that are not finite")
     fit = tube_fit(mesh, curves, mounted=mounted)
     radius = curves.radius_mm
-    if mounted or fit.bare > max(fit.off, LIMIT):
+    if fit.bare > max(fit.off, LIMIT):
         measured, at = fit.bare, fit.bare_at
         what = "the exact tube about the knots has a place that is so far from the surface"
     else:
         measured, at = fit.off, fit.off_at
         what = "largest deviation of the surface from one radius about the knots"
+        if mounted:
+            what = (
+                "how deep the surface lies inside the tube about the knots, which matter must fill"
+            )
     detail = f"{what}, at {spot(at[0])}"
     limit = LIMIT * radius
     if asked_mm is not None and abs(radius - asked_mm) > SAME * asked_mm and measured <= LIMIT:
@@ -197,10 +204,18 @@ def _open_ends(curves: Curves) -> list[tuple[Array, Array]]:
     return ends
 
 
-def _from_mesh(mesh: Mesh, line: _Line) -> tuple[Array, Array]:
-    """Points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,)."""
-    distance, mitred, edge = line.distance(mesh.vertices)
-    off = line.off(mesh.vertices, distance, mitred)
+def _from_mesh(mesh: Mesh, line: _Line, mounted: bool) -> tuple[Array, Array]:
+    """Points of the mesh (n, 3): its vertices and more where they are needed; and how far off (n,).
+
+    Of a `mounted` part what lies outside the tube is off by nothing.
+    """
+
+    def measure(points: Array) -> tuple[Array, Array, Ints]:
+        distance, mitred, edge = line.distance(points)
+        off = line.off(points, distance, mitred)
+        return distance, np.where(distance < line.radius, off, 0.0) if mounted else off, edge
+
+    distance, off, edge = measure(mesh.vertices)
     used = np.flatnonzero(np.bincount(mesh.faces.reshape(-1), minlength=len(off)))
     points, values = [mesh.vertices[used]], [off[used]]
     corner, low, at = mesh.vertices[mesh.faces], distance[mesh.faces].min(axis=1), edge[mesh.faces]
@@ -212,9 +227,9 @@ def _from_mesh(mesh: Mesh, line: _Line) -> tuple[Array, Array]:
             break
         corner = quarter_triangles(corner[dips])
         flat = corner.reshape(-1, 3)
-        distance, mitred, edge = line.distance(flat)
+        distance, off, edge = measure(flat)
         points.append(flat)
-        values.append(line.off(flat, distance, mitred))
+        values.append(off)
         low, at = distance.reshape(-1, 3).min(axis=1), edge.reshape(-1, 3)
     return np.concatenate(points), np.concatenate(values)
 

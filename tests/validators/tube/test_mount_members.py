@@ -1,0 +1,154 @@
+"""Every member of a mount is full of matter, and nothing else joins strands: forged parts are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+from validator_parts import Array, circle, tube
+
+from knotfab.geometry.meshes import as_manifold
+from knotfab_validators.files.bad_file import BadFile
+from knotfab_validators.files.knots import parse_knots
+from knotfab_validators.geometry.curves import Curves, Member
+from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.tube.mount_members import check_mount
+from knotfab_validators.tube.tube_fit import check_tube
+
+RADIUS, PEG, HIGH = 2.0, 1.2, 20.0  # mm; the rings lie so high above the plate's top at z = 0
+RINGS = [circle(120, 30.0) + [0, 0, HIGH], circle(90, 30.0 - 2 * RADIUS - 0.4) + [0, 0, HIGH]]
+UP = np.array([0.0, 0.0, 1.0])
+PEGS = [
+    Member(ring[k], ring[k] * [1, 1, 0], (PEG, 1.1 * PEG), UP)
+    for ring, k in ((RINGS[0], 0), (RINGS[0], 60), (RINGS[1], 20))
+]
+STRUT = Member(RINGS[1][0], RINGS[1][45], (PEG, PEG))
+CURVES = Curves(tuple(RINGS), ("unknot",) * 2, (True,) * 2, RADIUS, (*PEGS, STRUT))
+COUNT = (3, 1)
+MIDDLE = (PEGS[0].start + PEGS[0].end) / 2
+
+
+def bar(at: Array, along: Array, height: float, low: float, high: float) -> Manifold:
+    """A cone about a line through `at`, evenly on both sides of it."""
+    along = along / np.linalg.norm(along)
+    u = np.cross(np.eye(3)[int(np.abs(along).argmin())], along)
+    u /= np.linalg.norm(u)
+    solid = Manifold.cylinder(height, low, high, 48, True)
+    return solid.transform(np.column_stack([u, np.cross(along, u), along, at]))
+
+
+@cache
+def honest() -> Manifold:
+    solid = Manifold.cube((90.0, 90.0, 3.0)).translate((-45.0, -45.0, -3.0))
+    for ring in RINGS:
+        solid += as_manifold(tube(ring, RADIUS, 24))
+    for m in CURVES.members:
+        span = m.start - m.end
+        solid += bar((m.start + m.end) / 2, span, float(np.linalg.norm(span)), *m.radius_mm[::-1])
+    return solid
+
+
+def as_mesh(solid: Manifold) -> Mesh:
+    found = solid.to_mesh()
+    return Mesh(
+        np.asarray(found.vert_properties, dtype=np.float64),
+        np.asarray(found.tri_verts, dtype=np.int64),
+    )
+
+
+def neck(at: Array, along: Array, wide: float, inner: float) -> Manifold:
+    return bar(at, along, 0.4, wide, wide) - bar(at, along, 1.0, inner, inner)
+
+
+def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
+    mesh = as_mesh(honest())
+    for curves in (CURVES, CURVES.scaled(1.0)):
+        found = check_mount(mesh, curves, COUNT)
+        assert found.status == "pass" and found.required, found.detail
+    assert check_tube(mesh, CURVES, mounted=True).status == "pass"
+    shrunk = Mesh(0.98 * mesh.vertices, mesh.faces)
+    assert check_mount(shrunk, CURVES.scaled(0.98), COUNT).status == "pass"
+    assert check_mount(shrunk, CURVES, COUNT).status == "fail"
+
+
+@pytest.mark.parametrize(
+    ("cut", "place"),
+    [
+        (bar(MIDDLE, UP, 0.3, 2 * PEG, 2 * PEG), MIDDLE),
+        (neck(MIDDLE, UP, 2 * PEG, 0.4), MIDDLE),
+        (Manifold.sphere(0.3, 24).translate(MIDDLE), MIDDLE),
+        (bar(PEGS[0].end + 0.15 * UP, UP, 0.3, 2 * PEG, 2 * PEG), PEGS[0].end),
+        (bar((STRUT.start + STRUT.end) / 2, STRUT.end - STRUT.start, 0.2, 3.0, 3.0), HIGH * UP),
+        (bar(PEGS[1].end, UP, 2 * (HIGH - RADIUS), 3.0, 3.0), (PEGS[1].start + PEGS[1].end) / 2),
+    ],
+    ids=["cut", "neck", "void", "cut at its foot", "strut cut", "peg left out"],
+)
+def test_a_member_that_is_not_full_is_told_with_its_place(cut: Manifold, place: Array) -> None:
+    mesh = as_mesh(honest() - cut)
+    found = check_mount(mesh, CURVES, COUNT)
+    assert found.status == "fail" and found.required
+    assert np.linalg.norm(found.at[0] - place) < HIGH
+    assert check_tube(mesh, CURVES, mounted=True).status == "pass"
+
+
+def test_strands_that_are_fused_are_told_even_where_a_cut_makes_the_genus_right() -> None:
+    between = (RINGS[0][15] + RINGS[1][11]) / 2
+    fused = honest() + bar(between, RINGS[0][15] - RINGS[1][11], 0.8, 0.3, 0.3)
+    both = fused - bar(MIDDLE, UP, 0.3, 2 * PEG, 2 * PEG)
+    assert both.genus() == honest().genus()
+    for solid in (fused, both):
+        for curves in (CURVES, replace(CURVES, members=())):
+            found = check_mount(as_mesh(solid), curves, COUNT)
+            assert found.status == "fail" and np.linalg.norm(found.at[0] - between) < 1.0
+
+
+def test_matter_from_strand_to_plate_that_is_no_member_is_told() -> None:
+    solid = honest() + bar(RINGS[1][60] * [1, 1, 0.5], UP, HIGH, 0.5, 0.5)
+    found = check_mount(as_mesh(solid), CURVES, COUNT)
+    assert found.status == "fail" and "touches a strand" in found.detail
+
+
+def test_a_strand_cut_all_round_or_through_is_told_by_the_tube() -> None:
+    at, along = RINGS[0][45], RINGS[0][46] - RINGS[0][44]
+    for cut in (neck(at, along, 1.2 * RADIUS, 0.4), bar(at, along, 0.4, 2.5, 2.5)):
+        hole = bar(np.array([0.0, 0.0, -1.5]), UP, 9.0, 1.0, 1.0)
+        found = check_tube(as_mesh(honest() - cut - hole), CURVES, mounted=True)
+        assert found.status == "fail" and np.linalg.norm(found.at[0] - at) < 2 * RADIUS
+
+
+def test_members_must_be_named_counted_and_end_in_strands() -> None:
+    mesh = as_mesh(honest())
+    bare = replace(CURVES, members=())
+    missing = check_mount(mesh, bare, COUNT)
+    assert missing.status == "skipped" and missing.required and "--skip mount" in missing.detail
+    unknown = check_mount(mesh, bare)
+    assert unknown.status == "skipped" and not unknown.required
+    assert check_mount(mesh, CURVES, (4, 1)).status == "fail"
+    loose = replace(PEGS[0], start=PEGS[0].start + 5 * UP)
+    found = check_mount(mesh, replace(CURVES, members=(loose, *CURVES.members[1:])), COUNT)
+    assert found.status == "fail" and "in no strand" in found.detail
+
+
+def test_members_are_read_from_the_knots_and_checked() -> None:
+    points = RINGS[0].tolist()
+    knots = {"schema": 1, "radius_mm": 2.0, "knots": [{"points": points}]}
+    member = {"from": [0, 0, 0], "to": [0, 0, -5], "radius_mm": [1, 1.2], "foot": [0, 0, 1]}
+    (read,) = parse_knots({**knots, "members": [member]}).members
+    assert read.radius_mm == (1.0, 1.2) and read.foot is not None
+    for change in (
+        {"from": [0, 0]},
+        {"to": [0, 0, 0]},
+        {"to": [0, 0, 1e9]},
+        {"radius_mm": [0, 1]},
+        {"radius_mm": 1},
+        {"foot": [0, 0, 2]},
+        {"foot": "up"},
+    ):
+        with pytest.raises(BadFile, match="members: number 0"):
+            parse_knots({**knots, "members": [{**member, **change}]})
+    for wrong in (5, [5], {"from": [0, 0, 0]}):
+        with pytest.raises(BadFile, match="members"):
+            parse_knots({**knots, "members": wrong})

@@ -1,0 +1,253 @@
+"""Whether a mount holds: matter fills every member, and none but the mount's joins strands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.check import Check, at_most, places, skip_check, spot
+from knotfab_validators.geometry.curves import Curves, Member
+from knotfab_validators.geometry.inside import winding_numbers
+from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect
+from knotfab_validators.geometry.segments import point_segment
+from knotfab_validators.tube.mount_matter import OFF, strand_faces
+from knotfab_validators.tube.tube_fit import LIMIT
+
+__all__ = ["check_mount"]
+
+NAME = "mount"
+FACET_MM = 0.025  # that a facet of a member may lie inside it
+PROUD_MM = 0.035  # that a corner may stand out of it
+INTO_FOOT_MM = 0.15  # how far below the foot's surface matter is looked for
+ROOT = 1.6, 4.0  # of a member's radius, and mm: its root may be so wide and so high
+BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
+OWN = 1.25  # radii from a centre line that matter between two strands may be
+SHORTEST_STRUT = 2.4  # radii between the centre lines that it joins
+
+
+def check_mount(mesh: Mesh, curves: Curves, pegs: tuple[int, ...] = ()) -> Check:
+    """`mount`: matter fills every member of the mount, as `tube` measures it, and no other joins strands.
+
+    A member is full where no face lies in it, from a centre line to just below the foot's surface, and one
+    of its points is in matter: in the union of a part's solids there are no faces. All faces of the
+    part are then a strand's, a member's, or others; and others must not touch a strand.
+
+    Args:
+        curves: closed, their radius known, with the members. pegs: how many the scene says there are, by
+            knots; of a part whose knots name none, it is only looked whether strands too near for a strut
+            are joined.
+    """
+    radius = curves.radius_mm
+    if radius is None or not all(curves.closed):
+        return skip_check(NAME, "the strands' radius is not known, or one of them is open")
+    if not mesh.usable:
+        return skip_check(NAME, "the mesh has no faces, or coordinates that are not finite")
+    members = curves.members
+    if not members and not pegs:
+        return skip_check(NAME, "neither scene nor knots say what holds the strands")
+    joined = _find_joints(mesh, curves, radius)
+    if len(joined):
+        detail = "matter that is no member of the mount touches a strand"
+        if not members:
+            detail = "matter joins strands that are too near each other for a strut"
+        detail += f", at {spot(joined[0])}"
+        return Check(NAME, "fail", True, "joined", None, "", detail, places(joined))
+    if not members:
+        why = (
+            "knots.json names no members of the mount, so that nothing shows whether they are whole"
+        )
+        return skip_check(NAME, f"{why}: build the part anew, or give --skip {NAME}", required=True)
+    if pegs and len(members) != sum(pegs):
+        detail = "members in the file of the knots, and those of the scene's mount"
+        return Check(NAME, "fail", True, len(members), sum(pegs), "", detail)
+    return _check_filled(mesh, curves, radius)
+
+
+def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
+    members, edges = curves.members, curves.edges
+    ends = [(k, m.start) for k, m in enumerate(members)]
+    ends += [(k, m.end) for k, m in enumerate(members) if m.foot is None]
+    for number, end in ends:
+        if (
+            point_segment(np.tile(end, (len(edges.start), 1)), edges.start, edges.end).min()
+            > radius
+        ):
+            detail = f"member {number} of the mount ends at {spot(end)}, in no strand"
+            return Check(NAME, "fail", True, "loose", None, "", detail, places([end]))
+    low, high = bound_triangles(*np.moveaxis(mesh.vertices[mesh.faces], 1, 0))
+    worst, at, of = 0.0, members[0].start, 0
+    for number, member in enumerate(members):
+        depth, place = _find_deepest(mesh, member, low, high)
+        if depth > worst:
+            worst, at, of = depth, place, number
+    middles = np.array([(m.start + m.end) / 2 for m in members])
+    empty = np.flatnonzero(winding_numbers(middles, mesh) < 0.5)
+    if worst <= 1 and len(empty):
+        detail = f"there is no matter in {len(empty)} of {len(members)} members of the mount, such as at "
+        detail += spot(middles[empty[0]])
+        return Check(NAME, "fail", True, "missing", None, "", detail, places(middles[empty]))
+    allowed = _allowed(min(members[of].radius_mm))
+    detail = f"how deep the surface lies at most in one of the {len(members)} members of the mount"
+    if worst > 1:
+        detail += f", which has a gap, slit or hollow at {spot(at)}"
+    where = [at] if worst > 1 else []
+    return at_most(NAME, worst * allowed, allowed, "mm", detail, tolerance=1e-9 * allowed, at=where)
+
+
+def _allowed(radius: float) -> float:
+    """How deep in a member, mm, a face may lie."""
+    return LIMIT * radius + FACET_MM
+
+
+def _find_deepest(mesh: Mesh, member: Member, low: Array, high: Array) -> tuple[float, Array]:
+    """How deep in a member a face lies, at most, as a multiple of what is allowed, and where (3,)."""
+    wide = max(member.radius_mm)
+    a, b = np.minimum(member.start, member.end) - wide, np.maximum(member.start, member.end) + wide
+    near = np.arange(len(low))
+    for axis in range(3):
+        near = near[(low[near, axis] <= b[axis]) & (high[near, axis] >= a[axis])]
+    corners, whole = mesh.vertices[mesh.faces[near]], np.ones(len(near), dtype=bool)
+    planes = _planes(member)
+    for normal, offset in planes:
+        within = corners @ normal >= offset
+        corners, whole = (
+            corners[within.any(axis=1)],
+            (whole & within.all(axis=1))[within.any(axis=1)],
+        )
+    deep, point = _measure_depth(corners, member)
+    # what only a part of a face can bring is measured on that part
+    fans = [
+        np.stack([part[[0, k, k + 1]] for k in range(1, len(part) - 1)])
+        for triangle in corners[~whole & (deep > 0)]
+        if len(part := _clip(_clip(triangle, *planes[0]), *planes[1])) > 2
+    ]
+    more, there = _measure_depth(np.concatenate([np.empty((0, 3, 3)), *fans]), member)
+    deep = np.concatenate([[0.0], deep[whole], more]) / _allowed(min(member.radius_mm))
+    k = int(deep.argmax())
+    return float(deep[k]), np.concatenate([[member.start], point[whole], there])[k]
+
+
+def _measure_depth(corners: Array, member: Member) -> tuple[Array, Array]:
+    """How deep in a member's cone, endless on both sides, triangles (n, 3, 3) reach, and where (n, 3)."""
+    unit, _ = _unit(member)
+    to = corners - member.start
+    flat = to - (to @ unit)[..., None] * unit  # seen along the axis
+    after = np.roll(flat, -1, axis=1)
+    step, turn = after - flat, np.cross(flat, after) @ unit
+    square = np.einsum("nij,nij->ni", step, step)
+    share = -np.einsum("nij,nij->ni", flat, step) / np.where(square > 0, square, 1.0)
+    foot = flat + np.clip(share, 0.0, 1.0)[..., None] * step
+    best = np.linalg.norm(foot, axis=2).argmin(axis=1)
+    row = np.arange(len(corners))
+    span = np.roll(corners, -1, axis=1)[row, best] - corners[row, best]
+    point = corners[row, best] + np.clip(share[row, best], 0.0, 1.0)[:, None] * span
+    along, radial = _measure(point, member)
+    through = (turn > 0).all(axis=1) | (turn < 0).all(axis=1)  # the axis goes through it
+    return _radius_at(member, along) - np.where(through, 0.0, radial), point
+
+
+def _unit(member: Member) -> tuple[Array, float]:
+    span = member.end - member.start
+    length = float(np.linalg.norm(span))
+    return span / length, length
+
+
+def _planes(member: Member) -> list[tuple[Array, float]]:
+    """The half spaces (n · p >= offset) between which a member must be full."""
+    unit, _ = _unit(member)
+    begin = (unit, float(unit @ member.start))
+    if member.foot is None:
+        return [begin, (-unit, float(-unit @ member.end))]
+    return [begin, (member.foot, float(member.foot @ member.end) - INTO_FOOT_MM)]
+
+
+def _measure(points: Array, member: Member) -> tuple[Array, Array]:
+    """Of points (n, 3): how far along a member they are, mm, and how far from its axis."""
+    unit, _ = _unit(member)
+    to = points - member.start
+    along = to @ unit
+    return along, np.linalg.norm(to - along[:, None] * unit, axis=1)
+
+
+def _radius_at(member: Member, along: Array) -> Array:
+    first, last = member.radius_mm
+    return np.asarray(first + (last - first) * np.clip(along / _unit(member)[1], 0.0, 1.0))
+
+
+def _clip(polygon: Array, normal: Array, offset: float) -> Array:
+    """The part (k, 3) of a convex polygon (n, 3) where normal · p >= offset (Sutherland, Hodgman, 1974)."""
+    side = polygon @ normal - offset
+    kept = []
+    for k in range(len(polygon)):
+        after = (k + 1) % len(polygon)
+        if side[k] >= 0:
+            kept.append(polygon[k])
+        if (side[k] >= 0) != (side[after] >= 0):
+            share = side[k] / (side[k] - side[after])
+            kept.append(polygon[k] + share * (polygon[after] - polygon[k]))
+    return np.array(kept).reshape(-1, 3)
+
+
+def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
+    """(k, 3) places where faces that are neither a strand's nor a member's touch a strand.
+
+    Without members: where a face leads from one strand to another that is too near for a strut.
+    """
+    vertices, faces = mesh.vertices, mesh.faces
+    own = strand_faces(vertices, faces, curves.polygons, radius, proud=OFF, beside=BESIDE)
+    if not curves.members:
+        return _find_fused(mesh, curves, radius, own)
+    rest = np.flatnonzero(~own)
+    used = np.unique(faces[rest])
+    for member in curves.members:
+        if not len(rest):
+            return np.empty((0, 3))
+        inside = np.zeros(len(vertices), dtype=bool)
+        inside[used] = _in_member(vertices[used], member)
+        rest = rest[~inside[faces[rest]].all(axis=1)]
+    on_strand = np.zeros(len(vertices), dtype=bool)
+    on_strand[faces[own]] = True
+    return _one_of_each(mesh, rest, np.asarray(on_strand[faces[rest]].any(axis=1)))
+
+
+def _in_member(points: Array, member: Member) -> Mask:
+    """(n,) whether points (n, 3) are in a member, or in its root."""
+    _, length = _unit(member)
+    along, radial = _measure(points, member)
+    wide, high = ROOT
+    share = np.where((along > length - high) & (member.foot is not None), wide, 1.0)
+    within = radial <= share * _radius_at(member, along) + PROUD_MM
+    return np.asarray(within & (along > -PROUD_MM) & (along < length + max(member.radius_mm)))
+
+
+def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
+    """(k, 3) places where faces lead from one strand to another that is too near for a strut."""
+    from scipy.spatial import cKDTree
+
+    rest = np.flatnonzero(~own)
+    edges = curves.edges
+    corners = mesh.vertices[mesh.faces[rest]]
+    middle = (edges.start + edges.end) / 2
+    reach = float(np.linalg.norm(edges.end - edges.start, axis=1).max()) / 2
+    far, edge = cKDTree(middle).query(
+        corners.reshape(-1, 3), distance_upper_bound=OWN * radius + reach
+    )
+    on = (far < np.inf).reshape(-1, 3).all(axis=1)
+    rest, corners, edge = rest[on], corners[on], edge.reshape(-1, 3)[on]
+    foot = middle[edge]
+    # all three corners lie on strands, but of one strand they would be the strand's own face
+    apart = np.linalg.norm(foot - foot[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
+    short: Mask = np.less(apart, SHORTEST_STRUT * radius)
+    return _one_of_each(mesh, rest, short & np.greater(apart, radius))
+
+
+def _one_of_each(mesh: Mesh, some: Ints, bad: Mask) -> Array:
+    """(k, 3) the middle of one bad face of each patch that connected faces form."""
+    if not bad.any():
+        return np.empty((0, 3))
+    faces = mesh.faces[some]
+    label, _ = connect(
+        faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), len(mesh.vertices)
+    )
+    _, first = np.unique(label[faces[bad, 0]], return_index=True)
+    return np.asarray(mesh.vertices[faces[bad][first]].mean(axis=1))
