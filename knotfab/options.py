@@ -228,6 +228,11 @@ class BuildOptions(PictureOptions):
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     knots: Annotated[str | None, Parameter(group=_PIECE)] = None
     """auto (default): one knot for each piece of the picture; or 1: all pieces bridged into one knot."""
+    bend: Annotated[str | None, Parameter(group=_PIECE)] = None
+    """Bend several pictures until they agree: auto (default), off, or the most that a point may move, as a
+    share of the picture's height, such as 0.05."""
+    mirror: Annotated[Literal["auto", "off"] | None, Parameter(group=_PIECE)] = None
+    """auto: mirror pictures where that makes them agree and the scene fixes their views; off (default)."""
     knot: Annotated[str | None, Parameter(group=_PIECE)] = None
     """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table up to
     8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""

@@ -85,7 +85,7 @@ def prepare_build(
         colours=options.colours,
         sequence=options.sequence,
         targets=call.targets,
-        preview=tuple(describe(found)),
+        preview=(*describe(found), *call.lines),
     )
 
 
@@ -119,6 +119,7 @@ class _Call:
     base: Path | None
     targets: tuple[Target, ...]
     name: str
+    lines: tuple[str, ...] = ()  # what was done so that they agree
 
 
 def _read_call(
@@ -130,10 +131,12 @@ def _read_call(
     sources = _sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
+    open_ = False
+    lines: tuple[str, ...] = ()
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
-        scene = spread_views(scene, sources)
+        scene, open_ = spread_views(scene, sources), True
     if len(scene.views) > 1:
         require_several(scene)
     require_tube(resolve(scene))
@@ -163,8 +166,15 @@ def _read_call(
         scene = framed_alike(scene, targets) if len(targets) > 1 else scene
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
         targets = flatten_targets(scene, framed, targets)
+    if len(scene.views) > 1:
+        with progress.stage("agree"):
+            from knotfab.design.agree import agree, require_agreed
+
+            agreed = agree(scene, targets, azimuths_open=open_)
+            require_agreed(agreed, scene)
+        scene, targets, lines = agreed.scene, agreed.targets, agreed.lines
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
-    return _Call(scene, sources, base, targets, "-".join(dict.fromkeys(names))[:100])
+    return _Call(scene, sources, base, targets, "-".join(dict.fromkeys(names))[:100], lines)
 
 
 def _survey(call: _Call, options: BuildOptions) -> Survey:

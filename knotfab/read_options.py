@@ -11,7 +11,7 @@ from typing import Any, get_args
 from knotfab.errors import InputError
 from knotfab.lengths import read_length
 from knotfab.options import BuildOptions
-from knotfab.scene.model import Scene, Switch, Switches
+from knotfab.scene.model import MOST_BEND, Scene, Switch, Switches
 from knotfab.scene.settings import OF_NO_PRESET, search_settings
 from knotfab.verify.checks import CHECKS
 
@@ -247,9 +247,33 @@ def _piece_keys(options: BuildOptions) -> dict[str, Any]:
                 "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
             )
         keys["knots"] = "auto" if options.knots == "auto" else int(options.knots)
+    if options.bend is not None:
+        keys["bend"] = _share(options.bend)
+    if options.mirror is not None:
+        keys["mirror"] = options.mirror
     if options.knot is not None:
         keys["knot"] = options.knot
     return keys
+
+
+def _share(text: str) -> Any:
+    """auto, off, or a share of a picture's height."""
+    plain = text.strip().lower()
+    if plain in ("auto", "off"):
+        return plain
+    try:
+        share = float(plain)
+    except ValueError:
+        share = math.nan
+    if share == 0:
+        return "off"
+    if not 0 < share <= MOST_BEND:
+        raise InputError(
+            f"--bend {text}",
+            f"it is no share of a picture's height up to {MOST_BEND:g}, beyond which nobody knows it",
+            "Use auto, off, or how far a point may move, such as --bend 0.05",
+        )
+    return share
 
 
 def _search_keys(options: BuildOptions) -> dict[str, Any]:

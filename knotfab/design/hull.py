@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import distance_transform_edt
 
-from knotfab.arrays import Array, Mask
+from knotfab.arrays import Array, Indices, Mask
+from knotfab.compiled import compiled
 from knotfab.scene.camera import Camera
 
 __all__ = ["HullBound", "hull_bounds", "inside_hull"]
@@ -64,7 +65,11 @@ def _look_up(camera: Camera, mask: Mask, points: Array) -> Mask:
 
 
 def hull_bounds(
-    cameras: Sequence[Camera], masks: Sequence[Mask], reach_mm: float
+    cameras: Sequence[Camera],
+    masks: Sequence[Mask],
+    reach_mm: float,
+    rays_px: int = _RAYS_PX,
+    steps: int = _STEPS,
 ) -> tuple[HullBound, ...]:
     """The bound of each view, in their order.
 
@@ -72,11 +77,12 @@ def hull_bounds(
         cameras: one a view, at its mask's resolution.
         masks: silhouettes (H, W).
         reach_mm: half the length of ray that is followed, about the point nearest to the origin.
+        rays_px: longer side of the grid of rays. steps: samples of a ray.
 
     The other masks are widened by half a sample's distance, and a pixel of the coarse grid counts where
     its middle is drawn, so that sampling takes nothing from the bound.
     """
-    step = 2 * reach_mm / _STEPS
+    step = 2 * reach_mm / steps
     wide = []
     for camera, mask in zip(cameras, masks, strict=True):
         # half a step, as it is seen where the frame stands
@@ -88,39 +94,93 @@ def hull_bounds(
             mask,
             [(c, w) for k, (c, w) in enumerate(zip(cameras, wide, strict=True)) if k != n],
             reach_mm,
+            rays_px,
+            steps,
         )
         for n, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
     )
 
 
 def _widen(mask: Mask, cells: int) -> Mask:
-    around = np.add.outer(np.arange(-cells, cells + 1) ** 2, np.arange(-cells, cells + 1) ** 2)
-    return np.asarray(binary_dilation(mask, around <= cells * cells))
+    """The mask and all within so many pixels of it."""
+    padded = np.pad(~mask, cells, constant_values=True)
+    grown = distance_transform_edt(padded) <= cells
+    return np.asarray(grown[cells : cells + mask.shape[0], cells : cells + mask.shape[1]])
 
 
 def _bound(
-    camera: Camera, mask: Mask, others: list[tuple[Camera, Mask]], reach_mm: float
+    camera: Camera,
+    mask: Mask,
+    others: list[tuple[Camera, Mask]],
+    reach_mm: float,
+    rays_px: int,
+    steps: int,
 ) -> HullBound:
     rows, columns = mask.shape
-    every = max(1.0, max(rows, columns) / _RAYS_PX)
+    every = max(1.0, max(rows, columns) / rays_px)
     u = np.arange(0.5 * every - 0.5, columns - 0.5, every)
     v = np.arange(0.5 * every - 0.5, rows - 0.5, every)
-    wanted = mask[np.ix_(np.rint(v).astype(int), np.rint(u).astype(int))]
+    at_v, at_u = (np.minimum(np.rint(p).astype(int), n - 1) for p, n in ((v, rows), (u, columns)))
+    wanted = mask[np.ix_(at_v, at_u)]
     at = np.argwhere(wanted)
     covered = np.zeros_like(wanted)
     on = camera.corner + u[at[:, 1], None] * camera.du + v[at[:, 0], None] * camera.dv
     ray = on - camera.eye
     ray /= np.linalg.norm(ray, axis=1)[:, None]
-    nearest = -(ray @ camera.eye)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    met = np.zeros(len(at), dtype=bool)
-    for along in np.linspace(-reach_mm, reach_mm, _STEPS):
-        points = camera.eye + (nearest + along)[:, None] * ray
-        inside = inside_hull(points, [c for c, _ in others], [w for _, w in others])
-        if inside.any():
-            met |= inside
-            low = np.minimum(low, points[inside].min(0))
-            high = np.maximum(high, points[inside].max(0))
+    begin = camera.eye - (ray @ camera.eye)[:, None] * ray
+    met, low, high = follow_rays(
+        begin,
+        ray,
+        np.linspace(-reach_mm, reach_mm, steps),
+        np.array([c.projection for c, _ in others]).reshape(-1, 3, 4),
+        np.array([w.shape for _, w in others], dtype=np.int64).reshape(-1, 2),
+        np.concatenate([w.ravel() for _, w in others]) if others else np.zeros(0, dtype=np.bool_),
+    )
     covered[at[met, 0], at[met, 1]] = True
     iou = float(covered.sum() / max(1, wanted.sum()))
     return HullBound(covered, wanted, iou, low, high)
+
+
+@compiled
+def follow_rays(
+    begin: Array, ray: Array, along: Array, projections: Array, shapes: Indices, masks: Mask
+) -> tuple[Mask, Array, Array]:
+    """Which of the rays `begin + along * ray` (n, 3) meet a point within all masks, and these points' box.
+
+    Args:
+        projections: (m, 3, 4) of the masks' cameras. shapes: (m, 2). masks: all of them, one after the other.
+    """
+    met = np.zeros(len(ray), dtype=np.bool_)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for n in range(len(ray)):
+        for a in along:
+            x, y, z = (
+                begin[n, 0] + a * ray[n, 0],
+                begin[n, 1] + a * ray[n, 1],
+                begin[n, 2] + a * ray[n, 2],
+            )
+            inside, first = True, 0
+            for k in range(len(shapes)):
+                p = projections[k]
+                w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+                if w <= 0:
+                    inside = False
+                    break
+                u = np.rint((p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w)
+                v = np.rint((p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w)
+                rows, columns = shapes[k]
+                if (
+                    u < 0
+                    or v < 0
+                    or u >= columns
+                    or v >= rows
+                    or not masks[first + int(v) * columns + int(u)]
+                ):
+                    inside = False
+                    break
+                first += rows * columns
+            if inside:
+                met[n] = True
+                low[0], low[1], low[2] = min(low[0], x), min(low[1], y), min(low[2], z)
+                high[0], high[1], high[2] = max(high[0], x), max(high[1], y), max(high[2], z)
+    return met, low, high

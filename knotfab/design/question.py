@@ -11,6 +11,7 @@ from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon, Polygon
 
 from knotfab.arrays import Array
+from knotfab.design.agree import agree, reach_of
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
@@ -107,7 +108,10 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     several = len(targets) > 1
     if several:
         require_several(scene)
-        scene = framed_alike(scene, targets)
+        agreed = agree(scene, targets)
+        for line in agreed.lines:
+            (progress or Progress("quiet")).say(line)
+        scene, targets = framed_alike(agreed.scene, agreed.targets), agreed.targets
     scene, views = resolve(scene), _frame_views(scene, targets)
     targets = flatten_targets(scene, views, targets)
     seen = [
@@ -118,7 +122,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     bounds: tuple[HullBound, ...] = ()
     if several:
         cameras = cameras_of(views, targets)
-        bounds = hull_bounds(cameras, [t.mask for t in targets], _reach(views))
+        bounds = hull_bounds(cameras, [t.mask for t in targets], reach_of(views))
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [
@@ -232,11 +236,3 @@ def _crop_to_hull(view: ResolvedView, target: Target, bound: HullBound) -> Multi
     )
     left = target.mask & wide[np.ix_(rows, columns)]
     return silhouette_polygon(view, replace(target, mask=left)) if left.any() else MultiPolygon()
-
-
-def _reach(views: Sequence[ResolvedView]) -> float:
-    """How far from the middle matter may stand: clear of every wall and light, mm."""
-    return min(
-        min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
-        for v in views
-    )

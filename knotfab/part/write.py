@@ -114,6 +114,8 @@ def _write_scene(
         folder.write(view.picture, target.png_bytes)
         if view.tone == "lines":
             folder.write(view.lines_picture, target.drawing_png())
+        elif target.bending is not None:
+            folder.write(view.drawn_picture, target.drawing_png())
     folder.write(f"scene{suffix}.toml", dump_scene(scene))
 
 

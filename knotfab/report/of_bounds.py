@@ -18,7 +18,10 @@ def add_bounds(report: dict[str, Any], made: Design) -> None:
     if not made.bounds:
         return
     by_name = {view.name: bound for view, bound in zip(made.scene.views, made.bounds, strict=True)}
+    files = {view.name: view.drawn_picture for view in made.scene.views}
     for view in report["views"]:
         view["bound"] = by_name[view["name"]].iou
+        if "bending" in view:
+            view["drawn"] = files[view["name"]]
     report["settings"]["start_ious"] = list(made.start_ious)
     report.setdefault("notes", []).extend(contradictions(made.scene.views, made.bounds))

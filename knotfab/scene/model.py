@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import cos, hypot, pi
 from typing import Annotated, Literal
 
@@ -19,6 +20,7 @@ from pydantic_core import PydanticCustomError
 
 __all__ = [
     "LIGHT_SHARE",
+    "MOST_BEND",
     "VERIFIED_PX",
     "WALL_SHARE",
     "Accuracy",
@@ -69,6 +71,7 @@ Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # of an array: the verification renders a shadow for each
 # of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
+MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
 VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 Box = tuple[Whole, Whole, Side, Side]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
@@ -87,6 +90,9 @@ class Piece(_Table):
     depth: Positive | Literal["auto", "flat"] = "auto"
     clearance_mm: NotNegative = 0.4
     printed: Annotated[bool, Strict()] = False  # posed and checked for the printer, with its mount
+    # of several pictures: the most that a point of one may move, as a share of its height
+    bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = "auto"
+    mirror: Literal["auto", "off"] = "off"  # auto: pictures, none of text, may be mirrored as well
     knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.scene.knot_names
 
 
@@ -181,6 +187,9 @@ class View(Reading):
     lines: Literal["auto", "on", "off"] = (
         "auto"  # on: drawn along its centre lines; auto: where most strokes are as thin as the tube
     )
+    mirrored: Annotated[bool, Strict()] | None = None  # the picture, from side to side
+    # how it is bent, written by a build: control points "right,down" (docs/conventions.md)
+    bend_points: tuple[StrictStr, ...] | None = None
     tone: Literal["off", "lines"] = "off"  # lines: its greys, by lines closer where it is darker
 
     @field_validator("light_leds")
@@ -190,10 +199,28 @@ class View(Reading):
             raise PydanticCustomError("leds", f"an array of at most {MOST_LEDS} LEDs")
         return leds
 
+    @field_validator("bend_points")
+    @classmethod
+    def _in_rows(cls, rows: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        pair = r"-?[0-9]{1,4},-?[0-9]{1,4}"
+        if rows and not (
+            len(rows) == 15 and all(re.fullmatch(f"{pair}( {pair}){{10}}", r) for r in rows)
+        ):
+            raise PydanticCustomError(
+                "bend_points",
+                "15 rows of 11 pairs of whole numbers of up to four digits, as a build writes them",
+            )
+        return rows or None
+
     @property
     def lines_picture(self) -> str:
         """The file beside the scene that holds what is drawn of greys (`tone`)."""
         return f"picture-{self.name}-lines.png"
+
+    @property
+    def drawn_picture(self) -> str:
+        """The file beside the scene that shows what is drawn, where that is not the picture as it came."""
+        return f"drawn-{self.name}.png"
 
     @property
     def light_size_mm(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -17,6 +17,7 @@ from PIL import Image
 from knotfab.errors import InputError, shown
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
+from knotfab.target.bending import Bending
 from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import pieces_of, smooth
 
@@ -55,6 +56,7 @@ class Target:
     mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
     digits, "_" and "-". Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
+    `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     """
 
@@ -72,6 +74,8 @@ class Target:
     drawing: NDArray[np.bool_] | None = None
     flattened_s: float | None = None
     shrunk: int = 1
+    bending: Bending | None = None
+    is_text: bool = False  # written out, which nobody reads in a mirror
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -182,9 +186,9 @@ def read_target(
     what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        return _take_target(
-            text.render_text(content, font), what, name_picture(source), "", reading, glance
-        )
+        drawn = text.render_text(content, font)
+        target = _take_target(drawn, what, name_picture(source), "", reading, glance)
+        return replace(target, is_text=True)
     path = Path(source).expanduser()
     if base is not None:
         path = base / path

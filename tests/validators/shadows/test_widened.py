@@ -48,7 +48,9 @@ def status(view: VerifiedView, width_mm: float | None) -> tuple[str, str]:
         max_outline_px=0.5,
         no_rendering="there is no need to",
         polygons_decide=True,
-        widened_mm={} if width_mm is None else {"front": width_mm},
+        changed={}
+        if width_mm is None
+        else {"front": f"its strokes widened to {width_mm:g} mm as they are drawn"},
     )
     (shadow,) = (c for c in checks if c.name == "shadow")
     return shadow.status, shadow.detail

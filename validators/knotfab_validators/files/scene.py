@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from knotfab_validators.files.bad_file import BadFile, read_bytes, short
+from knotfab_validators.files.bent import Bend, read_bend
 from knotfab_validators.files.picture import Reading
 from knotfab_validators.files.region import read_region_mesh
 from knotfab_validators.files.table import Table, Vector
@@ -128,6 +129,7 @@ class View:
     kind: str
     picture: str
     reading: Reading
+    bend: Bend | None  # how the picture is changed before it is drawn
     thicken_mm: float | None  # width on the receiver of strokes that are thinner
     tone: str  # "lines": its greys are drawn, by lines of that width; else "off"
     frame_width_mm: float | None
@@ -391,6 +393,7 @@ def _view(data: Any, where: str) -> View:
         kind=table.word("kind", "shadow", ("shadow", "eye")),
         picture=table.word("picture", ""),
         reading=_reading(table, where),
+        bend=read_bend(table.data, where),
         thicken_mm=None
         if data.get("thicken_mm", "none") == "none"
         else table.open_number("thicken_mm", None, above=0),

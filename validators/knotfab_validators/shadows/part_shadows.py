@@ -12,11 +12,13 @@ import numpy as np
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
+from knotfab_validators.files.bent import Bent, bend_silhouette
 from knotfab_validators.files.picture import read_greys, read_silhouette
-from knotfab_validators.files.scene import Scene
+from knotfab_validators.files.scene import Scene, View
 from knotfab_validators.files.strokes import widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.shadows.bending_rule import judge_bending
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
@@ -76,7 +78,7 @@ def verify_shadows(
                 why = str(error)
     verified: dict[str, VerifiedView] = {}
     recognised: dict[str, dict[str, Any]] = {}
-    drawn: dict[str, float] = {}  # IoU with the strokes as wide as they are drawn
+    drawn: dict[str, float] = {}  # IoU with the picture as it is drawn: strokes widened, bent
     tones: dict[str, Tone] = {}
     half_lit: dict[str, float] = {}  # likewise, of where half of the lamp is hidden
     try:
@@ -92,6 +94,10 @@ def verify_shadows(
                 wide = None
                 if view.thicken_mm is not None and not toned:
                     wide = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
+                bent: Bent | None = None
+                if view.bend is not None and not toned:
+                    bent = bend_silhouette(target if wide is None else wide, view.bend)
+                    wide = bent.mask
                 found = verify_view(
                     vertices,
                     mesh.faces,
@@ -130,7 +136,9 @@ def verify_shadows(
                         outlined=found.of_tube,
                     )
                 recognised[view.name] = judged.to_dict()
-            soft = None
+                if bent is not None:
+                    recognised[view.name] = judge_bending(recognised[view.name], bent)
+            soft, wanted = None, found.target if bent is None else found.drawn
             fine = geometry.resample(found.frame)
             if averages_lamp(scene.effects, vertices, fine, view):
                 with time_stage(seconds, "penumbra"):
@@ -138,7 +146,7 @@ def verify_shadows(
                         caster,
                         vertices,
                         fine,
-                        found.target,
+                        wanted,
                         found.shadow,
                         found.frame,
                         view,
@@ -151,6 +159,9 @@ def verify_shadows(
                 views[-1]["wall"] = wall
             if view.name in drawn:
                 views[-1]["iou_drawn"] = drawn[view.name]
+            if bent is not None:
+                views[-1]["bending"] = bent.to_dict()
+                views[-1].setdefault("iou_drawn", overlap(found.seen, found.drawn).iou)
             if view.name in recognised:
                 views[-1]["verdict"] = recognised[view.name]
             if view.name in tones:
@@ -171,7 +182,7 @@ def verify_shadows(
                             points,
                             middle,
                             geometry.resample(coarse),
-                            padded_mask(target, coarse),
+                            padded_mask(target if bent is None else bent.mask, coarse),
                             scene.placing,
                             turns=turns,
                             within=within,
@@ -188,7 +199,7 @@ def verify_shadows(
                 if shows_layers(scene.effects, shift):
                     with time_stage(seconds, "layers"):
                         views[-1]["layers"] = measure_layers(
-                            mesh, own, layer, found.target, found.exact, shift
+                            mesh, own, layer, wanted, found.exact, shift
                         )
             if pictures_dir is not None:
                 with time_stage(seconds, "pictures"):
@@ -197,7 +208,7 @@ def verify_shadows(
                     if soft is not None:
                         write_shadow(into / f"soft-{view.name}.png", soft.soft, found.frame)
                     write_compare(
-                        into / f"compare-{view.name}.png", found.target, found.shadow, found.frame
+                        into / f"compare-{view.name}.png", wanted, found.shadow, found.frame
                     )
     finally:
         if renderer is not None:
@@ -213,7 +224,7 @@ def verify_shadows(
         no_rendering=None if renderer is not None else why,
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
-        widened_mm={v.name: v.thicken_mm for v in scene.views if v.thicken_mm and not in_greys},
+        changed={v.name: _say_changed(v) for v in scene.views if not in_greys},
     )
     if half_lit:
         checks.append(check_half_light(half_lit, floor))
@@ -262,6 +273,16 @@ def _report(
         "legibility": found.legibility,
         "depth_ratio": depth,
     }
+
+
+def _say_changed(view: View) -> str:
+    """How the picture was changed before it was drawn, in words."""
+    said = []
+    if view.thicken_mm is not None:
+        said.append(f"its strokes widened to {view.thicken_mm:g} mm as they are drawn")
+    if view.bend is not None:
+        said.append("mirrored and bent" if view.bend.mirrored else "bent")
+    return ", ".join(said)
 
 
 def _middle(points: Array) -> Array:

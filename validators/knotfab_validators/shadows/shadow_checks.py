@@ -29,13 +29,13 @@ def shadow_checks(
     no_rendering: str | None,
     polygons_decide: bool,
     mount: str = "none",
-    widened_mm: Mapping[str, float] | None = None,
+    changed: Mapping[str, str] | None = None,
 ) -> list[Check]:
     """The shadow's checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
     asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and
-    strokes are as wide as a scene's view has them drawn (`widened_mm`, by its name). Where
+    the picture is changed as its view has it drawn (`changed` says how, by the view's name). Where
     nothing was rendered (`no_rendering` says why) it is skipped, though required, unless
     `polygons_decide`.
     `shadow_exact`: pixels at which rendering and exact polygons disagree away from the outline, at
@@ -58,7 +58,7 @@ def shadow_checks(
                 iou_floor,
                 "",
                 f"IoU of the file's shadow and the picture, view {name} ({by})"
-                + _say_widened(views[name], (widened_mm or {}).get(name))
+                + _say_changed(views[name], (changed or {}).get(name))
                 + (", without what its stand darkens" if mount == "stand" else "")
                 + ("" if iou_floor is not None else "; no floor is asked"),
                 required=iou_floor is not None,
@@ -121,11 +121,8 @@ def shadow_checks(
     return checks
 
 
-def _say_widened(view: VerifiedView, width_mm: float | None) -> str:
-    if width_mm is None:
-        return ""
-    wide = f", its strokes widened to {width_mm:g} mm as they are drawn"
-    return f"{wide}; with the picture as it is {view.whole.iou:.4f}"
+def _say_changed(view: VerifiedView, how: str | None) -> str:
+    return f", {how}; with the picture as it is {view.whole.iou:.4f}" if how else ""
 
 
 def _check_intrusion(views: Mapping[str, VerifiedView], mount: str) -> Check:

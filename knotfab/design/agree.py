@@ -1,0 +1,372 @@
+"""Makes several pictures agree before anything is searched: free moves first, then the least bending.
+
+The visual hull bounds what any part can draw of each picture (`hull`). Where a bound is below `AGREED`, views
+whose places are open are moved, which changes no picture; what is left the pictures are bent by (`bend`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import permutations, product
+
+import numpy as np
+
+from knotfab.arrays import Array, Mask
+from knotfab.design.frames import frame_view, framed_alike
+from knotfab.design.hull import HullBound, hull_bounds
+from knotfab.errors import InputError, SceneError
+from knotfab.scene.camera import cameras_of, view_axes
+from knotfab.scene.model import ResolvedView, Scene, View
+from knotfab.target.bending import (
+    Bending,
+    bend_mask,
+    keeps_shape,
+    measure_bending,
+    read_points,
+    write_points,
+)
+from knotfab.target.masks import sample_mask
+from knotfab.target.read import Target
+from knotfab.target.silhouette import fit_size
+
+__all__ = ["AGREED", "Agreement", "agree", "apply_bending", "reach_of", "require_agreed"]
+
+AGREED = 0.995  # bounds from here on are agreement: nothing is moved or bent
+MOST_BENT = (
+    0.12  # of the height: how far a point moves at most where nobody says (docs/settings.md)
+)
+_HOPELESS = 0.5  # a bound below which no search is begun
+_MOST_VIEWS = 12
+_ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
+_WORTH = 0.004  # of the worst bound: what a free move has to bring
+_COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
+_CHECK_PX, _CHECK_RAYS, _CHECK_STEPS = 256, 128, 160
+_TRIALS = 160  # arrangements of views that are tried at most
+_TURNS_DEG = (16.0, 8.0)
+_APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
+_SHIFTS = (0.03, 0.015)  # of the frame's height
+_SLACK = 0.0008  # of a bound: what a coarse measure may be off
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The scene and targets with what was moved and bent; `lines` say it; `bounds`, where one asked."""
+
+    scene: Scene
+    targets: tuple[Target, ...]
+    lines: tuple[str, ...] = ()
+    bounds: tuple[HullBound, ...] = ()
+
+
+def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = False) -> Agreement:
+    """Move views and bend pictures until the hull draws all of them, where that is asked for and needed.
+
+    What an earlier build settled (`views.bend_points`, `views.mirrored`) is applied as it is.
+
+    Args:
+        azimuths_open: whether nobody said where the views stand.
+
+    Raises:
+        InputError: two views see the same, or there are too many. SceneError: nothing is left of a picture.
+    """
+    targets = tuple(targets)
+    if len(targets) < 2:
+        return Agreement(scene, targets)
+    if len(targets) > _MOST_VIEWS:
+        raise InputError(
+            f"{len(targets)} pictures for one part",
+            f"half a turn is all that they have, and more than {_MOST_VIEWS} leave each other nothing",
+            "Give fewer, or add --sequence for one part each",
+        )
+    if any(v.wall_radius_mm != "flat" for v in scene.views):
+        return Agreement(scene, targets)  # a bent picture lies on a flat wall
+    if any(v.bend_points or v.mirrored for v in scene.views):
+        return Agreement(scene, _bent(scene, targets))
+    framed = framed_alike(scene, targets)
+    bounds = _bounds_of(framed, targets)
+    if _worst(bounds) >= AGREED or any(t.bending is not None for t in targets):
+        return Agreement(scene, targets, bounds=bounds)
+    require_apart(framed.views)
+    lines: list[str] = []
+    first = _worst(bounds)
+    if azimuths_open:
+        moved = _move(framed, targets)
+        if moved is not framed:
+            bounds = _bounds_of(moved, targets)
+            framed = moved
+            places = ", ".join(
+                f"{t.name} {v.azimuth_deg % 360:g}°"
+                for v, t in zip(moved.views, targets, strict=True)
+            )
+            lines.append(
+                f"views moved to {places}: the others leave {_worst(bounds):.3f} of each picture at least "
+                f"instead of {first:.3f}, and no picture is changed"
+            )
+    elif scene.piece.mirror == "auto":
+        mirrored = _mirror(framed, targets)
+        if mirrored is not framed:
+            framed, bounds = mirrored, _bounds_of(mirrored, targets)
+            names = [t.name for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
+            lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
+    most = _most_bent(scene)
+    if _worst(bounds) < AGREED and most > 0:
+        bent = _bend(framed, targets, most)
+        after = _bounds_of(bent, targets)
+        if _worst(after) > _worst(bounds):
+            framed, bounds = bent, after
+            lines.append(tell_bending(_bent(framed, targets)))
+    if most > 0:
+        lines += _tell_lacking(framed, targets, bounds, most)
+    if framed.views == scene.views:
+        return Agreement(scene, targets, tuple(lines), bounds)
+    return Agreement(framed, _bent(framed, targets), tuple(lines), bounds)
+
+
+def apply_bending(view: View, target: Target) -> Target:
+    """The target with its picture mirrored and bent as the view says; one that is already stays as it is."""
+    if target.bending is not None or not (view.mirrored or view.bend_points):
+        return target
+    points = read_points(view.bend_points) if view.bend_points else None
+
+    def change(mask: Mask) -> Mask:
+        turned = mask[:, ::-1] if view.mirrored else mask
+        return turned if points is None else bend_mask(turned, points)
+
+    turned = target.judged[:, ::-1] if view.mirrored else target.judged
+    bending = Bending(0.0, 0.0, 1.0) if points is None else measure_bending(turned, points)
+    rule = target.rule + ("; mirrored" if view.mirrored else "")
+    if points is not None:
+        rule += (
+            f"; bent by {bending.rms:.1%} of its height on average and {bending.most:.1%} at most"
+        )
+    return replace(
+        target,
+        mask=change(target.mask),
+        original=target.asked,
+        widened=change(target.judged),
+        rule=rule,
+        bending=bending,
+    )
+
+
+def tell_bending(targets: Sequence[Target]) -> str:
+    """By how much pictures are bent, in a sentence."""
+    bendings = [t.bending for t in targets if t.bending is not None]
+    rms = float(np.sqrt(np.mean([b.rms**2 for b in bendings])))
+    words = {2: "both", 3: "all three", 4: "all four"}
+    who = words.get(len(targets), f"all {len(targets)}")
+    most = max(b.most for b in bendings)
+    return (
+        f"bent by {100 * rms:.1f} % on average and {100 * most:.0f} % at most, so that {who} agree"
+    )
+
+
+def require_agreed(agreement: Agreement, scene: Scene) -> None:
+    """Refuse what minutes of search could not make recognisable.
+
+    Raises:
+        SceneError: naming the picture of which the others leave least.
+    """
+    if not agreement.bounds or "unrecognisable" in scene.accuracy.accept:
+        return
+    worst = min(range(len(agreement.bounds)), key=lambda k: agreement.bounds[k].iou)
+    left = agreement.bounds[worst].iou
+    if left < _HOPELESS:
+        raise SceneError(
+            f"picture {agreement.targets[worst].name}",
+            f"the other pictures leave {left:.0%} of it: nobody would know it in the shadow of any part",
+            "Use fewer pictures, ones whose silhouettes fill the same heights, or more bending (--bend 0.2); "
+            "--accept unrecognisable builds it nevertheless",
+        )
+
+
+def require_apart(views: Sequence[View]) -> None:
+    """Refuse two views along one line, which see one silhouette or its mirror image.
+
+    Raises:
+        InputError: naming both.
+    """
+    for n, one in enumerate(views):
+        for other in views[:n]:
+            cosine = abs(float(view_axes(one)[2] @ view_axes(other)[2]))
+            if cosine > np.cos(np.deg2rad(_ALIKE_DEG)):
+                raise InputError(
+                    f"views {other.name} and {one.name}",
+                    f"they look along one line ({other.azimuth_deg:g}° and {one.azimuth_deg:g}°), where a "
+                    "part has one silhouette and its mirror image, and their pictures differ",
+                    "Give them azimuths (azimuth_deg) that are not equal or opposite",
+                )
+
+
+def reach_of(views: Sequence[ResolvedView]) -> float:
+    """How far from the middle matter may stand: clear of every wall and light, mm."""
+    return min(
+        min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
+        for v in views
+    )
+
+
+def _most_bent(scene: Scene) -> float:
+    asked = scene.piece.bend
+    if isinstance(asked, str):
+        return MOST_BENT if asked == "auto" else 0.0
+    return asked
+
+
+def _worst(bounds: Sequence[HullBound]) -> float:
+    return min(b.iou for b in bounds)
+
+
+def _framed(scene: Scene, targets: Sequence[Target]) -> list[ResolvedView]:
+    return [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
+
+
+def _bounds_of(
+    scene: Scene,
+    targets: Sequence[Target],
+    masks: Sequence[Mask] | None = None,
+    rays_px: int = 192,
+    steps: int = 240,
+) -> tuple[HullBound, ...]:
+    """The hull's bounds of the scene's views; `masks`: silhouettes coarser than the targets'."""
+    views = _framed(scene, targets)
+    cameras = cameras_of(views, targets)
+    if masks is None:
+        masks = [t.mask for t in _bent(scene, targets)]
+    small = [c.resized(m.shape[1], m.shape[0]) for c, m in zip(cameras, masks, strict=True)]
+    return hull_bounds(small, masks, reach_of(views), rays_px, steps)
+
+
+def _coarse(scene: Scene, targets: Sequence[Target], side_px: int) -> list[Mask]:
+    size = partial(fit_size, longer=side_px)
+    return [sample_mask(t.mask, *size(t.width, t.height)) for t in _bent(scene, targets)]
+
+
+def _bent(scene: Scene, targets: Sequence[Target]) -> tuple[Target, ...]:
+    return tuple(apply_bending(v, t) for v, t in zip(scene.views, targets, strict=True))
+
+
+def _move(scene: Scene, targets: Sequence[Target]) -> Scene:
+    """The scene with its views where they leave most of each other; the same where that brings too little."""
+    masks = _coarse(scene, targets, _COARSE_PX)
+
+    def value(trial: Scene) -> float:
+        found = _bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS)
+        return _worst(found) + 0.1 * float(np.mean([b.iou for b in found]))
+
+    best, most = scene, value(scene) + _WORTH
+    for places in _arrangements([v.azimuth_deg for v in scene.views]):
+        trial = _placed(scene, places)
+        if (found := value(trial)) > most:
+            best, most = trial, found
+    apart = _APART_DEG * 180.0 / len(targets)
+    for turn, shift in zip(_TURNS_DEG, _SHIFTS, strict=True):
+        for n in range(len(targets)):
+            for trial in _nearby(best, targets, n, turn, shift):
+                if _least_apart(trial.views) >= apart and (found := value(trial)) > most + _WORTH:
+                    best, most = trial, found
+    return best
+
+
+def _mirror(scene: Scene, targets: Sequence[Target]) -> Scene:
+    """The scene with those pictures mirrored that agree better so; none of text, and the first never."""
+    masks = _coarse(scene, targets, _COARSE_PX)
+    best, most = scene, -1.0
+    may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
+    for sides in product(*may):
+        turned = [m[:, ::-1] if side else m for m, side in zip(masks, sides, strict=True)]
+        found = _worst(_bounds_of(scene, targets, turned, _COARSE_RAYS, _COARSE_STEPS))
+        if found > most + _WORTH:
+            most = found
+            views = (
+                v.model_copy(update={"mirrored": True if side else None})
+                for v, side in zip(scene.views, sides, strict=True)
+            )
+            best = scene.model_copy(update={"views": tuple(views)}) if any(sides) else scene
+    return best
+
+
+def _arrangements(azimuths: Sequence[float]) -> Iterator[tuple[float, ...]]:
+    """Other orders of the views, each from before or from behind; all of few, of many some."""
+    count = len(azimuths)
+    orders = ((0, *rest) for rest in permutations(range(1, count)))
+    sides = list(product((0.0, 180.0), repeat=count))
+    for tried, (order, side) in enumerate(product(orders, sides)):
+        if side[0] or tried >= _TRIALS * (2 if count < 6 else 1):
+            continue
+        yield tuple(azimuths[k] + s for k, s in zip(order, side, strict=True))
+
+
+def _placed(scene: Scene, azimuths: Sequence[float]) -> Scene:
+    views = tuple(
+        v.model_copy(update={"azimuth_deg": float(a % 360.0)})
+        for v, a in zip(scene.views, azimuths, strict=True)
+    )
+    return scene.model_copy(update={"views": views})
+
+
+def _nearby(
+    scene: Scene, targets: Sequence[Target], number: int, turn: float, shift: float
+) -> Iterator[Scene]:
+    """The scene with one view turned, or its frame shifted, a little to either side."""
+    view = scene.views[number]
+    height = _framed(scene, targets)[number].frame_height_mm
+    changes = [{"azimuth_deg": (view.azimuth_deg + s * turn) % 360.0} for s in (1, -1) if number]
+    changes += [{"frame_up_mm": round(view.frame_up_mm + s * shift * height, 4)} for s in (1, -1)]
+    for change in changes:
+        views = list(scene.views)
+        views[number] = view.model_copy(update=change)
+        yield scene.model_copy(update={"views": tuple(views)})
+
+
+def _least_apart(views: Sequence[View]) -> float:
+    """The least angle between two lines of sight, degrees."""
+    axes = np.array([view_axes(v)[2] for v in views])
+    cosine = np.abs(axes @ axes.T)[np.triu_indices(len(axes), 1)]
+    return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
+
+
+def _bend(scene: Scene, targets: Sequence[Target], most: float) -> Scene:
+    """The scene with its pictures bent."""
+    from knotfab.design.bend import bend_pictures
+
+    views = _framed(scene, targets)
+    masks = _coarse(scene, targets, _CHECK_PX)
+
+    drawn = [t.mask for t in _bent(scene, targets)]
+
+    def enough(points: Array) -> bool:
+        bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
+        found = _bounds_of(scene, targets, bent, _CHECK_RAYS, _CHECK_STEPS)
+        return _worst(found) >= AGREED + _SLACK
+
+    points = bend_pictures(cameras_of(views, targets), drawn, reach_of(views), most, enough)
+    kept = [_keep_shape(mask, p) for mask, p in zip(drawn, points, strict=True)]
+    bent_views = tuple(
+        v.model_copy(update={"bend_points": write_points(p)})
+        for v, p in zip(scene.views, kept, strict=True)
+    )
+    return scene.model_copy(update={"views": bent_views})
+
+
+def _keep_shape(mask: Mask, points: Array) -> Array:
+    """The points, scaled back until the picture keeps its pieces and holes."""
+    for share in (1.0, 0.9, 0.75, 0.5, 0.25):
+        if keeps_shape(mask, bend_mask(mask, read_points(write_points(share * points)))):
+            return share * points
+    return 0.0 * points
+
+
+def _tell_lacking(
+    scene: Scene, targets: Sequence[Target], bounds: Sequence[HullBound], most: float
+) -> list[str]:
+    """A sentence for each picture of which too little is left, however it may be bent."""
+    return [
+        f"picture {target.name}: bent as far as is allowed ({most:g} of the height), the others still leave "
+        f"no room for {1 - bound.iou:.1%} of it: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "
+        "use another picture"
+        for target, bound in zip(targets, bounds, strict=True)
+        if bound.iou < AGREED - 0.001
+    ]

@@ -1,0 +1,208 @@
+"""Bends several pictures by the least with which their visual hull draws them all.
+
+What a picture covers and the shadow of the hull of the *other* pictures does not is a contradiction (Mitra &
+Pauly, "Shadow Art", 2009). Control points move down the sum of its squares and of an elastic energy, whose
+weight falls until nothing is left to speak of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from knotfab.arrays import Array, Mask
+from knotfab.design.bend_loops import sample_field, uncovered
+from knotfab.scene.camera import Camera
+from knotfab.target.bending import COLUMNS, ROWS, spline_basis
+from knotfab.target.silhouette import fit_size
+
+__all__ = ["Tension", "bend_pictures"]
+
+_SIDE_PX = 96  # of a picture's longer side
+_FINE_PX = 384  # at which distances from its outline are taken
+_STEPS = 97  # samples of a ray
+_SPARE = 0.16  # of the side, about the frame: what moves there is out of the picture
+_BLURS_PX = (6.0, 1.0)  # half the width of a soft outline, first and last
+_WEIGHTS = (0.3, 0.0015)  # of the elastic energy, first and last
+_ROUNDS, _TURNS = 14, 12  # weights that are tried, steps with each
+_PACE = 0.004  # of the height: the length of a step
+_PLACE = 0.12  # of the height: moving all by this costs as much as stretching all by one
+_STIFF = 3.0  # times: strokes and round holes
+_SLOPE = 0.45  # of the field, along either side, from which on it is held back; two of .7 may fold
+_FOLD = 3.0
+_THIN = 0.06  # of the height: what is narrower is a stroke or a small hole
+
+
+class Tension:
+    """What pulls at the control points of several pictures: contradictions and elasticity.
+
+    Args:
+        cameras: of the views, each with the pixels of its mask. reach_mm: as for `hull_bounds`.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], masks: Sequence[Mask], reach_mm: float) -> None:
+        self.fields, self.down, self.across, self.heights, self.pads = [], [], [], [], []
+        self.stiff, self.steps = [], []
+        begin, ray, owner, inside, projections, shapes = [], [], [], [], [], []
+        for k, (camera, mask) in enumerate(zip(cameras, masks, strict=True)):
+            width, height = fit_size(camera.width, camera.height, _SIDE_PX)
+            pad = int(np.ceil(_SPARE * height))
+            small = camera.resized(width, height).padded(pad, pad)
+            u, v = np.arange(small.width) - pad, np.arange(small.height) - pad
+            self.fields.append(np.pad(_distance(mask, width, height), 2 * pad, mode="edge"))
+            self.fields[-1] -= _beyond(self.fields[-1].shape, 2 * pad)
+            self.down.append(spline_basis(v.astype(float), height, ROWS))
+            self.across.append(spline_basis(u.astype(float), width, COLUMNS))
+            self.heights.append(height)
+            self.pads.append(pad)
+            stiff = _stiffness(mask)
+            self.stiff.append(
+                [np.minimum(stiff[1:], stiff[:-1]), np.minimum(stiff[:, 1:], stiff[:, :-1])]
+            )
+            self.steps.append((1.0 / (ROWS - 3), width / height / (COLUMNS - 3)))
+            at = np.stack(np.meshgrid(u + pad, v + pad), axis=-1).reshape(-1, 2)
+            on = small.corner + at[:, :1] * small.du + at[:, 1:] * small.dv
+            to = on - small.eye
+            to /= np.linalg.norm(to, axis=1)[:, None]
+            ray.append(to)
+            begin.append(small.eye - (to @ small.eye)[:, None] * to)
+            owner.append(np.full(len(to), k))
+            there = (at >= pad) & (at < pad + np.array([width, height]))
+            inside.append(there.all(axis=1))
+            projections.append(small.projection)
+            shapes.append((small.height, small.width))
+        self.shapes = np.array(shapes)
+        self.firsts = np.concatenate([[0], np.cumsum(self.shapes.prod(1))])
+        self.rays = (
+            np.stack(projections),
+            np.concatenate(owner),
+            np.arange(self.firsts[-1]),
+            np.concatenate(inside),
+            np.concatenate(begin),
+            np.concatenate(ray),
+            np.linspace(-reach_mm, reach_mm, _STEPS),
+        )
+        self.winner = np.full(self.firsts[-1], _STEPS // 2)
+        self.ink = float(sum((f > 0).sum() for f in self.fields))
+
+    def covers(self, points: Array, blur_px: float) -> tuple[Array, Array]:
+        """What each pixel of all views is covered (N,), and how that changes with its displacement (N, 2)."""
+        total = int(self.firsts[-1])
+        cover, slope = np.empty(total), np.empty((total, 2))
+        for k, field in enumerate(self.fields):
+            own = slice(self.firsts[k], self.firsts[k + 1])
+            height, pad = self.heights[k], self.pads[k]
+            away = height * np.einsum(
+                "ri,ijd,cj->rcd", self.down[k], points[k], self.across[k], optimize=True
+            )
+            rows, columns = np.indices(away.shape[:2])
+            sample_field(
+                field,
+                (columns + away[..., 0] + pad).ravel(),
+                (rows + away[..., 1] + pad).ravel(),
+                cover[own],
+                slope[own],
+            )
+        s = np.clip(0.5 + 0.5 * cover / blur_px, 0.0, 1.0)
+        return s * s * (3 - 2 * s), slope * (3 * s * (1 - s) / blur_px)[:, None]
+
+    def contradiction(self, points: Array, blur_px: float) -> tuple[float, Array]:
+        """The share of the pictures that is uncovered (of its squares), and its gradient in the points."""
+        cover, slope = self.covers(points, blur_px)
+        pull = np.zeros(len(cover))
+        total = uncovered(cover, self.firsts, self.shapes, *self.rays, self.winner, pull)
+        gradient = np.empty_like(points)
+        for k in range(len(points)):
+            own = slice(self.firsts[k], self.firsts[k + 1])
+            moved = (pull[own, None] * slope[own]).reshape(*self.shapes[k], 2)
+            gradient[k] = self.heights[k] * np.einsum(
+                "ri,rcd,cj->ijd", self.down[k], moved, self.across[k], optimize=True
+            )
+        return total / self.ink, gradient / self.ink
+
+    def strain(self, points: Array, weight: float) -> tuple[float, Array]:
+        """The elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient."""
+        total, gradient = 0.0, np.empty_like(points)
+        for k, steps in enumerate(self.steps):
+            each = weight / (ROWS * COLUMNS)
+            total += each * float((points[k] ** 2).sum()) / _PLACE**2
+            gradient[k] = 2 * each * points[k] / _PLACE**2
+            for axis, step in enumerate(steps):
+                slope = np.diff(points[k], axis=axis) / step
+                size = np.linalg.norm(slope, axis=2)
+                over = np.maximum(size - _SLOPE, 0.0)
+                total += each * float((self.stiff[k][axis] * size**2).sum())
+                total += _FOLD / (ROWS * COLUMNS) * float((over**2).sum())
+                force = each * self.stiff[k][axis] + _FOLD / (ROWS * COLUMNS) * over / np.maximum(
+                    size, 1e-12
+                )
+                pulled = 2 * force[..., None] * slope / step
+                first, last = ([slice(None)] * 2, [slice(None)] * 2)
+                first[axis], last[axis] = slice(None, -1), slice(1, None)
+                gradient[k][tuple(first)] -= pulled
+                gradient[k][tuple(last)] += pulled
+        return total, gradient
+
+
+def bend_pictures(
+    cameras: Sequence[Camera],
+    masks: Sequence[Mask],
+    reach_mm: float,
+    most: float,
+    enough: Callable[[Array], bool],
+) -> Array:
+    """The control points (m, ROWS, COLUMNS, 2) of all pictures, bent until that is `enough`.
+
+    Args:
+        cameras, masks, reach_mm: as for `hull_bounds`. most: that a point may move, as a share of the height.
+    """
+    tension = Tension(cameras, masks, reach_mm)
+    points = np.zeros((len(masks), ROWS, COLUMNS, 2))
+    mean, square, step = np.zeros_like(points), np.zeros_like(points), 0
+    for turn in range(_ROUNDS):
+        share = turn / (_ROUNDS - 1)
+        weight = _WEIGHTS[0] * (_WEIGHTS[1] / _WEIGHTS[0]) ** share
+        blur = max(_BLURS_PX[1], _BLURS_PX[0] * (_BLURS_PX[1] / _BLURS_PX[0]) ** (2 * share))
+        for _ in range(_TURNS):
+            step += 1
+            _, gradient = tension.contradiction(points, blur)
+            gradient += tension.strain(points, weight)[1]
+            mean += 0.1 * (gradient - mean)
+            square += 0.02 * (gradient**2 - square)
+            points = points - _PACE * (mean / (1 - 0.9**step)) / (
+                np.sqrt(square / (1 - 0.98**step)) + 1e-9
+            )
+            points *= np.minimum(1.0, most / np.maximum(np.linalg.norm(points, axis=3), 1e-12))[
+                ..., None
+            ]
+        if enough(points):
+            break
+    return points
+
+
+def _beyond(shape: tuple[int, ...], pad: int) -> Array:
+    """How far each pixel lies outside the frame within a padded field, px."""
+    rows, columns = (
+        np.maximum(np.maximum(pad - np.arange(n), np.arange(n) - (n - 1 - pad)), 0) for n in shape
+    )
+    return np.hypot(rows[:, None], columns[None, :])
+
+
+def _distance(mask: Mask, width: int, height: int) -> Array:
+    """Signed distance from the outline, px of a picture so large: positive inside."""
+    from PIL import Image
+
+    wide, high = fit_size(width, height, _FINE_PX)
+    fine = np.asarray(Image.fromarray(mask).convert("L").resize((wide, high), Image.Resampling.BOX))
+    there = np.pad(fine >= 128, 1)
+    signed = (distance_transform_edt(there) - distance_transform_edt(~there))[1:-1, 1:-1]
+    signed = signed - 0.5 * np.sign(signed)
+    small = Image.fromarray(signed.astype(np.float32)).resize((width, height), Image.Resampling.BOX)
+    return np.asarray(small, dtype=np.float64) * (width / wide)
+
+
+def _stiffness(mask: Mask) -> Array:
+    """(ROWS, COLUMNS): how stiff the picture is about each control point, 1 where there are large areas."""
+    return np.ones((ROWS, COLUMNS))

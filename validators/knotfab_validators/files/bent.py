@@ -1,0 +1,105 @@
+"""A silhouette mirrored and bent as a scene's view says (docs/conventions.md), and by how much."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.bad_file import BadFile, short
+
+__all__ = ["Bend", "Bent", "bend_silhouette", "read_bend"]
+
+ROWS, COLUMNS = 15, 11  # of control points, the outermost one step outside of the frame
+UNIT = 1e-4  # of the picture's height
+PAIR = re.compile(r"(-?\d{1,4}),(-?\d{1,4})")
+
+
+@dataclass(frozen=True)
+class Bend:
+    """What a view does to its picture: mirrors it, then looks elsewhere for each pixel.
+
+    `points` (2, ROWS, COLUMNS), right and down, in shares of the height, are the coefficients of a cubic
+    B-spline; None: the picture is mirrored alone.
+    """
+
+    mirrored: bool
+    points: Array | None
+
+
+@dataclass(frozen=True)
+class Bent:
+    """A bent silhouette (H, W), and how far its pixels are from where they were, in shares of the height:
+    `rms`, `most`; `stretch` is the largest change of a length, as a factor, anywhere in the frame, infinite
+    where the picture folds."""
+
+    mask: Mask
+    rms: float
+    most: float
+    stretch: float
+    mirrored: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """The keys of the report's `bending`."""
+        found = {"rms": self.rms, "most": self.most, "stretch": self.stretch}
+        return {**found, "mirrored": True} if self.mirrored else found
+
+
+def read_bend(data: dict[str, Any], where: str) -> Bend | None:
+    """The keys `mirrored` and `bend_points` of a view's table; None where the picture stays as it is.
+
+    Raises:
+        BadFile: they are not what a build writes.
+    """
+    mirrored, rows = data.get("mirrored", False), data.get("bend_points", [])
+    if not isinstance(mirrored, bool):
+        raise BadFile(f"{where} mirrored must be true or false, got {short(mirrored)}")
+    if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
+        raise BadFile(f"{where} bend_points must be a list of texts, got {short(rows)}")
+    if not rows:
+        return Bend(True, None) if mirrored else None
+    pairs = [[PAIR.fullmatch(pair) for pair in row.split(" ")] for row in rows]
+    if len(pairs) != ROWS or any(len(row) != COLUMNS or None in row for row in pairs):
+        raise BadFile(
+            f"{where} bend_points must be {ROWS} rows of {COLUMNS} pairs of whole numbers"
+        )
+    points = [[[int(pair[k]) for pair in row if pair] for row in pairs] for k in (1, 2)]
+    return Bend(mirrored, UNIT * np.array(points, dtype=np.float64))
+
+
+def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
+    """The silhouette as its view has it drawn."""
+    height, width = mask.shape
+    if bend.mirrored:
+        mask = np.fliplr(mask)
+    if bend.points is None:
+        return Bent(mask, 0.0, 0.0, 1.0, bend.mirrored)
+    # a step between control points that lie on the frame's edges or within
+    down = 1 + (np.arange(height) + 0.5) / height * (ROWS - 3)
+    right = 1 + (np.arange(width) + 0.5) / width * (COLUMNS - 3)
+    at = np.stack(np.meshgrid(down, right, indexing="ij"))
+    dx, dy = (
+        height * ndimage.map_coordinates(axis, at, order=3, prefilter=False) for axis in bend.points
+    )
+    y, x = np.mgrid[:height, :width]
+    inside = ndimage.map_coordinates(mask.astype(np.float64), [y + dy, x + dx], order=1)
+    bent = inside >= 0.5
+    moved = np.hypot(dx, dy)[bent] / height if bent.any() else np.zeros(1)
+    rms, most = float(np.sqrt(np.mean(moved**2))), float(moved.max())
+    return Bent(bent, rms, most, _stretch(dx, dy), bend.mirrored)
+
+
+def _stretch(dx: Array, dy: Array) -> float:
+    """The largest factor by which a field changes a length, or its inverse; infinite where it folds."""
+    (xy, xx), (yy, yx) = np.gradient(dx), np.gradient(dy)
+    jacobian = np.stack([1 + xx, xy, yx, 1 + yy], axis=-1).reshape(-1, 2, 2)
+    if np.linalg.det(jacobian).min() <= 0:
+        return float("inf")
+    # singular values of 2 x 2: the sum of squares is that of all entries, their product the determinant
+    squares, product = (jacobian**2).sum((1, 2)), np.linalg.det(jacobian)
+    longest = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4 * product**2, 0))))
+    return float(max(longest.max(), (longest / product).max()))
