@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.disk import read_text
 from knotfab.errors import InputError
 from knotfab.geometry.polylines import Polylines, polylines_of
 
@@ -115,6 +117,21 @@ def _knots_from(raw: Any) -> Knots:
     )
 
 
+class _Unfit(ValueError):
+    """Knots that a search cannot go on from."""
+
+
+_NO_KNOTS = (
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RecursionError,
+)
+
+
 def read_start(path: Path) -> Knots:
     """Knots to go on from, in the scene: of a start (`Knots.dump_start`), or of a finished part.
 
@@ -128,23 +145,21 @@ def read_start(path: Path) -> Knots:
         "Name the folder of a build, its knots.json (of a frame knots-NN.json), or a start.json."
     )
     try:
-        path = path / "knots.json" if path.is_dir() else path
-        raw = json.loads(path.read_text(encoding="utf-8"))
+        path = path / "knots.json" if os.path.isdir(path) else path
+        raw = json.loads(read_text(path, str(path), "file of knots", remedy))
         found = _knots_from(raw)
         closed = all(k.closed for k in found.knots) and bool(found.knots)
         shapes = [k.points.ndim == 2 and k.points.shape[1] == 3 for k in found.knots]
         if not (closed and all(shapes) and all(len(k.points) >= _FEWEST for k in found.knots)):
-            raise ValueError("it holds no closed knots")
+            raise _Unfit("it holds no closed knots")
         if raw.get("coordinates") != "scene":  # they lie as their part is printed
             found = found.moved(_read_pose(path))
             # a printer's thinnest tube stays that when it was enlarged and is not any more
             found = Knots(found.knots, round(found.radius_mm, _DIGITS))
         if not (np.isfinite(found.points).all() and 0 < found.radius_mm < np.inf):
-            raise ValueError("a number in it is not finite")
-    except OSError as error:
-        raise InputError(str(path), f"it cannot be read ({error.strerror})", remedy) from error
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:
-        why = str(error) if type(error) is ValueError else "it is no file of knots"
+            raise _Unfit("a number in it is not finite")
+    except _NO_KNOTS as error:
+        why = str(error) if isinstance(error, _Unfit) else "it is no file of knots"
         raise InputError(str(path), why, remedy) from error
     return found
 
@@ -158,12 +173,10 @@ def _read_pose(path: Path) -> NDArray[np.float64]:
     beside = path.with_name(path.name.replace("knots", "scene", 1)).with_suffix(".toml")
     try:
         matrix = np.array(
-            tomllib.loads(beside.read_text(encoding="utf-8"))["pose"]["matrix"], dtype=np.float64
+            tomllib.loads(read_text(beside, str(beside)))["pose"]["matrix"], dtype=np.float64
         )
-    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+    except (InputError, ValueError, KeyError, TypeError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ValueError(
-            f"its knots lie as they are printed, and no {beside.name} beside it says how"
-        )
+        raise _Unfit(f"its knots lie as they are printed, and no {beside.name} beside it says how")
     return matrix

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -174,7 +175,8 @@ def _read_call(
             require_agreed(agreed, scene)
         scene, targets, lines = agreed.scene, agreed.targets, agreed.lines
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
-    return _Call(scene, sources, base, targets, "-".join(dict.fromkeys(names))[:100], lines)
+    name = plain_name("-".join(dict.fromkeys(names)), "picture")
+    return _Call(scene, sources, base, targets, name, lines)
 
 
 def _survey(call: _Call, options: BuildOptions) -> Survey:
@@ -205,7 +207,7 @@ def check_names(scene: Scene) -> None:
 def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[str, ...]:
     """The pictures of the call, or those of the scene's views."""
     for name in pictures:
-        if Path(name).suffix.lower() == ".toml" and Path(name).is_file():
+        if Path(name).suffix.lower() == ".toml" and os.path.isfile(name):
             raise InputError(
                 name, "it is a scene, not a picture", f"Give it by its name: --scene {name}"
             )

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, get_args
 
+from knotfab.disk import at_home
 from knotfab.errors import InputError
 from knotfab.lengths import read_length
 from knotfab.options import BuildOptions
@@ -286,7 +287,7 @@ def _search_keys(options: BuildOptions) -> dict[str, Any]:
             )
         keys["seed"] = options.seed
     if options.start is not None:
-        keys["start"] = str(options.start.expanduser().absolute())
+        keys["start"] = str(at_home(options.start).absolute())
     if options.search is not None:
         keys["method"] = options.search
     if options.free == "view":

@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
 from knotfab.batch.worker import Record, build_apart, open_builders
-from knotfab.errors import InputError
+from knotfab.disk import at_home, locked
+from knotfab.errors import InputError, spelled, why_of
 from knotfab.files.folder import REJECTED
+from knotfab.files.moves import mend
 from knotfab.files.whole import write_whole
 from knotfab.options import ALL_OUT, BuildOptions
 from knotfab.pool import Pool, count_jobs
@@ -53,7 +56,8 @@ def batch(
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
-    tasks, folder = list_tasks(pictures, options), (options.out or ALL_OUT).expanduser()
+    left_out: list[str] = []
+    tasks, folder = list_tasks(pictures, options, left_out.append), at_home(options.out or ALL_OUT)
     kept = _keep_records(folder, tasks)
     missing = [task for task in tasks if task.name not in kept]
     records = dict(kept)
@@ -63,6 +67,8 @@ def batch(
         Progress(options.mode) as progress,
         _open_builder(cluster, side_by_side, progress) as build,
     ):
+        for sentence in left_out:
+            progress.say(sentence)
         if kept:
             progress.say(f"{len(kept)} pictures are built already")
         written = _write(folder, tasks, records)  # what cannot be written is told before any work
@@ -112,28 +118,74 @@ def _build_here(
         yield futures[future], future.result()
 
 
+def _read_records(folder: Path) -> dict[str, Record]:
+    """What batch.json holds, by name; what is no record is none."""
+    try:
+        found = json.loads((folder / RECORDS).read_text("utf-8"))
+        return {r["name"]: r for r in found if _is_record(r)}
+    except (OSError, ValueError, TypeError, RecursionError):
+        return {}
+
+
+def _is_record(found: Any) -> bool:
+    """Whether it has the keys of a record, of their kinds."""
+    kinds = {
+        "name": str,
+        "picture": str,
+        "exit_code": int,
+        "seconds": float | int,
+        "error": str,
+        "key": str,
+    }
+    kinds |= {"iou": float | int | None, "verdict": str | None}
+    return isinstance(found, dict) and all(
+        key in found and isinstance(found[key], kind) for key, kind in kinds.items()
+    )
+
+
+def _is_there(folder: Path, record: Record) -> bool:
+    """Whether what a record tells of lies in its folder; of some endings nothing does."""
+    place = folder / record["name"] / ("" if record["exit_code"] == 0 else REJECTED)
+    nothing = record["exit_code"] not in (0, 1) or record["iou"] is None
+    return nothing or (place / "report.json").is_file()
+
+
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     """The records of an earlier batch that still hold: same key, and what was built is there."""
-    try:
-        earlier = {r["name"]: r for r in json.loads((folder / RECORDS).read_text("utf-8"))}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+    earlier = _read_records(folder)
     kept = {}
     for task in tasks:
         record = earlier.get(task.name)
-        if record is None or record.get("key") != task.key or record["exit_code"] not in _FINAL:
+        if record is None or record["key"] != task.key or record["exit_code"] not in _FINAL:
             continue
-        place = folder / task.name / ("" if record["exit_code"] == 0 else REJECTED)
-        if record["exit_code"] == 2 or (place / "report.json").is_file() or record["iou"] is None:
+        mend(folder / task.name)
+        if _is_there(folder, record):
             kept[task.name] = record
     return kept
 
 
 def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> float:
-    """batch.json and index.html of what is done, in the order of the tasks; when that was."""
+    """batch.json and index.html of what is done, in the order of the tasks; when that was.
+
+    What other batches have built into the folder, or build there now, stays in them.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    own = {task.name for task in tasks}
     done = [records[task.name] for task in tasks if task.name in records]
-    write_whole(folder / RECORDS, (json.dumps(done, indent=1) + "\n").encode())
-    write_whole(folder / INDEX, render_index(done, folder).encode())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder):
+            others = [
+                r for n, r in _read_records(folder).items() if n not in own and _is_there(folder, r)
+            ]
+            write_whole(folder / RECORDS, (json.dumps(done + others, indent=1) + "\n").encode())
+            write_whole(folder / INDEX, spelled(render_index(done + others, folder)).encode())
+    except OSError as error:
+        raise InputError(
+            f"--out {folder}", f"it cannot be written ({why_of(error)})", "Choose another place."
+        ) from error
     return time.monotonic()
 
 

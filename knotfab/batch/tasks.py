@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from knotfab import __version__
-from knotfab.errors import InputError
+from knotfab.disk import at_home, read_file
+from knotfab.errors import InputError, shown, why_of
 from knotfab.options import BuildOptions
-from knotfab.target.read import PICTURE_SUFFIXES, TEXT_PREFIX, name_picture
+from knotfab.target.read import TEXT_PREFIX, is_picture, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 
 # what a batch writes beside the folders of its pictures
 RECORDS, INDEX = "batch.json", "index.html"
 _FILES = ("scene", "start", "printer", "material", "font")  # options that may name a file
+_MOST_READ = 2**30  # bytes of a file; of a larger one size and time tell it apart
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 
 
@@ -36,22 +40,29 @@ class Task:
     key: str
 
 
-def list_tasks(pictures: Sequence[str], options: BuildOptions) -> list[Task]:
+def list_tasks(
+    pictures: Sequence[str],
+    options: BuildOptions,
+    leave_out: Callable[[str], None] = lambda sentence: None,
+) -> list[Task]:
     """The tasks of pictures and folders of pictures, in their order, for these options.
+
+    Args:
+        leave_out: told of each file of a folder that bears a picture's name and cannot be one.
 
     Raises:
         InputError: nothing is named, two pictures would have one name, or a folder holds none.
     """
     sources = list(pictures)
     if not options.sequence:  # of which each is a folder, or an animation
-        sources = [source for named in pictures for source in _expand(named)]
+        sources = [source for named in pictures for source in _expand(named, leave_out)]
     if not sources:
         raise InputError(
             "the call", "no picture is given", "Name some, as in: knotfab batch logos/ --out built"
         )
     options, files = _with_whole_paths(options)
     arguments = list_arguments(options)
-    shared = hashlib.sha256(repr((__version__, arguments)).encode())
+    shared = hashlib.sha256(repr((__version__, arguments)).encode("utf-8", "surrogatepass"))
     for path in files:
         shared.update(content_of(path))
     tasks: dict[str, Task] = {}
@@ -66,31 +77,50 @@ def list_tasks(pictures: Sequence[str], options: BuildOptions) -> list[Task]:
             )
         key = shared.copy()
         text = source.startswith(TEXT_PREFIX)
-        key.update(source.encode() if text else content_of(Path(source)))
+        key.update(os.fsencode(source) if text else content_of(Path(source)))
         tasks[name.casefold()] = Task(name, source, arguments, files, key.hexdigest())
     return list(tasks.values())
 
 
-def _expand(named: str) -> list[str]:
-    """A picture as it is, a folder as the pictures in it."""
-    folder = Path(named).expanduser()
+def _expand(named: str, leave_out: Callable[[str], None]) -> list[str]:
+    """A picture as it is, a folder as the pictures in it, each by a path that is taken for nothing else."""
     if named.startswith(TEXT_PREFIX):
         return [named]
-    if not folder.is_dir():
-        return [str(folder)]
-    found = sorted(str(p) for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+    folder = at_home(named)
+    if not os.path.isdir(folder):
+        return [_as_path(folder)]
+    found = []
+    try:
+        held = sorted(p for p in folder.iterdir() if is_picture(p))
+    except OSError as error:
+        raise InputError(
+            named, f"this folder may not be read ({why_of(error)})", "Change its permissions."
+        ) from error
+    for path in held:
+        if path.is_file():
+            found.append(_as_path(path))
+        else:
+            leave_out(f"{shown(path)} is left out: it is no regular file")
     if not found:
         raise InputError(named, "this folder holds no pictures", "Name one that does")
     return found
+
+
+def _as_path(path: Path) -> str:
+    """A path of a file that lies here with its "./": `text:a.png` is a text, and `-a.png` options."""
+    return str(path) if path.is_absolute() or len(path.parts) > 1 else f".{os.sep}{path}"
 
 
 def content_of(path: Path) -> bytes:
     """What a file or a folder of files holds; what cannot be read is the build's to report."""
     try:
         if path.is_dir():
-            return b"".join(f.name.encode() + f.read_bytes() for f in sorted(path.glob("*.*")))
-        return path.read_bytes()
-    except OSError:
+            files = [p for p in sorted(path.glob("*.*")) if p.is_file()]
+            return b"".join(os.fsencode(p.name) + content_of(p) for p in files)
+        return read_file(path, "", most=_MOST_READ)
+    except (InputError, OSError):
+        with contextlib.suppress(OSError):
+            return repr(path.stat()[6:9:2]).encode()  # size and time
         return b""
 
 
@@ -99,8 +129,8 @@ def _with_whole_paths(options: BuildOptions) -> tuple[BuildOptions, tuple[Path, 
     whole: dict[str, Any] = {}
     for name in _FILES:
         value = getattr(options, name)
-        if value is not None and Path(value).expanduser().is_file():
-            whole[name] = type(value)(Path(value).expanduser().resolve())
+        if value is not None and os.path.isfile(at_home(value)):
+            whole[name] = type(value)(at_home(value).resolve())
     return replace(options, **whole), tuple(Path(path) for path in whole.values())
 
 

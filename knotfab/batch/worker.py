@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from knotfab.batch.tasks import Task, content_of
+from knotfab.disk import at_home
+from knotfab.errors import spelled
 from knotfab.files.folder import REJECTED, OutputFolder
 from knotfab.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
 
@@ -55,7 +57,8 @@ def build_apart(task: Task, folder: Path, pool: Pool) -> Record:
     """Build one picture into `folder` in a process of its own, which ends with the pool (`open_builders`)."""
     begun = time.perf_counter()
     earlier = _stamp(folder / REJECTED / "report.json")
-    arguments = ["build", task.picture, *task.arguments, f"--out={folder}", "--quiet"]
+    # what comes after "--" is no option, whatever it is called
+    arguments = ["build", *task.arguments, f"--out={folder}", "--quiet", "--", task.picture]
     for _ in range(_MOST_RUNS):
         code, error = _run(arguments, pool)
         if code in _ENDINGS:
@@ -131,7 +134,7 @@ def record_of(
     """What batch.json says of a picture: how its build ended, and the figures of its report."""
     return {
         "name": task.name,
-        "picture": task.picture,
+        "picture": spelled(task.picture),
         "exit_code": code,
         "seconds": round(seconds, 2),
         "iou": None if report is None else _least_iou(report),
@@ -171,10 +174,10 @@ def pack_task(task: Task, shared: Path) -> bytes:
     Args:
         shared: a hidden folder beside those of the batch: who sees it writes there.
     """
-    picture = Path(task.picture).expanduser()
-    source = str(picture.absolute()) if picture.exists() else task.picture
-    held = [path.absolute() for path in (picture, *task.files) if path.exists()]
-    places = {str(path): f"{number}/{path.name}" for number, path in enumerate(held)}
+    picture = at_home(task.picture)
+    source = str(picture.absolute()) if os.path.exists(picture) else task.picture
+    held = [path.absolute() for path in (picture, *task.files) if os.path.exists(path)]
+    places = {str(path): f"{number}/{spelled(path.name)}" for number, path in enumerate(held)}
     named = [task.name, task.picture, source, list(task.arguments), task.key, places]
     parcel = io.BytesIO()
     with zipfile.ZipFile(parcel, "w") as whole:

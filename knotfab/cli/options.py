@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, TextIO
 
+from knotfab.disk import at_home
 from knotfab.errors import InputError, needs_extra
 from knotfab.verify.verifier import Files
 
@@ -98,7 +99,7 @@ def open_page(
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
         import websockets  # noqa: F401
-    command = [sys.executable, "-P", "-m", "knotfab.studio.watch", str(out.expanduser().absolute())]
+    command = [sys.executable, "-P", "-m", "knotfab.studio.watch", str(at_home(out).absolute())]
     child = subprocess.Popen(
         command if grace_s is None else [*command, str(grace_s)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,

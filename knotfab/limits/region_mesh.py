@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from knotfab.arrays import Array, Indices
+from knotfab.disk import read_file
 from knotfab.errors import InputError
 
 __all__ = ["RegionMesh", "beyond", "region_mesh"]
 
 _REMEDY = "Export it again as a closed solid (STL, millimetres), with its faces turned outwards."
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+_MOST_BYTES = 2**30
 _ON_RIM = 1e-9  # share of a corner in a point of a face: below it the point lies on the other side
 
 
@@ -98,11 +100,7 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
 
 def _corners(path: Path, what: str) -> Array:
     """(3m, 3) the corners of an STL file's triangles, binary or of words."""
-    try:
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(what, f"it cannot be read ({why})", "Check [region] file.") from error
+    content = read_file(path, what, "closed STL", _MOST_BYTES, missing="Check [region] file.")
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
         corners = np.frombuffer(content, _FACET, count, 84)["corners"].reshape(-1, 3)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from knotfab.errors import InputError
 from knotfab.scene.model import Scene
 
-__all__ = ["explain", "toml_reason"]
+__all__ = ["explain", "parse_toml"]
 
 # Millimetres or degrees in one of each unit that people write instead.
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "um": 0.001, "in": 25.4, "inch": 25.4}
@@ -41,10 +41,22 @@ def explain(error: ValidationError, raw: Mapping[str, Any], what: str) -> InputE
     return _wrong_value(path, same, raw, what)
 
 
-def toml_reason(error: tomllib.TOMLDecodeError, text: str) -> str:
-    """What is wrong with a text that is no TOML, with the number of the line."""
-    last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
-    return str(error).replace("at end of document", last)
+def parse_toml(text: str, what: str) -> dict[str, Any]:
+    """What a TOML text holds; a byte order mark before it is passed over.
+
+    Raises:
+        InputError: it is none; with the number of the line.
+    """
+    try:
+        return tomllib.loads(text.removeprefix("\ufeff"))
+    except tomllib.TOMLDecodeError as error:
+        last = f"at line {text.rstrip().count(chr(10)) + 1}, the last"
+        reason = str(error).replace("at end of document", last)
+        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
+    except RecursionError as error:
+        raise InputError(what, "its lists are nested too deep", "Correct it.") from error
+    except ValueError as error:
+        raise InputError(what, "a whole number in it is too long", "Correct it.") from error
 
 
 def _path(loc: tuple[int | str, ...], raw: Any) -> tuple[int | str, ...]:

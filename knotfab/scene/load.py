@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from knotfab.disk import at_home, read_text
 from knotfab.errors import InputError
 from knotfab.scene.camera import view_axes
-from knotfab.scene.explain import explain, toml_reason
+from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Scene, View
 
@@ -24,19 +24,8 @@ def load_scene(path: str | Path) -> Scene:
     Raises:
         InputError: the file cannot be read, is not TOML, or `parse_scene` rejects it.
     """
-    what = str(path)
-    file = Path(path).expanduser()
-    if file.is_dir():
-        raise InputError(what, "it is a directory", "Name the scene file in it.")
-    try:
-        return _beside(parse_scene(file.read_text(encoding="utf-8"), what), file.parent)
-    except FileNotFoundError as error:
-        raise InputError(what, "there is no such scene file", "Check the path.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(what, "it is not a UTF-8 text", "Save the scene as UTF-8.") from error
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+    what, file = str(path), at_home(path)
+    return _beside(parse_scene(read_text(file, what, "scene file"), what), file.parent)
 
 
 def _beside(scene: Scene, folder: Path) -> Scene:
@@ -62,13 +51,7 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
         InputError: not TOML, an unknown key, a wrong type, unit or bound, or lengths that
             contradict each other.
     """
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        reason = toml_reason(error, text)
-        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
-    except RecursionError as error:
-        raise InputError(what, "its lists are nested too deep", "Correct it.") from error
+    raw = parse_toml(text, what)
     try:
         scene = Scene.model_validate(raw)
     except ValidationError as error:

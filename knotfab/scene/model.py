@@ -57,6 +57,13 @@ def _not_nothing(radius: float) -> float:
     return radius
 
 
+def _few_bytes(name: str) -> str:
+    """A name that file systems hold, with what goes around it."""
+    if len(name.encode()) > 180:
+        raise PydanticCustomError("name", "a shorter name, of at most 180 bytes")
+    return name
+
+
 # Strict: a number is a number (whole ones too), never a text or a truth value that looks like one.
 Number = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]
@@ -74,6 +81,13 @@ LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
 VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 Box = tuple[Whole, Whole, Side, Side]
+# in the names of files: letters, digits and signs of any script, "_" and "-"
+ViewName = Annotated[
+    str,
+    Strict(),
+    Field(pattern=r"^[^\x00-,./:-@\[-\^`{-\xa0\s]+$", max_length=60),
+    AfterValidator(_few_bytes),
+]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
 
@@ -163,7 +177,7 @@ class Reading(_Table):
 class View(Reading):
     """A light or an eye, the wall it looks at, and the picture that is to be there."""
 
-    name: Annotated[str, Strict(), Field(pattern=r"^[A-Za-z0-9_-]+$")] = "front"
+    name: ViewName = "front"
     kind: Literal["shadow", "eye"] = "shadow"
     picture: StrictStr = ""
     title: StrictStr = ""  # what the picture is called; by default as its file is

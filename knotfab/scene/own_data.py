@@ -13,8 +13,9 @@ from typing import Any, Literal
 from platformdirs import user_config_path
 from pydantic import ValidationError
 
+from knotfab.disk import at_home, read_text
 from knotfab.errors import InputError
-from knotfab.scene.explain import explain, toml_reason
+from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.model import Material, Printer, Scene
 
 __all__ = [
@@ -46,7 +47,7 @@ _FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the m
 def data_folder() -> Path:
     """A person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
     own = os.environ.get("KNOTFAB_DATA")
-    return Path(own).expanduser() if own else user_config_path("knotfab", appauthor=False)
+    return at_home(own) if own else user_config_path("knotfab", appauthor=False)
 
 
 def is_file_name(text: str) -> bool:
@@ -135,21 +136,8 @@ def load_file(kind: Kind, path: Path) -> Printer | Material:
         InputError: the file cannot be read, is not TOML, or a key is missing, unknown or impossible.
     """
     what = str(path)
-    text = ""
-    try:
-        text = path.expanduser().read_text(encoding="utf-8")
-        raw = tomllib.loads(text)
-    except FileNotFoundError as error:
-        remedy = f"Check the path, or name one of: {', '.join(known_names(kind))}."
-        raise InputError(what, "there is no such file", remedy) from error
-    except tomllib.TOMLDecodeError as error:
-        reason = toml_reason(error, text)
-        raise InputError(what, f"it is not valid TOML: {reason}", "Correct that line.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(what, "it is not a UTF-8 text", "Save it as UTF-8.") from error
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+    missing = f"Check the path, or name one of: {', '.join(known_names(kind))}."
+    raw = parse_toml(read_text(at_home(path), what, missing=missing), what)
     for key in _FOR_PEOPLE:
         raw.pop(key, None)
     table = raw[kind] if set(raw) == {kind} and isinstance(raw[kind], dict) else raw

@@ -13,10 +13,18 @@ from typing import Literal
 import numpy as np
 from PIL import Image, ImageSequence
 
+from knotfab.disk import at_home
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.raster import own_box
-from knotfab.target.read import PICTURE_SUFFIXES, PLAIN, Target, name_picture, read_target
+from knotfab.target.read import (
+    PICTURE_SUFFIXES,
+    PLAIN,
+    Target,
+    is_picture,
+    name_picture,
+    read_target,
+)
 
 __all__ = [
     "MOST_FRAMES",
@@ -72,7 +80,7 @@ def read_frames(
     sources = [str(s) for s in sources]
     what = sources[0] if len(sources) == 1 else "the sequence"
     if len(sources) == 1:
-        path = Path(sources[0]).expanduser()
+        path = at_home(sources[0])
         path = path if base is None else base / path
         if path.is_dir() or "*" in path.name:
             files = sorted(_files(path, what), key=_by_number)
@@ -136,8 +144,8 @@ def _files(path: Path, what: str) -> list[Path]:
     try:
         if path.is_dir():
             frames = PICTURE_SUFFIXES - {".gif"}  # which moves by itself
-            return [p for p in path.iterdir() if p.suffix.lower() in frames]
-        return [p for p in path.parent.glob(path.name) if p.is_file()]
+            return [p for p in path.iterdir() if is_picture(p, frames)]
+        return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
     except OSError as error:
         raise InputError(
             what, f"it cannot be read ({error.strerror or error})", "Change its permissions."

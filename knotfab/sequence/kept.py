@@ -24,6 +24,7 @@ from typing import Any
 from platformdirs import user_cache_path
 
 import knotfab
+from knotfab.disk import at_home
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.target.read import Target
@@ -68,7 +69,7 @@ class KeptFrames:
 def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
     """What is kept of the sequence that is asked for; what is too old, of any, is removed."""
     own = os.environ.get("KNOTFAB_CACHE")
-    whole = Path(own).expanduser() if own else user_cache_path("knotfab", appauthor=False)
+    whole = at_home(own) if own else user_cache_path("knotfab", appauthor=False)
     folder = whole / "sequences"
     with contextlib.suppress(OSError):
         for other in folder.iterdir():

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import uvicorn
 
+from knotfab.disk import at_home
 from knotfab.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.studio.broadcast import Broadcast
@@ -37,7 +38,7 @@ def run_studio(port: int, open_page: bool, folder: Path) -> None:
     """
     with OutputFolder(folder):  # says so now if it cannot be written
         pass
-    folder = folder.expanduser().resolve()
+    folder = at_home(folder).resolve()
 
     def announce(address: str) -> None:
         print(f"knotfab studio: {address}\nBuilds go to {folder}. Ctrl-C ends it.", flush=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import unicodedata
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.disk import at_home, read_file
 from knotfab.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,10 +99,11 @@ def _draws(path: str, character: str) -> bool:
 def _named_font(asked: str) -> str:
     """The file of a font asked for by name or file; InputError where there is none."""
     what = f"--font {asked}"
-    path = Path(asked).expanduser()
-    if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or path.is_file():
-        if not path.is_file():
-            raise InputError(what, "there is no such file", "Check the path.")
+    path = at_home(asked)
+    if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or os.path.isfile(
+        path
+    ):
+        read_file(path, what, "font file")
         try:
             load_font(str(path))
         except (RuntimeError, OSError) as error:

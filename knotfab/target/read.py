@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from knotfab.disk import at_home, read_file
 from knotfab.errors import InputError, shown
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, svg, text
@@ -26,6 +28,7 @@ __all__ = [
     "PLAIN",
     "TEXT_PREFIX",
     "Target",
+    "is_picture",
     "name_picture",
     "plain_name",
     "read_bytes",
@@ -39,6 +42,7 @@ PLAIN = Reading()
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
 
+_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with what goes around it
 _CRUMB = 0.01  # of the ink: what is less is no piece of its own
 
 
@@ -53,8 +57,8 @@ class Target:
     `crop_px` is the part of the picture that was read (left, top, width, height).
     `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
     the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
-    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` holds only letters,
-    digits, "_" and "-". Of a picture for a round wall the masks are as a flat one has them, once
+    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` is a `plain_name`.
+    Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
@@ -109,9 +113,20 @@ class Target:
 
 
 def plain_name(raw: str, fallback: str) -> str:
-    """`raw` in letters, digits, "_" and "-" only; `fallback` where nothing is left of it."""
-    plain = unicodedata.normalize("NFKD", raw).encode("ascii", "ignore").decode()
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:60] or fallback
+    """`raw` in letters, digits and signs of any script, "_" and "-"; `fallback` where nothing is left of it.
+
+    Of a longer one the end says of what it is the beginning: two that begin alike stay two.
+    """
+    signs = unicodedata.normalize("NFC", raw)
+    kept = (
+        c if (c.isalnum() if c < "\x80" else c.isprintable()) or c in "_-" else " " for c in signs
+    )
+    plain = re.sub("-* [- ]*", "-", "".join(kept)).strip("-")
+    if len(plain) > _MOST_SIGNS or len(plain.encode()) > _MOST_BYTES:
+        which = hashlib.sha256(raw.encode("utf-8", "surrogatepass")).hexdigest()[:7]
+        plain = plain[: _MOST_SIGNS - 8].encode()[: _MOST_BYTES - 8].decode("utf-8", "ignore")
+        plain += f"-{which}"
+    return plain or fallback
 
 
 def _name_text(content: str) -> str:
@@ -120,10 +135,15 @@ def _name_text(content: str) -> str:
 
 
 def name_picture(source: str) -> str:
-    """The name that a picture's target has: letters, digits, "_" and "-" only."""
+    """The name that a picture's target has (`plain_name`)."""
     if source.startswith(TEXT_PREFIX):
         return _name_text(source.removeprefix(TEXT_PREFIX))
     return plain_name(Path(source).stem, "picture")
+
+
+def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
+    """Whether a file of a folder is taken for a picture by its name; what systems hide beside one is not."""
+    return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
 def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> bytes:
@@ -132,30 +152,14 @@ def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> byt
     Raises:
         InputError: there is none, it may not be read, it is empty, or too much for a picture.
     """
-    try:
-        if path.is_dir():
-            raise InputError(what, "it is a directory", "Name a picture file in it.")
-        if path.exists() and not path.is_file():
-            raise InputError(what, "it is not a regular file", "Name a picture file.")
-        size = path.stat().st_size
-        if size > _PIXEL_BYTES * largest**2:
-            raise InputError(
-                what,
-                f"the file has {size / 2**20:.0f} MiB, too much for a picture",
-                f"Scale the picture down to at most {largest} pixels on a side.",
-            )
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(
-            what, "there is no such file", "Check the path, or write text:... for a glyph."
-        ) from error
-    except PermissionError as error:
-        raise InputError(
-            what, "it may not be read", "Change its permissions (chmod u+r) or copy it."
-        ) from error
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(what, f"it cannot be read ({reason})", "Check the path.") from error
+    data = read_file(
+        path,
+        what,
+        "picture file",
+        _PIXEL_BYTES * largest**2,
+        missing="Check the path, or write text:... for a glyph.",
+        too_large=f"Scale the picture down to at most {largest} pixels on a side.",
+    )
     if not data:
         raise InputError(what, "the file is empty", "Copy or export it again.")
     return data
@@ -189,7 +193,7 @@ def read_target(
         drawn = text.render_text(content, font)
         target = _take_target(drawn, what, name_picture(source), "", reading, glance)
         return replace(target, is_text=True)
-    path = Path(source).expanduser()
+    path = at_home(source)
     if base is not None:
         path = base / path
     data = read_bytes(path, what)

@@ -6,6 +6,8 @@ Builds are played by a script, which does what the picture's text says.
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import signal
 import subprocess
 import time
@@ -18,6 +20,7 @@ from played_builds import PYTHON, count, draw, write_player
 from knotfab.batch import worker
 from knotfab.batch.run import batch
 from knotfab.batch.tasks import list_tasks
+from knotfab.cli.commands import app
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 
@@ -204,3 +207,65 @@ def test_a_parcel_builds_what_the_task_would(
     assert not (out / "b" / "report.json").exists()
     ran = {name: (played / f"{name}.runs").read_text() for name in "ab"}
     assert f"--scene={scene}" in ran["a"] and f"--scene={scene}" not in ran["b"]
+
+
+def test_file_names_are_never_options_nor_texts(
+    played: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    names = ("--events=victim.png", "-x.png", "text:abc.png", "~cat.png", "犬.png", "猫.png")
+    for name in (*names, "victim.png"):
+        (pictures / name).write_text("pass")
+    monkeypatch.chdir(pictures)
+    asked = options(tmp_path)
+    records = batch(["."], asked, jobs=2)
+    assert {r["exit_code"] for r in records} == {0} and len(records) == 7
+    assert {r["name"] for r in records} >= {"text-abc", "cat", "犬", "猫"}
+    assert (pictures / "victim.png").read_text() == "pass"
+    assert [r["picture"] for r in batch(["./text:abc.png"], asked)] == ["./text:abc.png"]
+    # each is one that the real command reads as that picture
+    for source in (t.picture for t in list_tasks(["."], asked)):
+        bound = app.parse_args(["build", "--out=o", "--quiet", "--", source])[1].arguments
+        assert bound["pictures"] == (source,) and not source.startswith(("text:", "-", "~"))
+
+
+def test_what_is_no_picture_in_a_folder_is_left_out(played: Path, tmp_path: Path) -> None:
+    """Neither read nor waited for: a pipe would be read for ever."""
+    pictures = draw(tmp_path / "pictures", a="pass", **{"._a": "of a system", ".hidden": "too"})
+    os.mkfifo(pictures / "b.png")
+    (pictures / "c.png").symlink_to("/dev/zero")
+    (pictures / "d.png").mkdir()
+    (pictures / "loop.png").symlink_to("loop.png")
+    with (pictures / "e.png").open("wb") as file:
+        file.truncate(5 * 2**30)  # bytes, of which a disk holds none
+    said: list[str] = []
+    tasks = list_tasks([str(pictures)], options(tmp_path), said.append)
+    assert [Path(t.picture).name for t in tasks] == ["a.png", "e.png"]
+    assert len(said) == 4 and all("is left out: it is no regular file" in s for s in said)
+
+
+def test_batches_into_one_folder_keep_each_others_records(played: Path, tmp_path: Path) -> None:
+    one, two = draw(tmp_path / "one", a="pass"), draw(tmp_path / "two", b="pass", c="wrong")
+    batch([str(one)], options(tmp_path))
+    batch([str(two)], options(tmp_path))
+    kept = tmp_path / "out" / "batch.json"
+    assert {r["name"] for r in json.loads(kept.read_text())} == {"a", "b", "c"}
+    assert "a/report.html" in (kept.parent / "index.html").read_text()
+    shutil.rmtree(tmp_path / "out" / "a")  # and what is gone is not told of
+    batch([str(two)], options(tmp_path))
+    assert {r["name"] for r in json.loads(kept.read_text())} == {"b", "c"}
+
+
+@pytest.mark.parametrize("damage", ["", "[null, {}, 1]", '{"a": 1}', "[" * 9999])
+def test_a_damaged_record_is_none(played: Path, tmp_path: Path, damage: str) -> None:
+    pictures = draw(tmp_path / "pictures", a="pass")
+    first = batch([str(pictures)], options(tmp_path))
+    kept = tmp_path / "out" / "batch.json"
+    whole = json.loads(kept.read_text())
+    kept.write_text(damage)
+    again = batch([str(pictures)], options(tmp_path))
+    assert again[0] | {"seconds": 0} == first[0] | {"seconds": 0}
+    for key in ("exit_code", "iou"):
+        kept.write_text(json.dumps([{k: v for k, v in whole[0].items() if k != key}]))
+        assert batch([str(pictures)], options(tmp_path))[0]["exit_code"] == 0

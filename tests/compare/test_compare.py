@@ -383,7 +383,7 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
         ((photo, folder), "nor the plate's outline"),
         ((plain, folder, "--corners", *words()), "no shadow stands out"),
         ((tmp_path / "words.png", folder), "not a picture that can be read"),
-        ((photo, tmp_path), "no such scene file"),
+        ((photo, tmp_path), "no such file"),
         ((photo, folder, "--corners", *words()[::-1]), "clockwise"),
         ((photo, folder, "--corners", "1,2", "3,4", "5,6", "x"), "not four points"),
         ((photo, folder, "--view", "back"), "no such view"),

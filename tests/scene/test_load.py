@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ def test_the_same_lengths_are_fine_where_they_do_not_contradict() -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such scene file"):
+    with pytest.raises(InputError, match="no such file"):
         load_scene(tmp_path / "missing.toml")
     with pytest.raises(InputError, match="is a directory"):
         load_scene(tmp_path)
@@ -137,6 +138,16 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_scene(tmp_path / "binary.toml")
     with pytest.raises(InputError, match="cannot be read"):
         load_scene("nul\0l")
+    os.mkfifo(tmp_path / "pipe.toml")
+    for path in ("/dev/zero", tmp_path / "pipe.toml"):
+        with pytest.raises(InputError, match="not a regular file"):
+            load_scene(path)
+    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbf[search]\nseed = 3\n")
+    assert load_scene(tmp_path / "marked.toml").search["seed"] == 3
+    for text in ("[search]\nseed = " + "9" * 5000, "a = " + "[" * 100_000):
+        (tmp_path / "odd.toml").write_text(text)
+        with pytest.raises(InputError, match=r"too long|too deep"):
+            load_scene(tmp_path / "odd.toml")
 
 
 # --- writing ---------------------------------------------------------------------------------

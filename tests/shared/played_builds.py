@@ -21,7 +21,8 @@ PLAYED = """\
     here = pathlib.Path({runs!r})
     CURVES = {curves!r}
     out = pathlib.Path(next(a for a in sys.argv if a.startswith("--out=")).removeprefix("--out="))
-    at = sys.argv.index("build") + 1
+    at = sys.argv.index("--" if "--" in sys.argv else "build") + 1
+    options = [a for a in sys.argv[sys.argv.index("build") + 1:] if a not in ("--", sys.argv[at])]
     picture = pathlib.Path(sys.argv[at])
     text = sys.argv[at].startswith("text:")
     told = sys.argv[at][5:] if text else picture.read_text(errors="replace")
@@ -44,7 +45,7 @@ PLAYED = """\
         (here / "b.parent").write_text(str(os.getppid()))
         told = "wait"
     with open(here / (picture.stem + ".runs"), "a") as runs:
-        runs.write(" ".join(sys.argv[at + 1:]) + "\\n")
+        runs.write(" ".join(options) + "\\n")
     if told == "real":
         os.execv({python!r}, [{python!r}, *sys.argv[1:]])
     if told == "fill":

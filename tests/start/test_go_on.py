@@ -152,8 +152,8 @@ def test_a_start_that_does_not_serve_is_told_before_the_search(tmp_path: Path) -
     start = write(tmp_path / "start.json", Knots((Knot(TREFOIL, "3_1"),), 2.0))
     call = ("build", square_, "--out", tmp_path / "out", "--start")
     for more, why in (
-        ((tmp_path / "nothing.json",), "cannot be read"),
-        ((square_,), "no file of knots"),
+        ((tmp_path / "nothing.json",), "no such file"),
+        ((square_,), "not a UTF-8 text"),
         ((start,), "asked for, unknot,"),
         ((start, "--knot", "trefoil", "--free", "view"), "keeps the view"),
         ((start, "--sequence"), "begins with a template"),

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.errors import InputError
-from knotfab.scene.model import Reading
+from knotfab.scene.model import Reading, View
 from knotfab.target.masks import holes_of
-from knotfab.target.read import Target, read_bytes, read_target
+from knotfab.target.read import Target, name_picture, read_bytes, read_target
 from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60
@@ -193,8 +193,39 @@ def test_relative_paths_start_at_the_base(tmp_path: Path) -> None:
 
 
 def test_names_are_safe(tmp_path: Path) -> None:
-    for raw, name in {"Ünï cödé!": "Uni-code", "♞": "picture", "a.b": "a-b"}.items():
+    """And as they are in any script: in folders, in pages and in the names of views."""
+    names = {
+        "Ünï cödé!": "Ünï-cödé",
+        "♞": "♞",
+        "猫": "猫",
+        "пёс": "пёс",
+        "a.b": "a-b",
+        "!": "picture",
+        "-x": "x",
+        "a\u202eb": "a-b",
+        "x<i>&'": "x-i",
+        "e\u0301": "é",
+        "caf\udce9": "caf",
+    }
+    for raw, name in names.items():
         assert read_target(save(tmp_path / f"{raw}.png", GREY)).name == name
+        assert View(name=name).name == name
+
+
+def test_long_names_that_begin_alike_stay_apart() -> None:
+    for sign in ("a", "猫", "😀"):
+        one, two = (name_picture(sign * 62 + end) for end in ("1", "2"))
+        assert one != two and one[:30] == two[:30]
+        assert len(one) <= 60 and len(f"compare-{View(name=one).name}.png".encode()) < 255
+    assert name_picture("a" * 60 + ".png") == "a" * 60
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a b", "a/b", "..", "a.b", "<b>", 'a"', "a\n", "\x85", "a" * 61, "😀" * 50]
+)
+def test_what_is_no_name_of_a_view(name: str) -> None:
+    with pytest.raises(ValueError):
+        View(name=name)
 
 
 # --- bad input -------------------------------------------------------------------------------
@@ -264,10 +295,10 @@ def test_a_file_too_large_for_a_picture_is_told_how_large_one_may_be(tmp_path: P
 def test_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "secret.png", GREY)
 
-    def deny(self: Path) -> bytes:
+    def deny(self: Path, mode: str) -> bytes:
         raise PermissionError(13, "Permission deny")
 
-    monkeypatch.setattr(Path, "read_bytes", deny)
+    monkeypatch.setattr(Path, "open", deny)
     with pytest.raises(InputError, match=r"may not be read.*chmod"):
         read_target(path)
 
