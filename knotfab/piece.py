@@ -68,6 +68,7 @@ if TYPE_CHECKING:
 __all__ = ["WrittenPiece", "discard_piece", "finish_build", "report_piece", "write_piece"]
 
 Record = dict[str, Any]
+_TOLD_S = 0.5  # between what is said of the slicer
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class WrittenPiece:
     answer: Callable[[], Record]
     slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
     flattening: Flattening | None = None
+    slicer: SlicerQueue | None = None
 
     @property
     def knots(self) -> Knots:
@@ -151,7 +153,7 @@ def write_piece(
     answer = verifier.submit(files).result
     with progress.stage("part"):
         write_model(folder, part, scene, suffix)
-    return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening)
+    return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening, slicer)
 
 
 def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
@@ -194,6 +196,8 @@ def report_piece(
     verdict["checks"] += [check_3mf(said), *own]
     verdict["checks"] += [] if sag is None else [sag]
     with progress.stage("slicer"):
+        while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
+            progress.update(piece.slicer.done, even=False)
         sliced = sum_slicings(piece.sliced) if piece.sliced else None
     if sliced is not None:
         verdict["checks"].append(check_slicing(sliced))

@@ -34,6 +34,7 @@ _DOUBT_S = 3.0  # of the usual times: so much must have been measured before the
 _LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # of a picture on a terminal
 _MOST_COLUMNS, _MOST_ROWS = 96, 24
 _AT_LEAST = 0.1  # of a stage's usual time is still to come, however long it has run
+_LATE_S = 2.0  # so long after its usual time a stage takes longer than usual
 
 
 class Progress:
@@ -82,6 +83,7 @@ class Progress:
         self._usual: dict[str, float] = {}
         self._stages: list[tuple[str, float]] = []  # that run, the outer before the inner
         self._fraction: float | None = None
+        self._late = False  # the stage that runs takes longer than usual
         self._most = 0.0  # of the whole, so that the bar never runs back
         self._shown, self._level = _Lines(self._say), logging.NOTSET
 
@@ -156,18 +158,22 @@ class Progress:
             if bar is not None and line is not None:
                 bar.remove_task(line)
 
-    def update(self, fraction: float, iou: float | None = None) -> None:
-        """Say how far the running stage is (0 to 1), and the IoU it has reached."""
+    def update(self, fraction: float, iou: float | None = None, even: bool = True) -> None:
+        """Say how far the running stage is (0 to 1), and the IoU it has reached.
+
+        Args:
+            even: equal shares take equal times, so that they tell how long it will take yet.
+        """
         if not self._stages:
             return
-        name = self._stages[-1][0]
-        self._fraction = min(max(fraction, 0.0), 1.0)
+        name, fraction = self._stages[-1][0], min(max(fraction, 0.0), 1.0)
+        self._fraction = fraction if even else None
         self._draw(name, None if iou is None else f"IoU {iou:.3f}")
         if self._events and self._is_due("progress"):
             share, left = self._whole()
-            told = {"stage": name, "fraction": round(self._fraction, 4), "share": round(share, 4)}
+            told = {"stage": name, "fraction": round(fraction, 4), "share": round(share, 4)}
             seen = None if iou is None else round(iou, 4)
-            self.tell("progress", **told, iou=seen, left_s=left)
+            self.tell("progress", **told, iou=seen, left_s=left, late=self._late)
 
     @property
     def watched(self) -> bool:
@@ -274,6 +280,8 @@ class Progress:
         left = self._left()
         if left is None:
             return ""
+        if self._late:
+            return "longer than usual"
         return f"{left / 60:.0f} min left" if left >= 90 else f"{left:.0f} s left"
 
     def _whole(self) -> tuple[float, float | None]:
@@ -291,12 +299,14 @@ class Progress:
         took = _DOUBT_S + sum(known.values())
         slower = took / (_DOUBT_S + sum(usual[n] for n in known))
         ahead = slower * sum(s for n, s in usual.items() if n not in known)
+        self._late = False
         single = len(self._stages) == 1 and self._fraction
         if single and self._fraction and self._fraction > 0.02:
             left = ran * (1.0 - self._fraction) / self._fraction
         elif self._usual:
             spent = self.timings.get(name, 0.0) + ran
             left = max(slower * expected - spent, _AT_LEAST * slower * expected)
+            self._late = 0 < slower * expected < spent - _LATE_S
         else:
             return self._most, None
         left += ahead

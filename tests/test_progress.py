@@ -168,6 +168,25 @@ def test_the_time_left_follows_from_what_the_stages_took(monkeypatch: pytest.Mon
     assert shares == sorted(shares) and 0 < shares[0] < 1
 
 
+def test_what_takes_longer_than_usual_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    events = io.StringIO()
+    with Progress("quiet", events=events) as progress:
+        progress.plan({"slicer": 8.0})
+        with progress.stage("slicer"):
+            for seconds in (7.0, 5.0, 30.0):
+                now[0] += seconds
+                progress.update(0.5, even=False)  # half of its work, not of its time
+        with progress.stage("report"):  # which nobody planned
+            now[0] += 50.0
+            progress.update(0.0)
+    told = [json.loads(line) for line in events.getvalue().splitlines()]
+    seen = [event for event in told if event["event"] == "progress"]
+    assert [event["late"] for event in seen] == [False, True, True, False]
+    assert seen[0]["left_s"] == pytest.approx(1.0)
+
+
 def test_a_line_for_each_of_several_things_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = Terminal()

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,11 +36,15 @@ def run_limited(
     folder: Path,
     timeout_s: float,
     stop: threading.Event | None = None,
+    hear: Callable[[str], None] | None = None,
 ) -> Ended:
     """Run `command` in `folder`, which is its home, in a process group that is killed when it must stop.
 
     It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
     set. What it says goes to files of the folder, so that it never waits for a reader.
+
+    Args:
+        hear: told what it has said so far, while it runs.
 
     Raises:
         OSError: the command cannot be started.
@@ -71,6 +75,8 @@ def run_limited(
                 else:
                     with suppress(subprocess.TimeoutExpired):
                         child.wait(POLL_S)
+                    if hear is not None:
+                        hear(_text(out))
         finally:
             _kill_group(child)
     return Ended(child.returncode, _text(out), _text(err), stopped)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -54,6 +56,7 @@ class SlicerQueue:
     ) -> None:
         self._work = Path(tempfile.gettempdir()) if work is None else work
         self._timeout_s, self._program = timeout_s, program
+        self.done = 0.0  # of the file that is sliced, 0 to 1
         self._pool = Pool(jobs)
 
     def __enter__(self) -> SlicerQueue:
@@ -66,7 +69,20 @@ class SlicerQueue:
         """Slice a file that `write_3mf` wrote, when its turn comes."""
         stop = self._pool.ended
         return self._pool.submit(
-            slice_part, part_3mf, scene, self._work, self._timeout_s, self._program, stop
+            slice_part,
+            part_3mf,
+            scene,
+            self._work,
+            self._timeout_s,
+            self._program,
+            stop,
+            self._hear,
+        )
+
+    def _hear(self, said: str) -> None:
+        """Take note of the last per cent that the program told; it goes back and forth."""
+        self.done = max(
+            (int(n) / 100 for n in re.findall(r"^ *(\d+) => ", said, re.M)), default=0.0
         )
 
 
@@ -77,6 +93,7 @@ def slice_part(
     timeout_s: float = TIMEOUT_S,
     program: str | None = None,
     stop: threading.Event | None = None,
+    hear: Callable[[str], None] | None = None,
 ) -> Sliced | NotSliced:
     """Slice a written part with the profile that lies beside it, and compare the G-code with it.
 
@@ -89,7 +106,7 @@ def slice_part(
         work: an existing folder for temporary files, all of which are removed again.
         timeout_s: over both runs of the program.
         program: of PrusaSlicer; the one on the path by default.
-        stop: ends the program when it is set.
+        stop: ends the program when it is set. hear: told what it says while it slices.
 
     Raises:
         ValueError: the file is not a 3MF.
@@ -103,7 +120,7 @@ def slice_part(
     with tempfile.TemporaryDirectory(prefix="slicer-", dir=work, ignore_cleanup_errors=True) as own:
         for path in (part_3mf, part_3mf.with_name(PROFILE)):
             shutil.copyfile(path, Path(own) / path.name)
-        return _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop).run()
+        return _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop, hear).run()
 
 
 class _Job:
@@ -117,9 +134,10 @@ class _Job:
         scene: Scene,
         timeout_s: float,
         stop: threading.Event | None,
+        hear: Callable[[str], None] | None,
     ) -> None:
         self.program, self.folder, self.name, self.scene = program, folder, name, scene
-        self.timeout_s, self.stop = timeout_s, stop
+        self.timeout_s, self.stop, self.hear = timeout_s, stop, hear
         self.began = time.monotonic()
 
     def run(self) -> Sliced | NotSliced:
@@ -137,7 +155,7 @@ class _Job:
         if isinstance(info, NotSliced):
             return info
         objects, reading = compare_info(info.out, shells)
-        ended = self._call(*command)
+        ended = self._call(*command, heard=self.hear)
         if isinstance(ended, NotSliced):
             return ended
         try:
@@ -160,12 +178,16 @@ class _Job:
             seconds=time.monotonic() - self.began,
         )
 
-    def _call(self, *arguments: str) -> Ended | NotSliced:
+    def _call(
+        self, *arguments: str, heard: Callable[[str], None] | None = None
+    ) -> Ended | NotSliced:
         """Run the program; NotSliced where it did not end well."""
         left = self.timeout_s - (time.monotonic() - self.began)
         command = [self.program, "--datadir", "settings", *arguments]
+        if heard is not None and (flush := shutil.which("stdbuf")):
+            command = [flush, "-oL", *command]  # else it says how far it is when it has ended
         try:
-            ended = run_limited(command, self.folder, left, self.stop)
+            ended = run_limited(command, self.folder, left, self.stop, heard)
         except OSError as error:
             reason = f"{Path(self.program).name} cannot be started ({error.strerror})"
             return NotSliced("missing", reason, REMEDY)

@@ -125,10 +125,11 @@ class Broadcast:
         elif kind == "scene":
             self.scene = text
         elif kind == "stage":
-            self.status |= {"stage": event["name"], "left_s": event["left_s"]}
+            self.status |= {"stage": event["name"], "left_s": event["left_s"], "late": False}
+            self.status.pop("fraction", None)
         elif kind == "progress":
-            told = ("stage", "share", "left_s", "iou")
-            self.status |= {key: event[key] for key in told if event[key] is not None}
+            told = ("stage", "share", "left_s", "iou", "fraction", "late")
+            self.status |= {key: event[key] for key in told if event.get(key) is not None}
         elif kind == "say":
             self.status["notes"] = [*self.status["notes"], self.plain(event["text"])][-40:]
         self.send(text, frame=kind == "knots")

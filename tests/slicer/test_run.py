@@ -363,6 +363,22 @@ def test_a_build_that_ends_takes_the_slicer_with_it(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("slicer-*"))
 
 
+def test_how_far_it_is_is_told_while_it_slices(tmp_path: Path) -> None:
+    said = "printf '10 => a\\n70 => b\\n 30 => c\\n'"
+    program = _fake(
+        tmp_path / "bin", f"{said}; while [ ! -e {tmp_path}/on ]; do sleep .02; done; {COPY}"
+    )
+    part = write_boxes(tmp_path / "part.3mf", CUBE)
+    with SlicerQueue(tmp_path, program=program) as queue:
+        slicing = queue.submit(part, scene_of())
+        until = time.monotonic() + 60
+        while queue.done != 0.7 and time.monotonic() < until:
+            time.sleep(0.01)
+        assert queue.done == 0.7 and not slicing.done()
+        (tmp_path / "on").touch()
+        assert isinstance(slicing.result(), Sliced)
+
+
 def test_its_own_home_and_no_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for key, value in (("DISPLAY", ":0"), ("LC_ALL", "de_DE.UTF-8"), ("XDG_DATA_HOME", "/x")):
         monkeypatch.setenv(key, value)

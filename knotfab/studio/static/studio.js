@@ -27,8 +27,8 @@ function hear(event) {
   if (event.event === "state") show(event);
   else if (event.event === "scene") stage.setScene(event);
   else if (event.event === "knots") stage.setKnots(event);
-  else if (event.event === "stage") follow({ stage: event.name, left_s: event.left_s, fraction: null });
-  else if (event.event === "progress") follow({ stage: event.stage, share: event.share, left_s: event.left_s, fraction: event.fraction, ...(event.iou === null ? {} : { iou: event.iou }) });
+  else if (event.event === "stage") follow({ stage: event.name, left_s: event.left_s, fraction: null, late: false });
+  else if (event.event === "progress") follow({ stage: event.stage, share: event.share, left_s: event.left_s, fraction: event.fraction, late: event.late, ...(event.iou === null ? {} : { iou: event.iou }) });
   else if (event.event === "say") byId("notes").append(element("li", {}, event.text));
 }
 
@@ -105,7 +105,7 @@ function doing() {
 function remaining() {
   if (until === null) return "";
   const seconds = (until - performance.now()) / 1000;
-  if (seconds < -LATE_S) return ", longer than usual";
+  if (state.build.late || seconds < -LATE_S) return ", longer than usual";
   return seconds >= 90 ? `, about ${Math.round(seconds / 60)} min left` : `, about ${Math.max(1, Math.round(seconds))} s left`;
 }
 
