@@ -86,7 +86,7 @@ def prepare_build(
         colours=options.colours,
         sequence=options.sequence,
         targets=call.targets,
-        preview=(*describe(found), *call.lines),
+        preview=(*describe(found, exact=options.verbose), *call.lines),
     )
 
 

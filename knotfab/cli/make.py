@@ -92,7 +92,7 @@ def _build(
     if not quiet:
         from knotfab.cli.summary import print_summary
 
-        print_summary(outcome)
+        print_summary(outcome, options.verbose)
     if open_:
         webbrowser.open((outcome.folder / "report.html").resolve().as_uri())
     if not (outcome.folder / "report.json").is_file():

@@ -83,44 +83,31 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
         console.print(line, highlight=False, soft_wrap=True, style="dim")
 
 
-def print_summary(outcome: Outcome) -> None:
-    """Where the result lies, how good it is, and what did not pass."""
+def print_summary(outcome: Outcome, verbose: bool = False) -> None:
+    """Where the result lies, how good it is, and what did not pass.
+
+    Args:
+        verbose: with the figures that the words stand for.
+    """
     from rich.console import Console
     from rich.markup import escape
 
-    from knotfab.report.of_time import tell_time
+    from knotfab.report.of_time import tell_stages
 
     report, console = outcome.report, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     console.print(
-        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {tell_time(report['timings'])}"
+        f"{status}{_word(report)}  {escape(str(outcome.folder))}  in {report['timings']['total']:.0f} s"
     )
     for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
         console.print(f"  {escape(reason)}")
-    standing = report["print"].get("mount", {}).get("kind") == "stand"
-    for view in report["views"]:
-        read = view["legibility"].get("45")
-        # what the desk hides below the frame is no fault of the picture
-        framed = standing and view.get("iou_frame") is not None
-        console.print(
-            f"  {escape(view['name'])}: IoU {view['iou_frame' if framed else 'iou']:.4f}"
-            + (" in the frame" if framed else "")
-            + (f" (at best {view['bound']:.4f} without spill)" if "bound" in view else "")
-            + (f", legibility at 45° {read:.2f}" if read is not None else "")
-            + _misplaced(view)
-        )
-    piece, knots = report["print"], report["knots"]
-    size = " x ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
-    made = f"{size} mm, {piece['mass_g']:.0f} g" if piece["mass_g"] else "no part"
-    count = f"{len(knots)} knot{'s' if len(knots) > 1 else ''}"
-    if "parts" in piece:  # a sequence: the same knots in all of them
-        each = count_in_words(len(knots) // piece["parts"])
-        count = f"{each} in {piece['parts']} frames"
-    console.print(
-        f"  {count}, tube radius "
-        f"{report['settings']['tube_radius_mm']:.2f} mm, {made}"
-        f"{_graceful(knots)}"
-    )
+    for line in _tell_views(report, verbose):
+        console.print(f"  {escape(line)}")
+    console.print(f"  {_tell_piece(report)}")
+    if verbose:
+        radius = report["settings"]["tube_radius_mm"]
+        console.print(f"  tube radius {radius:.3f} mm{_graceful(report['knots'])}")
+        console.print(f"  {tell_stages(report['timings'])}")
     for note in report.get("notes", []):
         console.print(f"  {escape(note)}")
     if "next_step" in report:
@@ -132,12 +119,56 @@ def print_summary(outcome: Outcome) -> None:
     console.print(f"  {_last_line(report)}open {escape(str(outcome.folder))}/report.html")
 
 
+def _tell_views(report: dict[str, Any], verbose: bool) -> list[str]:
+    """How alike each view's shadow and picture are, and how far it can be read; of a sequence in one line."""
+    views = report["views"]
+    standing = report["print"].get("mount", {}).get("kind") == "stand"
+    # what the desk hides below the frame is no fault of the picture
+    keys = [
+        "iou_frame" if standing and view.get("iou_frame") is not None else "iou" for view in views
+    ]
+    alike = [_share(view[key]) for view, key in zip(views, keys, strict=True)]
+    if "parts" in report["print"] and not verbose:
+        worst = min(range(len(views)), key=lambda k: views[k]["iou"])
+        best = max(range(len(views)), key=lambda k: views[k]["iou"])
+        return [f"{alike[worst]} (frame {worst + 1}) to {alike[best]} alike (frame {best + 1})"]
+    lines = []
+    for view, key, share in zip(views, keys, alike, strict=True):
+        said = f"{share} alike" + (" in the frame" if key == "iou_frame" else "")
+        if view.get("bound", 0.0) > view[key]:
+            said += f" (at most {_share(view['bound'])} without spill)"
+        read = view["legibility"].get("45")
+        said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")
+        name = f"{view['name']}: " if len(views) > 1 else ""
+        lines.append(name + said + (f"; IoU {view[key]:.4f}" if verbose else ""))
+    return lines
+
+
+def _share(share: float) -> str:
+    """A share in percent with a decimal, which it is not rounded up to the whole by."""
+    return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
+
+
+def _tell_piece(report: dict[str, Any]) -> str:
+    """Its size, its weight, its knots and how thick they are."""
+    piece, knots = report["print"], report["knots"]
+    size = " × ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
+    weight = f"{piece['mass_g']:.0f} g"
+    if (filament := piece.get("filament_g")) and (supports := piece.get("support_g")):
+        weight = f"{filament - supports:.0f} g, with supports {filament:.0f} g of filament"
+    made = f"{size} mm, {weight}" if piece["mass_g"] else "no part"
+    count = count_in_words(len(knots) // piece.get("parts", 1))
+    if "parts" in piece:  # a sequence: the same knots in all of them
+        count += f" in {piece['parts']} frames"
+    return f"{made}; {count} of a tube {2 * report['settings']['tube_radius_mm']:.1f} mm thick"
+
+
 def _misplaced(view: dict[str, Any]) -> str:
     """What a person sees of a view where lamp or piece are off the worst way."""
     from knotfab.report.of_effects import tell_move
 
     worst = (view.get("misplacement") or {}).get("worst")
-    return f", {worst['fitted']:.2f} with {tell_move(worst, view)}" if worst is not None else ""
+    return f"; {worst['fitted']:.0%} with {tell_move(worst, view)}" if worst is not None else ""
 
 
 def _graceful(knots: list[dict[str, Any]]) -> str:
@@ -148,7 +179,7 @@ def _graceful(knots: list[dict[str, Any]]) -> str:
         max(knot[key] for knot in knots) for key in ("mean_curvature_radii", "curvature_90_radii")
     )
     turns = sum(knot["turns"] for knot in knots)
-    return f", curvature x radius {mean:.2f} (90 % below {most:.2f}), {turns:.0f} turns"
+    return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
 def _last_line(report: dict[str, Any]) -> str:

@@ -69,8 +69,8 @@ class Coupon:
     def tell(self) -> str:
         """One sentence for the report."""
         return (
-            f"{COUPON} is there to try the fit on: a pin of {self.pin_mm:.1f} mm, holes that are wider by "
-            f"{PLAYS_MM[0]:g} to {PLAYS_MM[-1]:g} mm with a dot for every tenth, and one of the mount's pegs."
+            f"Print {COUPON} first, in half an hour: its pin of {self.pin_mm:.1f} mm and its holes, "
+            f"{PLAYS_MM[0]:g} to {PLAYS_MM[-1]:g} mm wider, show what play your printer needs."
         )
 
 

@@ -158,7 +158,7 @@ def plan_wall(
     assert best is not None
     if not thoroughly and best.sag_again_mm > stiffness.max_sag_mm:
         sag, limit = best.sag_again_mm, stiffness.max_sag_mm
-        why = f"it sags {sag:.2f} mm on its pegs, {limit:g} are allowed"
+        why = f"it sags by {sag:.2f} mm on its pegs ({limit:g} allowed)"
         raise NotHeldError("the wall mount", why, remedy)
     return best
 

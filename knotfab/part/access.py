@@ -56,12 +56,13 @@ class Access:
     def tell(self) -> str:
         """One sentence for the report and the summary."""
         by_hand, cut = self.reached["finger"], self.reached["cutter"]
-        text = f"A finger reaches {by_hand:.0%} of its supports, a cutter {cut:.0%}"
+        text = f"Supports: {by_hand:.0%} come off by hand, {cut:.0%} with a cutter"
         if self.worst is None or self.worst_tool == "finger":
             return text + "."
-        place = ", ".join(f"{x:.0f}" for x in self.worst)
-        least = f"only a {self.worst_tool} comes in" if self.worst_tool else "no straight tool does"
-        return f"{text}; at ({place}) {least}."
+        x, y, z = self.worst
+        where = f"{x:.0f} mm from the left, {y:.0f} from the front, {z:.0f} above the bed"
+        with_ = f"a {self.worst_tool}" if self.worst_tool else "a bent tool"
+        return f"{text}; the hardest place, {where}, needs {with_}."
 
 
 def measure_access(bodies: Sequence[Mesh], rules: Rules) -> Access:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import floor
 from typing import Any
 
@@ -11,23 +12,28 @@ from knotfab.target.opening import Loss
 __all__ = ["count", "describe", "list_figures"]
 
 
-def describe(found: Survey) -> list[str]:
-    """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print."""
+def describe(found: Survey, exact: bool = False) -> list[str]:
+    """A few lines: each picture's silhouette, what the likely tube loses of it, and a guess of the print.
+
+    Args:
+        exact: with the figures of the rule by which each picture was read.
+    """
     lines = []
     if found.frames:
         lines.append(f"{found.frames} frames; the hardest to draw is {found.views[0].target.name}.")
     for seen in found.views:
-        lines += [_describe_silhouette(seen), _describe_losses(seen, found)]
+        lines += [_describe_silhouette(seen, exact), _describe_losses(seen, found)]
     lines.append(_describe_piece(found))
     return lines
 
 
-def _describe_silhouette(seen: ViewSurvey) -> str:
-    """The rule that was taken, pieces, holes, and the size on the wall."""
+def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
+    """What is drawn, pieces, holes, and the size on the wall."""
     width, height = seen.view.frame_mm
+    rule = seen.target.rule if exact else re.sub(r" \[[^]]*\]", "", seen.target.rule)
     return (
-        f"{seen.target.name}: {seen.target.rule}. {count(seen.pieces, 'piece')}, "
-        f"{count(seen.holes, 'hole')}, {width:.0f} x {height:.0f} mm on the wall."
+        f"{seen.target.name}: {rule}; {count(seen.pieces, 'piece')}, "
+        f"{count(seen.holes, 'hole')}; {width:.0f} × {height:.0f} mm on the wall."
     )
 
 
@@ -79,7 +85,7 @@ def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
 
 def _describe_piece(found: Survey) -> str:
     wide, high = found.views[0].piece_mm
-    text = f"  The piece is about {wide:.0f} x {high:.0f} mm across"
+    text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
     each = " a frame" if found.frames else ""
     text += f"; a guess, with a tube of {found.radius_mm:.1f} mm: {_round(guess.mass_g)} g"

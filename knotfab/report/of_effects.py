@@ -184,16 +184,21 @@ def tell_contrast(report: Record) -> None:
         if found is None:
             continue
         ghost = (
-            f" The second lamp throws a shadow of {found['ghost_contrast']:.2f} "
+            f" The second lamp throws a shadow {found['ghost_contrast']:.0%} as dark as can be, "
             f"{found['ghost_shift_mm']:.0f} mm aside."
             if found["ghost_shift_mm"] is not None
             else ""
         )
         report.setdefault("notes", []).append(
-            f"Light and dark, {view['name']}: a contrast of {found['contrast']:.2f} of 1 in the middle of "
-            f"the picture, of {found['contrast_least']:.2f} where it is least; there the lamp gives "
-            f"{found['falloff']:.2f} of its light.{ghost}"
+            f"Light and dark{_of_view(report, view)}: in the middle the shadow is {found['contrast']:.0%} as "
+            f"dark as can be, where it is palest {found['contrast_least']:.0%}; there the wall gets "
+            f"{found['falloff']:.0%} of the light of its middle.{ghost}"
         )
+
+
+def _of_view(report: Record, view: Record) -> str:
+    """Which view a sentence speaks of, where there are several."""
+    return f" of {view['name']}" if len(report["views"]) > 1 else ""
 
 
 def tell_move(move: Mapping[str, Any], view: Mapping[str, Any]) -> str:

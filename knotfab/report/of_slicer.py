@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from knotfab.slicer.result import CrossCheck, NotSliced, Sliced
 
-__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing", "tell_printing"]
+__all__ = ["OPENING", "PROVEN", "check_slicing", "print_figures", "report_slicing", "tell_flatter"]
 
 # PrusaSlicer ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
 # outside the bed, and it leaves out what is thinner than a line without a word.
@@ -104,17 +105,14 @@ def print_figures(result: Sliced | NotSliced) -> dict[str, float]:
     }
 
 
-def tell_printing(figures: dict[str, Any]) -> str:
-    """One sentence on `print_figures`, and on what less depth would take where `flatter` says it."""
-    text = f"Printing takes {_hours(figures['time_s'] / 3600)} and {figures['filament_g']:.0f} g of filament"
-    if figures["support_g"] > 0:
-        text += f", {figures['support_share']:.0%} of it supports"
+def tell_flatter(flatter: Sequence[dict[str, Any]]) -> str:
+    """What less depth would take, one sentence."""
     less = []
-    for other in figures.get("flatter", []):
+    for other in flatter:
         share = other["depth_share"]
         how = f"with {share:.0%} of its depth" if share else "flat"
         less.append(f"{how} {_hours(other['hours'])} and {other['grams']:.0f} g")
-    return text + (f". By an estimate: {', '.join(less)}." if less else ".")
+    return f"A flatter piece would take, by an estimate: {', '.join(less)}."
 
 
 def _hours(hours: float) -> str:

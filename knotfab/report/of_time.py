@@ -10,7 +10,7 @@ from typing import Any
 
 from knotfab.scene.settings import PRESETS
 
-__all__ = ["add_next_step", "tell_time"]
+__all__ = ["add_next_step", "tell_stages"]
 
 Record = dict[str, Any]
 
@@ -52,14 +52,14 @@ def add_next_step(report: Record) -> None:
         report["timings"].get(stage, 0.0) * (better["seconds"].get(stage, seconds) / seconds - 1.0)
         for stage, seconds in own["seconds"].items()
     )
-    bought = f"+{gain:.4f} IoU".replace("+0.", "+.") if gain > _LEAST_GAIN else "next to nothing"
-    longer = f"for about {more:.0f} s more" if more >= 0.5 else "in about the same time"
+    bought = f"about {100 * gain:.1g}%" if gain > _LEAST_GAIN else "hardly"
+    longer = f"in about {more:.0f} s more" if more >= 0.5 else "in about the same time"
     report["next_step"] = {
         "accuracy": better["accuracy"],
         "iou_gain": gain,
         "seconds_more": more,
-        "sentence": f"--accuracy {better['accuracy']} would bring about {bought} {longer} "
-        f"(an estimate by {study['pictures']} pictures, measured {study['measured']}).",
+        "sentence": f"--accuracy {better['accuracy']} would come {bought} nearer to the picture {longer} "
+        f"(an estimate by {study['pictures']} pictures).",
     }
 
 
@@ -70,7 +70,7 @@ def _as_preset(settings: Record, views: int) -> bool:
     return all(settings["search"][key] == getattr(preset, key) for key in _WORK)
 
 
-def tell_time(timings: Mapping[str, float]) -> str:
+def tell_stages(timings: Mapping[str, float]) -> str:
     """The seconds in all, and of the stages that took most of them."""
     total = timings["total"]
     most = sorted(((s, name) for name, s in timings.items() if name != "total"), reverse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from knotfab.report.of_slicer import tell_printing
+from knotfab.report.of_slicer import tell_flatter
 
 if TYPE_CHECKING:
     from knotfab.part.access import Access
@@ -66,9 +66,8 @@ def add_posing(
             first, kept = flattening.wall_mm
             pose["wall_distance_mm"] = {"first": round(first, 2), "kept": round(kept, 2)}
             notes.append(
-                f"It was searched again for its mount, {flattening.to_mm:.0f} mm deep and {kept:.0f} mm from "
-                f"its wall: {flattening.from_mm:.0f} mm deep and {first:.0f} mm from it, "
-                f"{flattening.unheld}."
+                f"At {first:.0f} mm from the wall, {flattening.from_mm:.0f} mm deep, {flattening.unheld}: "
+                f"so it was rebuilt at {kept:.0f} mm, {flattening.to_mm:.0f} mm deep."
             )
         elif flattening.to_mm < flattening.from_mm:
             notes.append(
@@ -129,12 +128,12 @@ def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Acces
         sliced = Printing(
             1.0, figures["time_s"] / 3600, figures["filament_g"], figures["support_g"]
         )
-        if len(scene.views) == _VIEWS_FLATTENED and part.plates is None:
+        open_depth = part.plates is None and scene.piece.depth != "flat"
+        if len(scene.views) == _VIEWS_FLATTENED and open_depth:
             knots = part.pose.knots.moved(part.pose.matrix)
             found = estimate_flatter(knots, sliced, rules)
             figures["flatter"] = [one.to_dict() for one in found]
-    if "time_s" in figures:
-        notes.append(tell_printing(figures))
+            notes.append(tell_flatter(figures["flatter"]))
     if access is not None:
         figures["support_access"] = access.to_dict()
         if access.worst is not None:

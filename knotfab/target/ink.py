@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from colorsys import rgb_to_hsv
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,17 @@ _ROWS = 512  # rows handled at once where colours are compared, to bound the mem
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
 _NOISE = 8.0
+_PLAINLY = 64.0  # of 255 levels, by which ink is plainly darker or lighter than what it lies on
+# below so many degrees
+_HUES: tuple[tuple[int, str], ...] = (
+    *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
+    *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),
+)
 _WORTH_SAYING = 0.02  # share of the ink of a colour that is told
 
 
 def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
-    """The pixels of a decoded picture that are ink, and the rule in words.
+    """The pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
 
     Args:
         image: upright, and cropped already. what: how an error names the picture.
@@ -55,14 +62,13 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     if reading.ink == "auto":
         middle = np.median(_take_border(colours), axis=0)
         mask = _differ(colours, middle, reading.threshold, what)
-        rule = (
-            f"what differs from the border's colour, {_name(middle, colours)}, by more than {share}"
-        )
+        rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
+        rule += f"{_name(middle, colours)}, by more than {share}]"
         return mask, rule + _tell_colours(colours, mask)
     opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
     if reading.ink == "flood":
         return opaque & ~_flood(colours, reading.threshold, what), (
-            f"what the colours of the border do not reach, each taking in {share}"
+            f"what the colours of the border do not reach [each taking in {share}]"
         )
     if reading.ink in ("dark", "light"):
         return _split_brightness(colours, opaque, reading, what)
@@ -79,7 +85,9 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
             f"nothing in it is near {reading.ink}",
             "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
         )
-    return near & opaque, f"what differs from {reading.ink} by less than {share}"
+    called = _word_of(np.array(ImageColor.getrgb(reading.ink), dtype=np.float64))
+    exact = f"[what differs from {reading.ink} by less than {share}]"
+    return near & opaque, f"what is {called} {exact}"
 
 
 def _split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
@@ -101,12 +109,13 @@ def _split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | Non
 
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
     """What is opaque, less enclosed parts of another colour than the largest."""
-    rule = f"what is opaque (alpha at least {reading.threshold:g})"
+    rule = f"what is opaque [alpha at least {reading.threshold:g}]"
     if reading.ink == "alpha" or colours.ndim == 2:
         return opaque, rule
     holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
     if clusters is not None and holes.any():
-        rule += f", less what {_hex(clusters.colours[0])}, the largest colour, encloses of others"
+        rule += ", without the parts of other colours inside it "
+        rule += f"[that {_hex(clusters.colours[0])}, the largest colour, encloses]"
     mask = opaque & ~holes
     return mask, rule + _tell_colours(colours, mask)
 
@@ -128,7 +137,10 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
     told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
     if len(told) < 2:
         return ""
-    words = [f"{_hex(found.colours[k])} ({found.shares[k]:.0%})" for k in told[:4]]
+    words = [
+        f"{_word_of(found.colours[k])} {_hex(found.colours[k])} ({found.shares[k]:.0%})"
+        for k in told[:4]
+    ]
     return f"; of several colours, {', '.join(words)}: --ink COLOUR takes one of them alone"
 
 
@@ -211,7 +223,7 @@ def _split_brightness(
     edge = low + at * (high - low) if dark else high - at * (high - low)
     mask = bright < edge if dark else bright > edge
     way = "from the darkest to the lightest" if dark else "from the lightest to the darkest"
-    return np.asarray(mask), f"what is {reading.ink}, up to {at:g} of the way {way} pixel"
+    return np.asarray(mask), f"what is {reading.ink} [up to {at:g} of the way {way} pixel]"
 
 
 def _one_colour(what: str) -> InputError:
@@ -224,6 +236,25 @@ def _one_colour(what: str) -> InputError:
 
 def _hex(colour: Array | NDArray[np.uint8]) -> str:
     return "#" + "".join(f"{int(c):02x}" for c in colour)
+
+
+def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
+    """What a person sees drawn, such as "the dark shape on white"."""
+    most = np.iinfo(colours.dtype).max
+    ground = np.broadcast_to(255 * middle / most, 3)
+    ink = np.broadcast_to(255 * colours[mask].mean(axis=0) / most, 3)
+    brighter = float((ink - ground) @ _LUMA) / sum(_LUMA)
+    which = "" if abs(brighter) < _PLAINLY else "light " if brighter > 0 else "dark "
+    return f"the {which}shape on {_word_of(ground)}"
+
+
+def _word_of(colour: Array) -> str:
+    """What a person calls a colour (0 .. 255)."""
+    hue, saturation, value = rgb_to_hsv(*(colour / 255))
+    if value < 0.15 or saturation < 0.15:
+        return "black" if value < 0.2 else "white" if value > 0.85 else "grey"
+    tone = "pale " if saturation < 0.45 else "dark " if value < 0.5 else ""
+    return tone + next(name for below, name in _HUES if 360 * hue < below)
 
 
 def _name(middle: Array, colours: Levels) -> str:

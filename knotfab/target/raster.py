@@ -171,7 +171,10 @@ def silhouette(
         rule += f"; without specks of less than {reading.speck_px} px"
     if reading.keep_largest:
         mask = keep_largest(mask, reading.keep_largest)
-        rule += f"; of that the {reading.keep_largest} largest pieces"
+        count = reading.keep_largest
+        rule += (
+            "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
+        )
     if box is not None:
         rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
     check_shape(mask, what)

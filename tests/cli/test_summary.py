@@ -48,17 +48,18 @@ def test_where_there_is_no_part_it_has_neither_size_nor_weight(
     done.report["print"] |= {"bounding_box_mm": None, "mass_g": 0.0}
     print_summary(done)
     said = capsys.readouterr().out
-    assert "tube radius 2.00 mm, no part\n" in said and said.endswith("  open out/report.html\n")
+    assert "  no part; one knot of a tube 4.0 mm thick\n" in said
+    assert said.endswith("  open out/report.html\n")
 
 
 def test_of_a_stand_the_frame_alone_is_quoted(capsys: pytest.CaptureFixture[str]) -> None:
     done = outcome("good")
     view = {"name": "front", "iou": 0.7, "iou_frame": 0.95, "legibility": {}}
     done.report["views"] = [view]
-    for kind, quoted in (("stand", "IoU 0.9500 in the frame"), ("wall", "IoU 0.7000")):
+    for kind, quoted in (("stand", "95.0% alike in the frame"), ("wall", "70.0% alike")):
         done.report["print"]["mount"] = {"kind": kind}
         print_summary(done)
-        assert f"front: {quoted}\n" in capsys.readouterr().out
+        assert f"  {quoted}\n" in capsys.readouterr().out
 
 
 def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,5 +79,39 @@ def test_how_gracefully_the_knots_run_is_told(capsys: pytest.CaptureFixture[str]
     keys = ("mean_curvature_radii", "curvature_90_radii", "turns")
     rows = ((0.2, 0.41, 30.0), (0.1, 0.52, 12.0))
     done.report["knots"] = [dict(zip(keys, row, strict=True)) for row in rows]
+    print_summary(done, verbose=True)
+    assert "curvature × radius 0.20 (90% below 0.52), 42 turns" in capsys.readouterr().out
+
+
+def view(name: str, iou: float, **more: Any) -> dict[str, Any]:
+    return {"name": name, "kind": "shadow", "iou": iou, "legibility": {"45": 0.482}, **more}
+
+
+def test_views_are_told_in_percent_by_their_names_and_figures_only_when_asked(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = outcome("good")
+    off = {"turn_deg": 1.0, "worst": {"of": "turn", "way": "up", "fitted": 0.966}}
+    done.report["views"] = [
+        view("heart", 0.99962, bound=0.9), view("teapot", 0.957, bound=0.9976, misplacement=off)
+    ]  # fmt: skip
     print_summary(done)
-    assert "curvature x radius 0.20 (90 % below 0.52), 42 turns" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "  heart: 99.9% alike; from 45° aside 48% readable\n" in said  # no bound that it beats
+    assert (
+        "  teapot: 95.7% alike (at most 99.8% without spill); 97% with the piece turned by 1°"
+        in said
+    )
+    assert "IoU" not in said and "radius" not in said and "curvature" not in said
+    print_summary(done, verbose=True)
+    assert "IoU 0.9570" in capsys.readouterr().out
+
+
+def test_a_sequence_is_one_line_of_frames(capsys: pytest.CaptureFixture[str]) -> None:
+    done = outcome("good")
+    done.report["views"] = [
+        view(f"frame-{k:02d}", iou) for k, iou in ((1, 0.98), (2, 0.95), (3, 0.97))
+    ]
+    done.report["print"]["parts"] = 3
+    print_summary(done)
+    assert "  95.0% (frame 2) to 98.0% alike (frame 1)\n" in capsys.readouterr().out

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from knotfab.report.of_time import _study, add_next_step, tell_time
+from knotfab.report.of_time import _study, add_next_step, tell_stages
 from knotfab.scene.settings import PRESETS
 
 
@@ -48,7 +48,7 @@ def test_nothing_is_promised_beyond_what_the_views_leave_nor_a_search_of_less_th
     told["views"][1]["bound"] = 0.95
     add_next_step(told)
     assert told["next_step"]["iou_gain"] == 0.0
-    assert "next to nothing" in told["next_step"]["sentence"]
+    assert "hardly nearer" in told["next_step"]["sentence"]
 
 
 def test_nothing_is_promised_beyond_the_best_nor_in_a_budget() -> None:
@@ -73,6 +73,6 @@ def test_nothing_is_promised_to_a_search_of_other_iterations_or_pixels(key: str)
 
 
 def test_the_stages_that_took_most_are_named_the_longest_first() -> None:
-    said = tell_time({"picture": 0.1, "search": 4.0, "verify": 5.0, "total": 9.4})
+    said = tell_stages({"picture": 0.1, "search": 4.0, "verify": 5.0, "total": 9.4})
     assert said == "9.4 s: verify 5.0, search 4.0"
-    assert tell_time({"total": 2.0}) == "2.0 s"
+    assert tell_stages({"total": 2.0}) == "2.0 s"

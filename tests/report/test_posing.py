@@ -10,6 +10,7 @@ import pytest
 
 from knotfab.part.flatter import Flattening
 from knotfab.part.plates import Plates, PrintPlate
+from knotfab.report.of_slicer import tell_flatter
 from knotfab.report.posing import add_posing, find_access
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
@@ -74,7 +75,8 @@ def test_a_piece_that_was_brought_to_its_wall() -> None:
     found = report()
     add_posing(found, part(), Flattening(90.0, 60.0, None, "it sags 1.00 mm", (100.0, 45.0)))
     (note,) = found["notes"][2:]
-    assert "60 mm deep and 45 mm from its wall: 90 mm deep and 100 mm from it, it sags 1.00" in note
+    assert "At 100 mm from the wall, 90 mm deep, it sags 1.00" in note
+    assert "so it was rebuilt at 45 mm, 60 mm deep." in note
     assert found["print"]["pose"]["wall_distance_mm"] == {"first": 100.0, "kept": 45.0}
 
 
@@ -91,11 +93,19 @@ def test_what_was_sliced_is_told_with_its_supports() -> None:
     found = report()
     found["print"] = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
     add_posing(found, part(), None, printing=True, access=find_access(part()))
-    assert "1.5 h and 20 g of filament, 25% of it supports." in found["notes"][2]
     assert found["print"]["support_access"]["worst"] is None  # a box that has no face
     quiet = report()
     add_posing(quiet, part(), None)
     assert "support_access" not in quiet["print"]
+
+
+def test_what_less_depth_would_take_is_one_sentence() -> None:
+    less = [
+        {"depth_share": 0.6, "hours": 1.5, "grams": 20.0},
+        {"depth_share": 0, "hours": 0.5, "grams": 9.0},
+    ]
+    said = tell_flatter(less)
+    assert said.endswith(": with 60% of its depth 1.5 h and 20 g, flat 30 min and 9 g.")
 
 
 def make_sliced(time_s: float, *, passed: bool) -> Sliced:
