@@ -22,7 +22,9 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     if found.frames:
         lines.append(f"{found.frames} frames; the hardest to draw is {found.views[0].target.name}.")
     for seen in found.views:
-        lines += [_describe_silhouette(seen, exact), _describe_losses(seen, found)]
+        lines.append(_describe_silhouette(seen, exact))
+        lines += [f"  Note: {note}." for note in seen.target.notes]
+        lines.append(_describe_losses(seen, found))
     lines.append(_describe_piece(found))
     return lines
 
@@ -129,6 +131,7 @@ def list_figures(found: Survey) -> dict[str, Any]:
             {
                 "picture": seen.target.name,
                 "silhouette": seen.target.rule,
+                "notes": list(seen.target.notes),
                 "pieces": seen.pieces,
                 "holes": seen.holes,
                 "frame_mm": [round(side, 2) for side in seen.view.frame_mm],

@@ -198,6 +198,8 @@ def add_silhouettes(report: Record, targets: Sequence[Target]) -> None:
     """Add to each view the rule by which its picture was read."""
     for view, target in zip(report["views"], targets, strict=False):  # a part may have no views
         view["silhouette"] = target.rule
+        if target.notes:
+            view["picture_notes"] = list(target.notes)
 
 
 def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool) -> None:

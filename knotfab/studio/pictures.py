@@ -11,9 +11,11 @@ from pydantic import BaseModel, ConfigDict
 
 from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
-from knotfab.target import raster, svg, text
+from knotfab.target import raster, text
 from knotfab.target.data_uri import encode_image
 from knotfab.target.read import TEXT_PREFIX, name_picture
+from knotfab.target.svg.render import render_svg
+from knotfab.target.svg.xml import looks_like_svg
 
 __all__ = [
     "LARGEST_BYTES",
@@ -68,8 +70,8 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
     if len(data) > LARGEST_BYTES:
         raise too_large(what)
     frames = 1
-    if svg.looks_like_svg(data):
-        image, _ = raster.decode(svg.render_svg(data, what), what)
+    if looks_like_svg(data):
+        image, _ = raster.decode(render_svg(data, what)[0], what)
         suffix = ".svg"
     else:
         if raster.looks_like_raster(data):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -16,7 +17,14 @@ from knotfab.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
-__all__ = ["find_font", "list_families", "load_font", "supply_fonts"]
+__all__ = [
+    "find_family",
+    "find_font",
+    "list_families",
+    "load_font",
+    "supplied_folder",
+    "supply_fonts",
+]
 
 # All of them come with matplotlib.
 _SUPPLIED = (
@@ -47,6 +55,13 @@ def load_font(path: str) -> FT2Font:
     return font
 
 
+def supplied_folder() -> str:
+    """Where the fonts are that come along."""
+    import matplotlib
+
+    return f"{matplotlib.get_data_path()}/fonts/ttf"
+
+
 def supply_fonts(asked: str | None) -> tuple[str, ...]:
     """Files of the fonts to draw with, the one asked for first, then those that come along.
 
@@ -56,10 +71,7 @@ def supply_fonts(asked: str | None) -> tuple[str, ...]:
     Raises:
         InputError: there is no such font, or the file is none.
     """
-    import matplotlib
-
-    folder = f"{matplotlib.get_data_path()}/fonts/ttf"
-    supplied = tuple(f"{folder}/{name}.ttf" for name in _SUPPLIED)
+    supplied = tuple(f"{supplied_folder()}/{name}.ttf" for name in _SUPPLIED)
     return supplied if asked is None else (_named_font(asked), *supplied)
 
 
@@ -111,25 +123,35 @@ def _named_font(asked: str) -> str:
                 what, "it is no font file with outlines", "Name a TrueType or OpenType file."
             ) from error
         return str(path)
+    found = find_family(asked)
+    if found is None:
+        raise InputError(
+            what,
+            "this machine has no font of that name",
+            'Name a family, such as --font "DejaVu Serif" (fc-list : family lists them), or a file.',
+        )
+    return found[0]
+
+
+@cache
+def find_family(asked: str) -> tuple[str, ...] | None:
+    """Files of a family's fonts, upright and regular ones first; None where this machine has none."""
     family = asked.replace("\\", "\\\\").replace(":", "\\:").replace("-", "\\-").replace(",", "\\,")
+    files = []
     for found in _system_fonts(family) if asked.strip() else ():
-        try:
+        with contextlib.suppress(RuntimeError, OSError):
             load_font(found)
-        except (RuntimeError, OSError):
-            continue
-        return found
+            files.append(found)
+    if files:
+        return tuple(files)
     from matplotlib.font_manager import (
         findfont,  # knows matplotlib's own, where fontconfig does not
     )
 
     try:
-        return str(findfont(asked, fallback_to_default=False))
-    except ValueError as error:
-        raise InputError(
-            what,
-            "this machine has no font of that name",
-            'Name a family, such as --font "DejaVu Serif" (fc-list : family lists them), or a file.',
-        ) from error
+        return (str(findfont(asked, fallback_to_default=False)),)
+    except ValueError:
+        return None
 
 
 def _system_fonts(pattern: str) -> Iterator[str]:

@@ -18,10 +18,12 @@ from PIL import Image
 from knotfab.disk import at_home, read_file
 from knotfab.errors import InputError, shown
 from knotfab.scene.model import Box, Reading
-from knotfab.target import raster, svg, text
+from knotfab.target import raster, text
 from knotfab.target.bending import Bending
 from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import pieces_of, smooth
+from knotfab.target.svg.render import render_svg
+from knotfab.target.svg.xml import looks_like_svg
 
 __all__ = [
     "PICTURE_SUFFIXES",
@@ -37,7 +39,8 @@ __all__ = [
 ]
 
 TEXT_PREFIX = "text:"
-PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), [".svg"]))
+_DRAWN = (".svg", ".svgz")
+PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
@@ -61,6 +64,7 @@ class Target:
     Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
+    `notes` say, a sentence each, what of the file is left out or guessed.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     """
 
@@ -80,6 +84,7 @@ class Target:
     shrunk: int = 1
     bending: Bending | None = None
     is_text: bool = False  # written out, which nobody reads in a mirror
+    notes: tuple[str, ...] = ()
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -199,8 +204,9 @@ def read_target(
     data = read_bytes(path, what)
     suffix = path.suffix.lower()
     name = name_picture(str(path))
-    if not raster.looks_like_raster(data) and (suffix == ".svg" or svg.looks_like_svg(data)):
-        return _take_target(svg.render_svg(data, what), what, name, "", reading, glance)
+    if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
+        png, notes = render_svg(data, what)
+        return replace(_take_target(png, what, name, "", reading, glance), notes=notes)
     return _take_target(data, what, name, suffix, reading, glance)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knotfab.errors import InputError
 from knotfab.target.fonts import find_font, load_font, supply_fonts
 from knotfab.target.raster import MARGIN
-from knotfab.target.svg import LONGER_SIDE, render
+from knotfab.target.svg.render import LONGER_SIDE, render
 
 __all__ = ["Outline", "outline_text", "render_text"]
 

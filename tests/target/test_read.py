@@ -248,7 +248,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "notxml.svg": (b"this is no XML", "not valid XML"),
     "cut.svg": (SVG.format("", "<rect/>").encode()[:-4], "not valid XML"),
     "html.svg": (b"<html><body/></html>", "outermost element is <html>"),
-    "zipped.svg": (b"\x1f\x8b\x08rest", "compressed SVG"),
+    "zipped.svg": (b"\x1f\x8b\x08rest", "compressed SVG is damaged"),
     "nothing.svg": (SVG.format("", "").encode(), "transparent everywhere"),
     "speck.svg": (SVG.format("", '<circle cx="5" cy="5" r="0.001"/>').encode(), "transparent"),
     "zero.svg": (SVG.format(' width="0" height="1"', "<path/>").encode(), "its size is nothing"),
@@ -404,56 +404,6 @@ def test_svg_may_embed_a_picture(tmp_path: Path) -> None:
 def test_svg_text_needs_no_installed_font(tmp_path: Path) -> None:
     target = svg(tmp_path, '<text x="1" y="9" font-size="9" font-family="No Such Font">M</text>')
     assert 0.05 < target.mask.mean() < 0.5
-
-
-LINK = 'xmlns:xlink="http://www.w3.org/1999/xlink" xlink:href'
-BOMB = "<!DOCTYPE svg [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
-    f"<!ENTITY {x} '{f'&{y};' * 10}'>" for x, y in zip("bcdefghi", "abcdefgh", strict=True)
-)
-HUGE = base64.b64encode(png(Image.new("1", (9000, 20)))).decode()
-OUTSIDE: dict[str, tuple[str, str]] = {
-    "http": ('<image href="http://example.org/a.png"/>', "<image>.*http://example.org"),
-    "https": (f'<image {LINK}="https://example.org/a.png"/>', "<image>"),
-    "file": ('<image href="file:///etc/passwd"/>', "<image>.*outside"),
-    "relative": ('<image href="../secret.png"/>', "<image>"),
-    "absolute": ('<use href="/a.svg#x"/>', "<use>"),
-    "nested": ('<image href="data:image/svg+xml,&lt;svg/&gt;"/>', "<image>"),
-    "huge": (f'<image href="data:image/png;base64,{HUGE}"/>', "embedded.*more than 8000"),
-    "damaged": ('<image href="data:image/png;base64,AAAA"/>', "embedded.*<image>"),
-    "style": ('<rect style="fill:url(http://example.org/#a)"/>', "<rect>"),
-    "quoted": ("<rect fill='url( \"a.svg#b\" )'/>", "<rect>"),
-    "escaped": (r'<rect style="fill:u\72l(a.svg)"/>', "<rect>"),
-    "import": ("<style>@import 'a.css';</style>", "<style>.*@import"),
-    "import-escaped": (r"<style>@\69mport 'a.css';</style>", "<style>.*@import"),
-    "import-comment": ("<style>@im/**/port url(a.css);</style>", "<style>"),
-    "font": ("<style>@font-face {src: url(http://x/f)}</style>", "<style>"),
-    "script": ("<script>alert(1)</script>", "<script>"),
-    "event": ('<rect onload="alert(1)"/>', "<rect>.*onload"),
-    "anchor": ('<a href="javascript:alert(1)"><rect/></a>', "<a>"),
-}
-
-
-@pytest.mark.parametrize("kind", OUTSIDE)
-def test_svg_that_reaches_outside_is_refused(tmp_path: Path, kind: str) -> None:
-    body, words = OUTSIDE[kind]
-    with pytest.raises(InputError, match=words):
-        svg(tmp_path, body + '<rect width="5" height="5"/>')
-
-
-@pytest.mark.parametrize(
-    ("start", "words"),
-    [
-        (BOMB + "]>", "declares an XML entity.*<!ENTITY a>"),
-        ('<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>', "declares an XML entity"),
-        ('<!DOCTYPE svg [<!ENTITY % p SYSTEM "http://x/d">%p;]>', "entity"),
-        ('<?xml-stylesheet href="http://x/a.css"?>', "xml-stylesheet"),
-    ],
-)
-def test_svg_entities_and_style_sheets_are_refused(tmp_path: Path, start: str, words: str) -> None:
-    path = tmp_path / "bomb.svg"
-    path.write_text(start + SVG.format("", "<text>&i;</text>" if start.startswith(BOMB) else ""))
-    with pytest.raises(InputError, match=words):
-        read_target(path)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 from knotfab.errors import InputError
 
-__all__ = ["CSS_DPI", "set_pixel_size"]
+__all__ = ["CSS_DPI", "read_length", "set_pixel_size"]
 
 CSS_DPI = 96.0  # CSS Values 3, section 6.2: 96 px to the inch
 _FONT_PX = 16.0  # the usual font, of which em and ex are measured
@@ -27,7 +27,18 @@ _PIXELS = {
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]*|%)\s*")
 
 
-def set_pixel_size(root: Element, longer: int, what: str) -> None:
+def read_length(text: str, whole: float | None = None) -> float | None:
+    """A length in px, or None where it is in no known unit; `whole` is what % refers to."""
+    found = _LENGTH.fullmatch(text)
+    if found is None:
+        return None
+    number, unit = float(found[1]), found[2].lower()
+    if unit == "%":
+        return None if whole is None else number / 100.0 * whole
+    return number * _PIXELS[unit] if unit in _PIXELS else None
+
+
+def set_pixel_size(root: Element, longer: int, what: str) -> float:
     """Give the outermost element of a drawing a width and a height in whole pixels.
 
     resvg rounds a drawing's own size to whole pixels before it enlarges it: 40 mm x 20 mm, which are
@@ -38,6 +49,9 @@ def set_pixel_size(root: Element, longer: int, what: str) -> None:
         root: <svg>; its width, height and (if there is none) viewBox are set in place.
         longer: pixels of the longer side.
         what: how an error names the picture.
+
+    Returns:
+        px of CSS of the longer side, as the drawing has it; that of its pixels where it does not say.
 
     Raises:
         InputError: a width, height or viewBox of nothing, or less.
@@ -55,13 +69,14 @@ def set_pixel_size(root: Element, longer: int, what: str) -> None:
         elif height is None and width is not None:
             height = width * box[1] / box[0]
     if width is None or height is None:
-        return
+        return float(longer)
     if box is None:
         root.set("viewBox", f"0 0 {width!r} {height!r}")
         root.set("preserveAspectRatio", "none")  # the ratio is kept but for the rounding
     scale = longer / max(width, height)
     root.set("width", str(max(1, round(width * scale))))
     root.set("height", str(max(1, round(height * scale))))
+    return max(width, height)
 
 
 def _view_box(root: Element, what: str) -> tuple[float, float] | None:
@@ -81,14 +96,10 @@ def _pixels(root: Element, side: str, whole: float | None, what: str) -> float |
 
     `whole` is what % refers to: that side of the viewBox.
     """
-    found = _LENGTH.fullmatch(root.get(side, ""))
-    if found is None:
-        return None
-    number, unit = float(found[1]), found[2].lower()
-    _require_positive(number, f"{side} = {root.get(side)!r}", what)
-    if unit == "%":
-        return None if whole is None else number / 100.0 * whole
-    return number * _PIXELS[unit] if unit in _PIXELS else None
+    text = root.get(side, "")
+    if found := _LENGTH.fullmatch(text):
+        _require_positive(float(found[1]), f"{side} = {text!r}", what)
+    return read_length(text, whole)
 
 
 def _require_positive(number: float, text: str, what: str) -> None:
