@@ -25,11 +25,20 @@ __all__ = [
     "count_jobs",
     "may_fork",
     "measure_memory_gb",
+    "tie",
 ]
 
 JOB_GB = 2.0  # memory of a build
 # of a process that has others beside it: threads that wait for each other cost more than they bring
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+_GRACE_S = 15.0  # for a process that is asked to end; a build tidies up
+_PYTHON = sys.executable
+# runs a command in its own place, which the system asks to end when the parent has ended
+_TIE = (
+    "import ctypes, os, sys; number, parent, *command = sys.argv[1:];"
+    "ctypes.CDLL(None).prctl(1, int(number)); os.getppid() == int(parent) and os.execvp(command[0], command)"
+)
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -72,6 +81,19 @@ def count_jobs() -> int:
     return max(1, min(count_cores(), fit))
 
 
+def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
+    """The command as one that does not outlive this process, whatever ends it, where the system is Linux.
+
+    The thread that starts it must live as long as it.
+
+    Args:
+        number: of the signal that it gets.
+    """
+    if sys.platform != "linux":
+        return list(command)
+    return [_PYTHON, "-I", "-S", "-c", _TIE, str(int(number)), str(os.getpid()), *command]
+
+
 class Pool:
     """`jobs` threads that each mind a process; leaving it ends what still runs, and drops what waits.
 
@@ -96,17 +118,28 @@ class Pool:
         self.ended.set()
         self._threads.shutdown(wait=False, cancel_futures=True)
         for process in list(self._processes):
-            process.terminate()  # a build tidies up
+            process.terminate()
+        # one that was stopped, or hangs, hears no such request
+        killer = threading.Timer(_GRACE_S, self._kill)
+        killer.daemon = True
+        killer.start()
         self._threads.shutdown(wait=True)
+        for process in list(self._processes):
+            process.wait()
+        killer.cancel()
+
+    def _kill(self) -> None:
+        for process in list(self._processes):
+            process.kill()
 
     def submit(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> Future[_T]:
         """Call it on a thread, when one is free."""
         return self._threads.submit(call, *arguments, **named)
 
     def start(self, command: Sequence[str], **settings: Any) -> subprocess.Popen[str]:
-        """Start a process, as `subprocess.Popen` does, that ends with the pool."""
+        """Start a process, as `subprocess.Popen` does, that ends with the pool, and with this process."""
         process: subprocess.Popen[str] = subprocess.Popen(
-            command, encoding="utf-8", errors="replace", **settings
+            tie(command), encoding="utf-8", errors="replace", **settings
         )
         self._processes.add(process)
         if self.ended.is_set():
@@ -197,6 +230,12 @@ class Workers(Pool):
                 process.communicate()
         for said in self._said:
             said.close()
+
+    def _kill(self) -> None:
+        super()._kill()
+        if self._lent is not None and self._free.qsize() < self._count:
+            with contextlib.suppress(OSError):
+                os.kill(self._lent.pid, signal.SIGKILL)
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         """Hand over a request; `result` of what is returned waits for the answer."""

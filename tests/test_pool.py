@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import CancelledError
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -139,3 +140,54 @@ def test_a_system_without_sysconf_or_affinity(monkeypatch: pytest.MonkeyPatch) -
     assert measure_memory_gb() == 3.0
     monkeypatch.setitem(sys.modules, "psutil", None)
     assert measure_memory_gb() is None
+
+
+HOLD = f"""
+import sys, time
+from knotfab.pool import Pool
+with Pool(1) as pool:
+    child = pool.start({SLEEP!r})
+    print(child.pid, flush=True)
+    time.sleep(60)
+"""
+
+
+def ended(process: int, within_s: float = 20.0) -> bool:
+    """Whether a process of no matter whose is gone, or soon is."""
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        try:
+            if Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+                return True
+        except OSError:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system must tell children")
+def test_children_end_when_their_parent_is_killed() -> None:
+    parent = subprocess.Popen([sys.executable, "-c", HOLD], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    assert not ended(child, 0.0)
+    parent.kill()
+    parent.communicate()
+    assert ended(child)
+
+
+@pytest.mark.parametrize("lent", [False, True])
+def test_leaving_ends_a_worker_that_was_stopped(
+    monkeypatch: pytest.MonkeyPatch, lent: bool
+) -> None:
+    """It hears no request to end; nobody waits for it for ever."""
+    monkeypatch.setattr(pool, "_GRACE_S", 0.2)
+    with Workers(ANSWER) as owner:
+        with Workers(ANSWER, lent=owner.lend() if lent else None) as workers:
+            process = int(workers.answer({})["pid"])
+            os.kill(process, signal.SIGSTOP)
+            waiting = workers.ask({"k": 1})
+            time.sleep(0.1)
+        assert ended(process)
+        with pytest.raises(Crash):
+            waiting.result()

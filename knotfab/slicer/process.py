@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import signal
 import subprocess
 import threading
@@ -11,6 +13,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from knotfab.pool import tie
 
 __all__ = ["OUT_OF_TIME", "Ended", "run_limited"]
 
@@ -40,6 +44,8 @@ def run_limited(
 ) -> Ended:
     """Run `command` in `folder`, which is its home, in a process group that is killed when it must stop.
 
+    On Linux it ends with this process, too.
+
     It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
     set. What it says goes to files of the folder, so that it never waits for a reader.
 
@@ -49,10 +55,12 @@ def run_limited(
     Raises:
         OSError: the command cannot be started.
     """
+    if shutil.which(command[0]) is None:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), command[0])
     out, err = folder / "said.out", folder / "said.err"
     with out.open("wb") as to_out, err.open("wb") as to_err:
         child = subprocess.Popen(
-            command,
+            tie(command, signal.SIGKILL),
             cwd=folder,
             env=_environment(folder),
             stdin=subprocess.DEVNULL,

@@ -29,6 +29,8 @@ from knotfab.slicer.result import NotSliced, Sliced
 __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
 
 TIMEOUT_S = 300.0
+# SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part
+_FROM_OUTSIDE = (1, 2, 9, 15, 24, 25)
 MOST_QUOTED = 400  # characters of what it said
 
 
@@ -196,6 +198,11 @@ class _Job:
             late = f"no answer in {self.timeout_s:g} s; a build can do without: --skip slicer"
             reason = late if ended.stopped == OUT_OF_TIME else ended.stopped
             return NotSliced("stopped", reason, said=said)
+        if -ended.code in _FROM_OUTSIDE:
+            reason = f"somebody ended PrusaSlicer (signal {-ended.code}), or the memory was used up"
+            return NotSliced(
+                "stopped", f"{reason}; a build can do without: --skip slicer", said=said
+            )
         if ended.code < 0:
             return NotSliced("crashed", f"PrusaSlicer ended by signal {-ended.code}", said=said)
         if ended.code > 0:

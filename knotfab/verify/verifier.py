@@ -28,6 +28,7 @@ __all__ = [
     "stand_by",
 ]
 
+LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
 NO_GRAPHICS = "--no-graphics"
 # -P: modules come from the installation, never from the folder one happens to be in
 _COMMAND = [sys.executable, "-P", "-m", "knotfab_validators"]
@@ -111,9 +112,15 @@ class Answer:
     def result(self) -> dict[str, Any]:
         """Wait for it."""
         try:
-            answer = self.verdict.result()
+            answer = self.verdict.result(LIMIT_S)
         except Crash as crash:
             raise _crashed(crash) from None
+        except TimeoutError as late:
+            raise MachineError(
+                "verification",
+                f"it did not end in {LIMIT_S / 60:g} minutes",
+                "Give it a part of fewer triangles, or leave out a check (--skip NAME).",
+            ) from late
         if "error" in answer:
             raise explain_unreadable(str(answer["error"]))
         from knotfab.verify.checks import place_of  # with numpy, not before the child has begun

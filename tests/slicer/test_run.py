@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -270,7 +271,8 @@ COPY = 'cp "$here/good.gcode" part.gcode'
         ("head -c 5000 /dev/urandom > part.gcode", None, "crashed", "which program"),
         ('head -n 14 "$here/good.gcode" > part.gcode', None, "crashed", "cut off"),
         (COPY, "exit 1", "refused", "without a word"),
-        (COPY, "kill -9 $$", "crashed", "signal 9"),
+        (COPY, "kill -9 $$", "stopped", "signal 9"),
+        ("kill -TERM $$", None, "stopped", "--skip slicer"),
     ],
 )
 def test_how_it_may_fail(
@@ -398,3 +400,27 @@ def test_an_error_of_ours_is_raised_where_the_result_is_asked_for(
     with pytest.raises(RuntimeError, match="ours"):
         _slice(tmp_path, _fake(tmp_path / "bin", COPY))
     assert not list((tmp_path / "work").iterdir())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system must tell children")
+def test_the_program_ends_when_the_build_is_killed(tmp_path: Path) -> None:
+    program = (
+        "import pathlib, sys; from knotfab.slicer.process import run_limited;"
+        f"run_limited(['sh', '-c', 'echo $$ > started; exec sleep 60'], pathlib.Path({str(tmp_path)!r}), 60)"
+    )
+    build = subprocess.Popen([sys.executable, "-c", program])
+    until, started = time.monotonic() + 30, tmp_path / "started"
+    while not (started.exists() and started.read_text().strip()) and time.monotonic() < until:
+        time.sleep(0.02)
+    slicer = Path(f"/proc/{started.read_text().strip()}/cmdline")
+    assert b"sleep" in slicer.read_bytes() or b"sh" in slicer.read_bytes()
+    build.kill()
+    build.wait()
+    while time.monotonic() < until:
+        try:
+            if slicer.read_bytes() == b"":  # of one that nobody waits for
+                return
+        except OSError:
+            return
+        time.sleep(0.02)
+    pytest.fail("it outlives the build")

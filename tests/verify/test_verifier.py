@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from knotfab.errors import MachineError
 from knotfab.pool import Workers, may_fork
 from knotfab.verify import verifier
 from knotfab.verify.verifier import Answer, Files, Verifier, load_early
@@ -124,3 +125,10 @@ def test_a_fork_leaves_its_parents_validators_alone(echo: None) -> None:
     own = int(os.read(read, 100))
     os.close(read)
     assert own != kept and ask()[0] == kept
+
+
+def test_a_verification_that_does_not_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verifier, "LIMIT_S", 0.01)
+    with pytest.raises(MachineError, match=r"did not end in .* minutes.*--skip") as caught:
+        Answer(Future()).result()
+    assert caught.value.exit_code == 3
