@@ -17,7 +17,7 @@ from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
 from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import KnotRoom, tie
-from knotfab.start.views import start_between_views, start_ious
+from knotfab.start.views import start_between_views, start_facing, start_ious
 
 __all__ = ["go_on", "make_start", "make_template", "tie_knot"]
 
@@ -35,7 +35,6 @@ def make_start(
 
     Args:
         knots: None for one curve a piece of the picture; a number to bridge pieces until so many are left.
-            Of several views always one.
         spacing: of the strands, times what fills the picture.
         template: of the one view, where it is known already.
         parted: as for `lift_template`.
@@ -53,8 +52,10 @@ def make_start(
             problem, lift_template(problem, template, radius, settings, parted), radius
         )
     else:
-        tied = bool(parse_knot_name(problem.knot).factors)
-        start = start_between_views(problem, spacing * radius, settings, facing_only=tied)
+        if parse_knot_name(problem.knot).factors:
+            start = start_facing(problem, spacing * radius, settings)
+        else:
+            start = start_between_views(problem, radius, settings, knots, spacing)
         start = tie_knot(problem, start, radius)
     if one or start.ious:
         return start

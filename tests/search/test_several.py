@@ -1,4 +1,4 @@
-"""Several views of one part: frames, the start on a sheet, the search, and a whole build."""
+"""Several views of one part: frames, the start, the search, and a whole build."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from knotfab.api import assemble_part, design_knots, write_files
 from knotfab.arrays import Array
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
-from knotfab.errors import InputError, SceneError
+from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.geometry.sampling import sample_evenly
 from knotfab.limits.base import Felt, State
 from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
@@ -35,9 +34,8 @@ from knotfab.search.spill import Spill
 from knotfab.search.state import begin
 from knotfab.start.deep import deep_curves
 from knotfab.start.filling import fill, simple_curves
-from knotfab.start.sheet import laid_on, rows_of, sheet_of
 from knotfab.start.start import make_start
-from knotfab.start.views import start_between_views, start_ious
+from knotfab.start.views import start_facing, start_ious
 from knotfab.target.read import Target, read_targets
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
@@ -97,55 +95,7 @@ def test_a_shifted_frame_moves_the_picture_up_the_wall() -> None:
     assert at == pytest.approx([49.5, 55.5])
 
 
-def test_rows_are_the_polygons_intervals() -> None:
-    legs, whole, none = rows_of(LEGS, np.array([-20.0, 20.0, 60.0]))
-    assert legs == pytest.approx(np.array([[-30, -10], [10, 30]]))
-    assert whole == pytest.approx(np.array([[-30, 30]]))
-    assert none.shape == (0, 2)
-
-
-@pytest.mark.parametrize("pair", [(DISC, SQUARE), (LEGS, DISC), (LEGS, LEGS)])
-def test_the_sheet_lies_in_both_silhouettes_and_draws_them(
-    pair: tuple[MultiPolygon, MultiPolygon],
-) -> None:
-    radius = 2.5
-    sheet = sheet_of(*pair, radius)
-    curves = [laid_on(sheet, c, radius) for c in fill(sheet.shape, radius, 1).curves]
-    for across, polygon in zip((0, 1), pair, strict=True):
-        rings = [shapely.LinearRing(c[:, [across, 2]]) for c in curves]
-        tube = shapely.union_all([ring.buffer(radius) for ring in rings])
-        drawn = tube.intersection(polygon).area / tube.union(polygon).area
-        assert drawn > 0.85
-        inside = shapely.union_all(rings).intersection(polygon.buffer(0.5 * radius)).length
-        assert inside > 0.97 * sum(ring.length for ring in rings)
-    forwards = [np.column_stack([c[:, 0] + c[:, 1], c[:, 2]]) for c in curves]
-    assert simple_curves(forwards)
-
-
-def test_the_start_is_simple_and_nearly_there() -> None:
-    problem = ask_views([DISC, SQUARE], 0.0, 90.0)
-    start = start_between_views(problem, 3.0, QUICK)
-    assert min(start_ious(problem, start, 3.0)) > 0.8
-    (curve,) = start.curves
-    edges = np.linalg.norm(np.roll(curve, -1, 0) - curve, axis=1)
-    assert edges.max() < 1.5 * QUICK.edge_radii * 3.0
-
-
 HOLED = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(-14, 12).buffer(9.0))])
-FORKED = MultiPolygon([LEGS.geoms[0].difference(box(-5, 20, 5, 41))])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("radius", [1.6, 3.0])
-def test_pictures_with_holes_and_gaps_have_a_sheet_without_a_crossing(radius: float) -> None:
-    sheet = sheet_of(HOLED, FORKED, radius)
-    plane = [sample_evenly(c, 0.1 * radius) for c in fill(sheet.shape, radius, 1).curves]
-    for spread in (1.0, 4.0):
-        laid = [laid_on(sheet, c, radius, spread * radius) for c in plane]
-        assert simple_curves([np.column_stack([c[:, 0] + c[:, 1], c[:, 2]]) for c in laid])
-    problem = ask_views([HOLED, FORKED], 0.0, 90.0)
-    start = start_between_views(problem, radius, QUICK)
-    assert min(start_ious(problem, start, radius)) > 0.75
 
 
 def test_depths_leave_one_view_alone_and_draw_the_others() -> None:
@@ -200,19 +150,6 @@ def test_the_pull_on_spill_is_the_distance_outside() -> None:
     assert (gradient * way).sum() == pytest.approx((per_edge[0] - per_edge[1]) / 2e-6, rel=1e-4)
 
 
-def test_silhouettes_without_a_common_height_have_no_start() -> None:
-    low, high = MultiPolygon([box(-30, -40, 30, -10)]), MultiPolygon([box(-30, 10, 30, 40)])
-    problem = ask_views([low, high], 0.0, 90.0)
-    with pytest.raises(SceneError, match="heights"):
-        start_between_views(problem, 3.0, QUICK)
-
-
-def test_views_along_one_line_have_no_start() -> None:
-    problem = ask_views([DISC, DISC], 0.0, 180.0)
-    with pytest.raises(SceneError, match="same line"):
-        start_between_views(problem, 3.0, QUICK)
-
-
 @pytest.mark.slow
 def test_two_views_end_feasible_certified_and_drawn() -> None:
     problem = ask_views([DISC, SQUARE], 0.0, 90.0)
@@ -237,7 +174,7 @@ def test_a_trefoil_is_tied_in_where_one_of_two_views_sees_no_crossing() -> None:
     # the knot is out of sight: the view that it faces hardly sees more than before
     drawn, without = (
         start_ious(problem, s, 2.5)[start.facing]
-        for s in (start, start_between_views(problem, 2.5, QUICK, facing_only=True))
+        for s in (start, start_facing(problem, 2.5, QUICK))
     )
     assert drawn > without - 0.01
 

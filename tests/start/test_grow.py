@@ -1,0 +1,156 @@
+"""Curves grown in the hull of several views: their type, what they keep to, their pieces and bridges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from questions import ask_views
+from shapely import MultiPolygon, Point, box
+
+from knotfab.arrays import Array
+from knotfab.errors import SceneError
+from knotfab.problem import Problem, Start
+from knotfab.scene.settings import SearchSettings
+from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
+from knotfab.start.lattice import Lattice, lattice_in, sights_of
+from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
+from knotfab.start.start import make_start
+from knotfab_validators.geometry.curves import Curves
+from knotfab_validators.knots.knot_types import check_linking, knot_types
+
+RADIUS = 4.0
+SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
+RING = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(0, 0).buffer(16.0))])
+APART = MultiPolygon([box(-30, -40, 30, -9), box(-30, 9, 30, 40)])
+NECK = MultiPolygon([box(-30, -40, 30, -9).union(box(-2, -10, 2, 10)).union(box(-30, 9, 30, 40))])
+HOW = SearchSettings()
+
+
+def lattice_of(problem: Problem) -> tuple[Lattice, Array]:
+    """An upright lattice in the hull of the problem's views, and the worth of each cell."""
+    limits = problem.limits(RADIUS)
+    sights, worth = sights_of(problem.views, RADIUS)
+    pitch = 1.001 * limits.separation
+    return lattice_in(sights, np.eye(3), np.zeros(3), pitch, 60.0, limits, 0.5), worth
+
+
+def curves_of(start: Start) -> Curves:
+    """The curves as the validators read them."""
+    return Curves(start.curves, start.types, (True,) * len(start.curves), RADIUS)
+
+
+def test_a_grown_curve_is_a_simple_lattice_polygon_within_its_edges() -> None:
+    lattice, worth = lattice_of(ask_views([RING, SQUARE], 0.0, 90.0))
+    unit = edge_worth(lattice, worth)
+    (curve,) = grow_curves(lattice, worth, unit, seed_squares(lattice, worth, None), Growth())
+    assert len(curve) > 100 and len(np.unique(curve)) == len(curve)  # no node twice: a pitch apart
+    steps = np.abs(np.roll(curve, -1) - curve)
+    assert np.isin(steps, lattice.strides).all()
+    axis = (steps[:, None] == lattice.strides).argmax(1)
+    assert lattice.open[3 * np.minimum(curve, np.roll(curve, -1)) + axis].all()
+
+
+def test_each_move_sweeps_a_square_that_no_curve_meets_and_counts_its_corners() -> None:
+    lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
+    seeds = seed_squares(lattice, worth, 2)
+    count = len(lattice.nodes)
+    curve, place = np.zeros(count, np.int64), np.full(count, -1)
+    after, before = np.full(count, -1), np.full(count, -1)
+    for k, seed in enumerate(seeds):
+        after[seed], before[seed] = np.roll(seed, -1), np.roll(seed, 1)
+        curve[4 * k : 4 * k + 4], place[seed] = seed, 4 * k + np.arange(4)
+    loops = (curve, place, after, before, np.zeros(len(worth), np.int64))
+    drawing = (lattice.strides, lattice.open, lattice.starts, lattice.cells, worth)
+    old, new, path = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(4, np.int64)
+    size, moved, refused = 8, 0, 0
+    pick = np.random.default_rng(0)
+
+    def corners() -> int:
+        on = curve[:size]
+        return int((after[on] - on != on - before[on]).sum())
+
+    for _ in range(4000):
+        a = int(curve[pick.integers(size)])
+        u = int(pick.choice([-1, 1]) * pick.choice(lattice.strides))
+        if abs(int(after[a]) - a) == abs(u):
+            continue
+        square = [a, a + u, int(after[a]) + u, int(after[a])]
+        taken = [node for node in square if after[node] >= 0]
+        n = _plan(a, u, loops, drawing, old, new, path)
+        # what of the square lies on a curve is one stretch of it
+        joined = sum(after[p] == q or after[q] == p for p in taken for q in taken) // 2
+        if n == 0:
+            refused += 1
+            continue
+        assert joined == len(taken) - 1 and set(path[:n]) <= set(square)
+        here, more = corners(), _corners(path, n, loops)
+        size = _run(path, n, a, loops, size)
+        assert corners() - here == more
+        assert (after[before[curve[:size]]] == curve[:size]).all() and (after >= 0).sum() == size
+        moved += 1
+    assert moved > 500 and refused > 100
+
+
+@pytest.mark.parametrize("pictures", [(RING, RING), (RING, SQUARE, RING)])
+def test_what_grew_round_the_hulls_holes_is_proved_an_unknot(
+    pictures: tuple[MultiPolygon, ...],
+) -> None:
+    azimuths = [180.0 / len(pictures) * n for n in range(len(pictures))]
+    start = make_start(ask_views(pictures, *azimuths), RADIUS, HOW)
+    found = knot_types(curves_of(start))
+    assert [k.verdict for k in found.knots] == ["proved"] * len(start.curves)
+    assert min(start.ious) > 0.7 and "isotopy" in start.why
+
+
+@pytest.mark.parametrize(("knots", "curves"), [(None, 2), (1, 1), (2, 2), (4, 4)])
+def test_each_piece_of_the_hull_gets_a_curve_and_as_many_as_are_asked_for_are_unlinked(
+    knots: int | None, curves: int
+) -> None:
+    start = make_start(ask_views([APART, APART], 0.0, 90.0), RADIUS, HOW, knots)
+    assert len(start.curves) == curves
+    assert check_linking(curves_of(start)).status == "pass"
+    across = [c for c in start.curves if c[:, 1].min() < -9 and c[:, 1].max() > 9]
+    assert len(across) == (1 if knots == 1 else 0)
+
+
+def test_a_neck_too_narrow_for_the_lattice_parts_no_piece_of_the_hull() -> None:
+    (curve,) = make_start(ask_views([NECK, NECK], 0.0, 90.0), RADIUS, HOW).curves
+    assert curve[:, 1].min() < -20 and curve[:, 1].max() > 20
+
+
+def test_pieces_are_bridged_where_it_shows_least() -> None:
+    """One picture parts the hull, the other fills the gap: a bridge goes where it fills it, not beside."""
+    problem = ask_views([APART, NECK], 0.0, 90.0)
+    sights, worth = sights_of(problem.views, RADIUS)
+    lattice, _ = lattice_of(problem)
+    joined = join_pieces(lattice, sights, worth, RADIUS, 1)
+    bridge = lattice.nodes[
+        np.unique(np.concatenate(lattice.ends(np.flatnonzero(joined.open & ~lattice.open))))
+    ]
+    aside = bridge @ problem.views[1].axes[0]
+    assert len(bridge) >= 4 and np.abs(aside[np.abs(bridge[:, 1]) < 4.0]).max() < 2.0 * RADIUS
+    assert len(seed_squares(joined, worth, 1)) == 1
+
+
+@pytest.mark.parametrize(
+    ("pictures", "knots", "reason"),
+    [
+        (
+            (MultiPolygon([box(-30, -40, 30, -10)]), MultiPolygon([box(-30, 10, 30, 40)])),
+            None,
+            "at once",
+        ),
+        ((MultiPolygon([box(-9, -9, 9, 9)]), SQUARE), 60, "has room for"),
+    ],
+)
+def test_what_has_no_start_says_why(
+    pictures: tuple[MultiPolygon, ...], knots: int | None, reason: str
+) -> None:
+    with pytest.raises(SceneError, match=reason):
+        make_start(ask_views(pictures, 0.0, 90.0), RADIUS, HOW, knots)
+
+
+def test_a_start_repeats_to_the_last_bit() -> None:
+    problem = ask_views([RING, SQUARE], 0.0, 90.0)
+    one, two = (make_start(problem, RADIUS, HOW).curves[0] for _ in range(2))
+    assert np.array_equal(one, two)
