@@ -59,7 +59,7 @@ from knotfab.settle import settle_part
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import Target
-from knotfab.verify.checks import exit_code, explain_unprinted, verdict_without_part
+from knotfab.verify.checks import exit_code, verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 
 if TYPE_CHECKING:
@@ -182,8 +182,6 @@ def report_piece(
     with progress.stage("verify"):
         said = [] if part is None else _read_back(folder, piece)
         verdict = piece.verdict
-    if not request.printing:
-        explain_unprinted(verdict["checks"], request.skip)
     own = [check_certificate(made), check_limits(made)]
     if part is None:
         verdict["checks"] += own

@@ -53,7 +53,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             targets = list(
                 request.targets or read_targets(request.pictures, views, base=request.base)
             )
-        with Verifier(request.skipped) as verifier:
+        with Verifier(request.skip) as verifier:
             # only now: the search is loaded while the validators load what they need
             from knotfab.design.design import design_knots
             from knotfab.piece import finish_build, report_piece, write_piece

@@ -11,7 +11,6 @@ from knotfab.design.budget import Budget
 from knotfab.errors import MachineError
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
-from knotfab.verify.checks import PRINTER_CHECKS
 
 __all__ = ["Outcome", "Request", "require_device"]
 
@@ -41,11 +40,6 @@ class Request:
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # what was said of them before the build
-
-    @property
-    def skipped(self) -> frozenset[str]:
-        """The checks that are left out: the printer's too, where nothing is printed."""
-        return self.skip if self.printing else self.skip | set(PRINTER_CHECKS)
 
     def is_mounted(self, knots: int) -> bool:
         """Whether so many knots are printed with a mount."""

@@ -31,8 +31,9 @@ from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.target.read import read_target
-from knotfab.verify.checks import PRINTER_CHECKS, list_unmet
+from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Files, Verifier
+from knotfab_validators.names import PRINTER
 
 __all__ = ["GIF", "build_sequence"]
 
@@ -76,7 +77,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         with (
             _tell_kept(kept, len(targets)),
             keep_modeller(mounted),
-            Verifier(request.skipped, jobs=jobs) as verifier,
+            Verifier(request.skip, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
         ):
             left = request.budget(progress.total, mounted)
@@ -168,7 +169,7 @@ def _make_ring(folder: OutputFolder, pieces: Sequence[WrittenPiece], verifier: V
         spun = write_zoetrope(folder, [piece.made for piece in pieces])
     except SceneError as error:
         return Ring(None, str(error), None)
-    answer = verifier.submit(Files(folder.file(f"{ZOETROPE}.stl")), PRINTER_CHECKS)
+    answer = verifier.submit(Files(folder.file(f"{ZOETROPE}.stl")), PRINTER)
     return Ring(spun, "", answer)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from knotfab_validators.check import Check
@@ -11,9 +11,7 @@ from knotfab_validators.verdict import exit_code_of
 
 __all__ = [
     "CHECKS",
-    "PRINTER_CHECKS",
     "exit_code",
-    "explain_unprinted",
     "list_unmet",
     "mark_of",
     "place_of",
@@ -23,8 +21,6 @@ __all__ = [
 Record = dict[str, Any]
 
 STATES = ("pass", "fail", "skipped")
-# the validators' checks that are of no concern to a piece that is not to be printed
-PRINTER_CHECKS = ("build_volume", *PRINTING, *PLATES)
 # what `--skip` knows: the validators' checks, the rendering that some of them use, and the slicer
 CHECKS = (
     "shadow-render",
@@ -66,13 +62,6 @@ def mark_of(check: Mapping[str, Any]) -> str:
     """How a check is shown: its status, but "warn" where one fails that is not required."""
     fails = check["status"] == "fail" and not check["required"]
     return "warn" if fails else str(check["status"])
-
-
-def explain_unprinted(checks: Iterable[Record], skip: Collection[str]) -> None:
-    """Say of the printer's checks that were left out how to have them, unless `skip` asked for it."""
-    for check in checks:
-        if check["name"] in PRINTER_CHECKS and check["name"] not in skip:
-            check["detail"] = "checked with --print"
 
 
 def verdict_without_part(why: str) -> Record:

@@ -20,7 +20,8 @@ from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.scene.model import ResolvedView
-from knotfab.verify.checks import CHECKS, PRINTER_CHECKS, exit_code, list_unmet, mark_of
+from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of
+from knotfab_validators.names import PRINTER
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:
@@ -210,7 +211,7 @@ def test_an_unknown_status_is_refused() -> None:
 
 
 def test_the_printers_checks_are_checks() -> None:
-    assert set(PRINTER_CHECKS) < set(CHECKS)
+    assert set(PRINTER) < set(CHECKS)
     assert len(set(CHECKS)) == len(CHECKS)
 
 

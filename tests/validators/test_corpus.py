@@ -165,7 +165,7 @@ TOLERATED: dict[str, Callable[[float], Check]] = {
     "build_volume": lambda f: _smaller_printer(1e-3 * f),
     "tube": lambda f: _tube_of(3.0 * (1 + 0.04 * f)),
     "clearance": lambda f: _boxes_apart(0.5 + 20e-6 * f),
-    "clearance of facets": lambda f: _coarse_strands(2 * 0.01 * 3.0 * f),
+    "clearance of facets": lambda f: _coarse_strands(2 * 0.0235 * 3.0 * f),
     "plates": lambda f: _pieces("plates", box((0, 0, 0), (20, 20, 20 + 0.05 * f))),
     "plates_volume": lambda f: _hollow(max(0.02 * f, 1e-3)),
     "mesh_volume, too much": lambda f: _volume(1 + 0.005 * f),

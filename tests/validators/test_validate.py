@@ -19,7 +19,7 @@ from validator_parts import Array, PlainView, trefoil, tube
 
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.files.picture import read_silhouette
-from knotfab_validators.names import PRINTING
+from knotfab_validators.names import KNOTS, PRINTING
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate
@@ -95,7 +95,10 @@ def status(verdict: Verdict) -> dict[str, str]:
 def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verdict) -> None:
     verdict = run(folder, pictures_dir=folder)
     others = {c.name: c.detail for c in verdict.checks if c.status != "pass"}
-    assert others == {"centre_line": "given with the knots"}
+    assert others == {
+        "centre_line": "given with the knots",
+        "mount": "not given a scene with a mount",
+    }
     assert verdict.status == "pass" and verdict.exit_code == 0
     (view,) = verdict.views
     assert view["iou"] > 0.97 and view["iou"] == view["iou_tube"]
@@ -154,6 +157,29 @@ def test_a_turned_pose_fails_the_shadow(folder: Path) -> None:
     scene = (folder / "scene.toml").read_text()
     (folder / "scene.toml").write_text(scene.replace("azimuth_deg = 30.0", "azimuth_deg = 33.0"))
     assert status(run(folder, skip=["shadow-render"], only="shadows"))["shadow"] == "fail"
+
+
+def test_a_part_behind_the_wall_throws_no_shadow_and_fails(folder: Path) -> None:
+    away = POSE.copy()
+    away[:3, 3] -= [5e3, 0.0, 8.66e3]
+    scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(scene.replace(str(POSE.tolist()), str(away.tolist())))
+    verdict = run(folder, skip=["shadow-render"], only="shadows")
+    assert verdict.exit_code == 1 and status(verdict)["shadow"] == "fail"
+
+
+def test_a_piece_that_is_not_printed_is_not_held_against_the_printer(folder: Path) -> None:
+    """As the build that wrote `printed = false` did not; a scene that does not say is."""
+    scene = (folder / "scene.toml").read_text()
+    scene += '[printer]\nname = "toy"\nbuild_volume_mm = [9.0, 9.0, 9.0]\nnozzle_mm = 0.4\n'
+    for said, expected in (("false", "skipped"), ("true", "fail"), (None, "fail")):
+        key = "" if said is None else f"printed = {said}\n"
+        (folder / "scene.toml").write_text(scene.replace("[piece]\n", f"[piece]\n{key}"))
+        found = run(folder, skip=[*OF_SHADOWS, *KNOTS, "tube"])
+        assert status(found)["build_volume"] == expected
+        assert found.exit_code == (0 if said == "false" else 1)
+        (check,) = (c for c in found.checks if c.name == "gap")
+        assert (check.detail == "checked with --print") == (said == "false")
 
 
 def test_where_nothing_renders_it_says_so_with_exit_code_3(

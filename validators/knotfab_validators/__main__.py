@@ -117,12 +117,13 @@ def main() -> None:
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
+    from knotfab_validators.files.bad_file import BadFile
     from knotfab_validators.validate import validate
 
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
         verdict = validate(**paths, skip=request["skip"], processes=request["processes"])
-    except ValueError as error:
+    except BadFile as error:
         return {"error": str(error)}
     return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["FILES", "KNOTS", "MESH", "PLATES", "PRINTING", "SHADOWS", "TUBE"]
+__all__ = ["FILES", "KNOTS", "MESH", "PLATES", "PRINTER", "PRINTING", "SHADOWS", "TUBE"]
 
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
@@ -23,6 +23,8 @@ PRINTING = (
     *("bridge", "floating", "islands", "standing"),
 )
 PLATES = ("plate_mesh", "plates", "plates_volume")
+# of no concern to a piece that is not to be printed
+PRINTER = ("build_volume", *PRINTING, *PLATES)
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # of a lamp that has a size, of a mount, of greys

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -26,7 +27,7 @@ from knotfab_validators.tube.mount_matter import strand_faces
 from knotfab_validators.tube.mount_members import check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness, thickness
-from knotfab_validators.tube.tube_fit import check_tube
+from knotfab_validators.tube.tube_fit import check_tube, measure_proud
 
 __all__ = ["GROUPS", "Group", "part_checks"]
 
@@ -98,7 +99,7 @@ def _check_surface(
         with time_stage(seconds, "plates"):
             checks += check_plates(printed, plates, scene.printer.build_volume_mm)
         return checks + (left or check_plates_printable(plates, scene.printer, checks, seconds))
-    return checks + (left or _check_printability(printed, scene, checks, seconds))
+    return checks + (left or _check_printability(printed, curves, scene, checks, seconds))
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
@@ -248,7 +249,11 @@ def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:
 
 
 def _check_printability(
-    mesh: Mesh | None, scene: Scene | None, before: Sequence[Check], seconds: dict[str, float]
+    mesh: Mesh | None,
+    curves: Curves | None,
+    scene: Scene | None,
+    before: Sequence[Check],
+    seconds: dict[str, float],
 ) -> list[Check]:
     """Printability, where the surface is sound enough for the words to mean something."""
     if mesh is None:
@@ -258,8 +263,12 @@ def _check_printability(
     printer = scene.printer if scene is not None else None
     stands = scene is not None and scene.mount.kind == "stand"
     desk = _turn_upright(scene) if stands else None
+    proud = None
+    if curves is not None and curves.radius_mm is not None:
+        as_printed = 1 / scene.material.shrinks_to if scene is not None else 1.0
+        proud = partial(measure_proud, mesh, curves.scaled(as_printed))
     return printability_checks(
-        mesh, printer, seconds=seconds, stands=stands, desk=desk, lacking=lacking
+        mesh, printer, seconds=seconds, stands=stands, desk=desk, lacking=lacking, proud=proud
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import nullcontext, suppress
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -22,7 +21,7 @@ from knotfab_validators.forked import Baton, Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
-from knotfab_validators.names import FILES, PLATES, PRINTING, SHADOWS
+from knotfab_validators.names import FILES, PRINTER, SHADOWS
 from knotfab_validators.part_checks import GROUPS, Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks
@@ -34,7 +33,8 @@ T = TypeVar("T")
 FilePath = str | PathLike[str]
 Half = Literal["geometry", "shadows"]
 
-AS_PRINTED = {*PRINTING, *PLATES, *FILES, "build_volume"}  # checks of the part before it shrinks
+UNASKED = "checked with --print"  # of a piece that its scene says is not printed
+AS_PRINTED = {*PRINTER, *FILES}  # checks of the part before it shrinks
 
 
 def validate(
@@ -64,8 +64,7 @@ def validate(
             its shadows; whichever is done first goes on with what is left.
 
     Raises:
-        ValueError: a file cannot be read, or the part reaches the light (each error of the
-            readers is a ValueError with one sentence).
+        BadFile: a file cannot be read, or the part reaches the light; one sentence says so.
     """
     seconds: dict[str, float] = {}
     with time_stage(seconds, "read"):
@@ -73,7 +72,9 @@ def validate(
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
-    printed, lines, left = mesh, curves, 1.0
+    printed, lines, left, asked = mesh, curves, 1.0, skip
+    if setting is not None and setting.piece.printed is False:
+        skip = {*skip, *PRINTER}
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
@@ -105,7 +106,12 @@ def validate(
             found, spent = found | of_copy, spent | spent_there
     seconds |= spent
     checks = [check for group in groups for check in found[group]] + shadows
-    checks = [_leave_out(c) if c.name in skip else _in_file(c, left) for c in checks]
+    checks = [
+        _in_file(c, left)
+        if c.name not in skip
+        else _leave_out(c, UNASKED if c.name not in asked else "")
+        for c in checks
+    ]
     drawn = False
     if failures is not None:
         with time_stage(seconds, "failures"):
@@ -179,5 +185,5 @@ def _in_file(check: Check, left: float) -> Check:
     return rescale(check, 1 / left)
 
 
-def _leave_out(check: Check) -> Check:
-    return replace(check, status="skipped", required=False, detail="left out on request")
+def _leave_out(check: Check, why: str) -> Check:
+    return skip_check(check.name, why or "left out on request")

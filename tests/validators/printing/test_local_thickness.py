@@ -13,6 +13,7 @@ from validator_parts import circle, tube
 
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.printing.printability import printability_checks
 
 SKEW = Rotation.from_euler("xyz", [0.4, 0.7, -1.1]).as_matrix()
 
@@ -129,3 +130,16 @@ def test_a_tube_that_keeps_its_clearance_passes_and_one_closer_does_not() -> Non
     assert run(hairpin(4.4))["gap"].status == "pass"
     found = run(hairpin(4.35))["gap"]
     assert found.status == "fail" and found.measured == pytest.approx(0.35, abs=0.02)
+
+
+@pytest.mark.parametrize(("proud", "status"), [(0.0, "fail"), (0.02, "fail"), (0.026, "pass")])
+def test_a_gap_may_be_narrower_by_what_facets_on_both_sides_stand_out(
+    proud: float, status: str
+) -> None:
+    filled = np.ones((3, 3, 2))
+    filled[1, 1, 1] = 0
+    slot = blocks([0, 9, 9.35, 20], [0, 5, 35, 40], [0, 5, 9], filled)
+    checks = printability_checks(
+        slot, PRINTER, seconds={}, proud=lambda places: np.full(len(places), proud)
+    )
+    assert next(c for c in checks if c.name == "gap").status == status

@@ -96,7 +96,7 @@ def test_parallel_strands_at_an_exact_gap() -> None:
     one = np.concatenate([np.column_stack([x, 0 * x, 0 * x]), rest])
     other = one * [1, -1, 1] + [0.17, 3.0, 0]  # shifted along: no vertices face each other
     found = thickness([turn(one), turn(other)])
-    assert found.min_rad < 1.5 and found.half_dcsd is None  # the ends are sharper
+    assert found.min_rad == pytest.approx(30.0) and found.value == pytest.approx(1.5, rel=1e-9)
     assert dcsd(turn(one), turn(other)) == pytest.approx(1.5, rel=1e-9)
     chord = shortest_critical_chord([one, other], [True, True])
     assert chord is not None
@@ -136,6 +136,25 @@ def test_open_ends() -> None:
     assert aside.half_dcsd == pytest.approx(1.5)
     hook = np.array([[0.0, 0, 0], [10, 0, 0], [10, 6, 0], [5, 6, 0]])  # its end above an edge
     assert dcsd(hook, closed=False) == pytest.approx(3.0)
+
+
+def test_vertices_on_a_straight_line_are_no_ends_of_edges() -> None:
+    """The same curve has the same thickness, however its edges are cut; rounding makes no bend."""
+    curve = turn(ngon(31, 10.0))
+    ahead = np.roll(curve, -1, axis=0)
+    cut = np.concatenate([curve, (2 * curve + ahead) / 3, (curve + ahead) / 2], axis=1).reshape(
+        -1, 3
+    )
+    for same in (cut, np.round(cut, 6)):
+        assert thickness([same]).value == pytest.approx(thickness([curve]).value, rel=1e-5)
+    found = thickness([cut]).min_rad_at
+    assert found is not None and found[1] % 3 == 0
+    arc = np.linspace(0, np.pi, 350_000)  # each vertex turns by less than rounding
+    bow = np.column_stack([np.cos(arc), np.sin(arc), 0 * arc])
+    assert thickness([bow], [False]).min_rad == pytest.approx(1.0, rel=1e-3)
+    bent = cut.copy()
+    bent[1] += 1e-3 * np.cross(bent[2] - bent[0], [1.0, 2.0, 3.0])
+    assert thickness([bent]).value < 0.6 * thickness([curve]).value
 
 
 def test_degenerate_polygons_have_no_thickness() -> None:

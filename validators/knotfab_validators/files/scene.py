@@ -52,12 +52,12 @@ class Piece:
     """`tube_radius_mm` is None where the scene leaves it open ("auto").
 
     `knot` is the type that one of the knots must have, and all others are unknots; None where the scene
-    has no such key: it promises nothing then.
+    has no such key: it promises nothing then. `printed` is None where the scene does not say.
     """
 
     tube_radius_mm: float | None
     clearance_mm: float
-    printed: bool = False
+    printed: bool | None = None
     knot: str | None = None
 
 
@@ -263,7 +263,7 @@ def parse_scene(
         piece=Piece(
             tube_radius_mm=piece.open_number("tube_radius_mm", None, above=0),
             clearance_mm=piece.number("clearance_mm", 0.4, least=0),
-            printed=piece.flag("printed", False),
+            printed=piece.flag("printed", False) if "printed" in piece.data else None,
             knot=piece.word("knot", "") if "knot" in piece.data else None,
         ),
         region=_region(region, folder),

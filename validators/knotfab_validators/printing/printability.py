@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,13 +60,15 @@ def printability_checks(
     stands: bool = False,
     desk: Array | None = None,
     lacking: str | None = None,
+    proud: Callable[[Array], Array] | None = None,
 ) -> list[Check]:
     """All checks of `names.PRINTING`, of a closed mesh in print coordinates (z up, the bed at z = 0), mm.
 
     - `feature`, `gap`: the thinnest wall and gap against the printer's, required. Gaps may be 8 %
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
       corners (a = 2 pi / m; 0.015 mm at r = 2 mm and m = 24), so that two strands whose centre
-      lines keep their distance come up to twice as much closer in the file.
+      lines keep their distance come up to twice as much closer in the file. Where it is known how far
+      that is (`proud`), they may be so much narrower if that is more.
     - `overhang`: area steeper than the printer's `max_overhang_deg`, cm²; `support_volume`: solid
       columns under it, cm³; `bridge`: longest stretch over air, where a ledge that is held on one
       side counts twice; `islands`: how many places begin in mid-air; `floating`: how many bodies do
@@ -85,6 +88,7 @@ def printability_checks(
         stands: the part is to stand. desk: (3, 3) the turn from print coordinates to those in which it
             does (z up); None: it stands as it is printed.
         lacking: why the mesh cannot be measured; all checks are skipped with it.
+        proud: how far corners beside places (k, 3) stand out of the tube that the mesh stands for, mm.
     """
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:
         lacking = f"the part is larger than {MOST_MM / 1000:g} m"
@@ -97,7 +101,7 @@ def printability_checks(
     near = NEAR_MM if use.gap is None else max(NEAR_MM, 1.5 * use.gap)
     with time_stage(seconds, "gap"):
         gap = probe.gap(near)
-    checks = [_check_feature(wall, use), _check_gap(gap, use)]
+    checks = [_check_feature(wall, use), _check_gap(gap, use, proud)]
     if use.powder and not stands:
         return checks + [skip_check(name, POWDER) for name in CARRIED]
     with time_stage(seconds, "overhang"):
@@ -135,11 +139,24 @@ def _check_feature(wall: LocalThickness, use: _Settings) -> Check:
     return _check_width("feature", wall, what, use.wall, use, FEATURE_TOLERANCE_MM)
 
 
-def _check_gap(gap: LocalThickness, use: _Settings) -> Check:
+def _check_gap(
+    gap: LocalThickness, use: _Settings, proud: Callable[[Array], Array] | None
+) -> Check:
     what = "thinnest gap between surfaces"
     if use.powder:
         what += ", from which powder must come out"
-    return _check_width("gap", gap, what, use.gap, use, GAP_TOLERANCE * (use.gap or 0.0))
+    least = use.gap or 0.0
+    tolerance = GAP_TOLERANCE * least
+    narrow = gap.widths < least - tolerance
+    if proud is not None and narrow.any():
+        facets = np.maximum(2 * proud(gap.at[narrow]), tolerance)
+        # the place that lacks most decides, whatever its width
+        k = int((gap.widths[narrow] + facets).argmin())
+        first = np.flatnonzero(narrow)[k]
+        order = np.concatenate([[first], np.delete(np.arange(len(gap.at)), first)])
+        gap = LocalThickness(float(gap.widths[first]), gap.widths[order], gap.at[order])
+        tolerance = float(facets[k])
+    return _check_width("gap", gap, what, use.gap, use, tolerance)
 
 
 def _check_width(

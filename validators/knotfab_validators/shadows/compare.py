@@ -64,7 +64,7 @@ def legibility(
         renderer: of the mesh whose `vertices` (n, 3) these are, in scene coordinates.
         geometry: the view, in the same coordinates. target: (H, W), the picture's silhouette.
     """
-    if not target.any():
+    if not (target.any() and len(vertices)):
         return {str(angle): 0.0 for angle in angles_deg}
     wanted = _stretch(target, size)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2

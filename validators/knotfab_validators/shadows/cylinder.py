@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.files.bad_file import BadFile
 
 __all__ = ["Cylinder"]
 
@@ -77,16 +78,18 @@ class Cylinder:
         """Refuse a cylinder that does not hold the light, or is narrower than a frame of `wide` mm.
 
         Raises:
-            ValueError: saying which.
+            BadFile: saying which.
         """
         high = float((light - self.foot) @ normal)
         if 0 < 2 * self.radius <= high:
-            raise ValueError(f"the light is outside the hollow wall of radius {self.radius:g} mm")
+            raise BadFile(
+                f"the scene: the light is outside the hollow wall of radius {self.radius:g} mm"
+            )
         turn = 0.5 * wide / self.radius
         normals = np.array([-np.sin(turn), np.cos(turn)])
         ray = np.array([0.0, high - self.radius]) + self.radius * normals
         slanted = normals @ ray / np.linalg.norm(ray) < MOST_SLANTED
         if abs(turn) >= np.pi / 2 or slanted:
-            raise ValueError(
-                f"a wall of radius {self.radius:g} mm is narrower than its picture of {wide:g} mm"
+            raise BadFile(
+                f"the scene: a wall of radius {self.radius:g} mm is narrower than its picture of {wide:g} mm"
             )

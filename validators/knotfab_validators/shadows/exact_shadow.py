@@ -9,6 +9,7 @@ import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.compiled import compiled
+from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.geometry.sampling import number_runs
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.shadows.winding import Linework, winding_at, wound_mask
@@ -29,8 +30,8 @@ NEAREST = 1e-6  # w (see `ViewGeometry.projection`) of what is too near to the l
 STRAIGHT_PX = 4.0  # a line so long is straight on a curved receiver too
 
 
-class ShadowError(ValueError):
-    """The mesh has no shadow that makes sense here, such as one that reaches the light."""
+class ShadowError(BadFile):
+    """The mesh has no shadow that makes sense in this scene, such as one that reaches the light."""
 
 
 def _cut(homogeneous: Array, faces: Ints, inside: Mask, limit: float) -> tuple[Array, Ints]:

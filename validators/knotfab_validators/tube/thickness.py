@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab_validators.arrays import Array
+from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.check import Check, Place, at_least, at_most, places, spot
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.tube.critical_chords import CurvePoint, shortest_critical_chord
@@ -15,6 +15,8 @@ from knotfab_validators.tube.critical_chords import CurvePoint, shortest_critica
 __all__ = ["Thickness", "check_bend", "check_length", "check_thickness", "thickness"]
 
 ROUNDING = 1e-12  # relative
+STRAIGHT = 1e-5  # the sine of a turn that may be the rounding of coordinates
+TOGETHER = 1e-3  # of such turns in a row: then they are a bend
 
 
 @dataclass(frozen=True)
@@ -89,14 +91,39 @@ def thickness(polygons: Sequence[Array], closed: Sequence[bool] | None = None) -
 def _find_min_rad(
     polygons: Sequence[Array], closed: Sequence[bool]
 ) -> tuple[float, tuple[int, int] | None]:
-    """The smallest MinRad and its (knot, vertex); inf and None where nothing bends."""
+    """The smallest MinRad and its (knot, vertex); inf and None where nothing bends.
+
+    Vertices at which nothing turns are no ends of edges: another program may have put them there.
+    """
     best, at = float("inf"), None
     for k, (polygon, is_closed) in enumerate(zip(polygons, closed, strict=True)):
-        radii = _bend_radii(polygon, is_closed)
+        kept = _find_turning(polygon, is_closed)
+        if len(kept) < 3:
+            continue
+        radii = _bend_radii(polygon[kept], is_closed)
         vertex = int(np.argmin(radii))
         if radii[vertex] < best:
-            best, at = float(radii[vertex]), (k, vertex)
+            best, at = float(radii[vertex]), (k, int(kept[vertex]))
     return best, at
+
+
+def _find_turning(polygon: Array, closed: bool) -> Ints:
+    """The vertices of a polygon (n, 3) at which it turns, and open ends.
+
+    Where many in a row turn by next to nothing, some of them, so that a bend spread over thousands stays one.
+    """
+    n = len(polygon)
+    one, other = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
+    off = np.linalg.norm(np.cross(one, other), axis=1)
+    size = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    sine = off / np.where(size > 0, size, 1.0)
+    straight = (sine <= STRAIGHT) & (np.einsum("ij,ij->i", one, other) > 0)
+    total = np.cumsum(np.where(straight, sine, 0.0))
+    row = np.floor((total - np.maximum.accumulate(np.where(straight, 0.0, total))) / TOGETHER)
+    straight &= np.diff(row, prepend=0.0) <= 0
+    if not closed:
+        straight[[0, -1]] = False
+    return np.arange(n) if straight.all() else np.flatnonzero(~straight)
 
 
 def _bend_radii(polygon: Array, closed: bool) -> Array:

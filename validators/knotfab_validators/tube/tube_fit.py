@@ -13,7 +13,7 @@ from knotfab_validators.geometry.inside import surface_distance, winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.sampling import cut_edges, quarter_triangles
 
-__all__ = ["TubeFit", "check_tube", "tube_fit"]
+__all__ = ["TubeFit", "check_tube", "measure_proud", "tube_fit"]
 
 
 LIMIT = 0.04  # of the radius: facets cost knotfab's own parts about 1 %, twelve flat sides 3.4 %
@@ -25,6 +25,7 @@ ANGLES = 8  # points of a ring
 MOST_RINGS = 20_000
 STRETCH = 8  # rings that are looked at together of a mounted part
 SHARE = 0.5  # of a stretch's points that must lie on the surface: 0.78 and more do beside pegs and struts
+PROUD = 1.0235  # radii: twelve flat sides with the tube's volume stand out so far
 SAME = 1e-6  # of a radius that two files give
 LEVELS = 4  # how often a face that may dip too deep is cut into four
 MOST_CUT = 50_000  # faces
@@ -111,6 +112,24 @@ def check_tube(
         detail = "the knots' radius is not the scene's piece.tube_radius_mm"
         return Check("tube", "fail", True, radius, asked_mm, "mm", detail)
     return at_most("tube", measured * radius, limit, "mm", detail, tolerance=1e-9 * radius, at=at)
+
+
+def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
+    """(k,) mm: how far corners of the mesh beside places (k, 3) stand out of the exact tube, at most.
+
+    Of corners within a diameter of each place, those nearer to a centre line than `PROUD` radii count.
+    """
+    from scipy.spatial import cKDTree
+
+    assert curves.radius_mm is not None
+    line = _Line(curves.edges, curves.radius_mm, _open_ends(curves))
+    beside = cKDTree(mesh.vertices).query_ball_point(places, 2 * line.radius)
+    found = np.zeros(len(places))
+    for k, near in enumerate(beside):
+        distance = line.distance(mesh.vertices[near])[0]
+        out = distance[distance <= PROUD * line.radius] - line.radius
+        found[k] = max(float(out.max(initial=0.0)), 0.0)
+    return found
 
 
 class _Line:
