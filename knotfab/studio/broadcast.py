@@ -18,7 +18,7 @@ __all__ = ["Broadcast", "Listener"]
 
 _PHASES = {0: "done", 1: "rejected", 130: "stopped"}
 _STOPPED = "Stopped, before there were knots to go on from; nothing was saved."
-_STOPPED_WITH_KNOTS = "Stopped. Go on from here continues from these knots."
+_STOPPED_WITH_KNOTS = "Stopped. The next build can go on from these knots."
 
 
 @dataclass(eq=False)

@@ -177,8 +177,7 @@ class Builds:
             "name": name,
             "title": self.title_of(name),
             "phase": phase,
-            "known": record is not None and bool(record.pictures),
-            "picture": record.pictures[0].name if record and record.pictures else None,
+            "pictures": [picture.name for picture in record.pictures] if record else [],
             "result": describe_folder(folder, not passed) if held else None,
         }
 

@@ -202,9 +202,12 @@ class Studio(Broadcast):
             wanted.pop(name, None)
             if read is not None:
                 wanted[name] = read
-        self.settings = wanted
+        before, self.settings = self.settings, wanted
         self._check_together(given)
-        self.renew()
+        if wanted == before:
+            self.tell_state()  # of what is marked
+        else:
+            self.renew()
         for name in given:
             if name in self.wrong:
                 raise InputError(FIELDS[name].label, self.wrong[name]["why"].rstrip("."), "")

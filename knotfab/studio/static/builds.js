@@ -1,6 +1,7 @@
 /* What was built: the list, and a result with its files and its report. */
 import { askPerson, attempt, byId, capital, element, post } from "./api.js";
 
+const SHOWN = 4; // files, before the others unfold
 let select = () => {};
 let of = ""; // whose report is shown
 
@@ -12,7 +13,7 @@ export function showBuilds(state, selectTab) {
 }
 
 function row(built, current, running) {
-  const { name, title, result, picture } = built;
+  const { name, title, result, pictures: [picture] } = built;
   const image = picture ? element("img", { src: `/pictures/${encodeURIComponent(picture)}.png`, alt: "" }) : "";
   const told = result ? brief(result) : "stopped: there are knots to go on from";
   const open = element("button", { type: "button", class: "open", "aria-current": current && "true", title: `${title}: ${told}`, click: () => show(built, running) }, image, element("span", {}, title, element("small", {}, told)));
@@ -28,8 +29,8 @@ function row(built, current, running) {
 }
 
 /* While another build runs, an old one's result can be looked at; else its picture and settings come back too. */
-function show({ name, title, result, known }, running) {
-  byId("builds-error").textContent = running || known ? "" : "Built before the studio kept notes: the result is here, its settings are in scene.toml.";
+function show({ name, title, result, pictures }, running) {
+  byId("builds-error").textContent = running || pictures.length ? "" : "Built before the studio kept notes: the result is here, its settings are in scene.toml.";
   if (result) showResult(result, title);
   select(result ? "tab-result" : "tab-preview");
   if (!running) attempt("builds-error", post("/api/open", { name }));
@@ -47,13 +48,16 @@ export function showResult(built, title, anew = false) {
   byId("result").hidden = false;
   byId("result-title").textContent = title;
   byId("verdict").textContent = built.where.endsWith("/rejected") ? "A required check failed" : capital(built.verdict ?? "built");
-  const told = built.readable ? [brief(built), ...built.reasons] : ["Its report.json cannot be read; its files are below"];
+  const told = built.readable ? [brief({ ...built, verdict: null }), ...built.reasons] : ["Its report.json cannot be read; its files are below"];
   byId("figures").textContent = told.filter(Boolean).join(". ");
   const main = ["part.3mf", "zoetrope.3mf"].find((name) => built.files.includes(name));
   byId("download").hidden = !main;
   byId("download").textContent = `Download ${main}`;
   byId("download").href = `${here}/${main}`;
-  byId("files").replaceChildren(...built.files.filter((n) => n !== main).map((name) => element("a", { href: `${here}/${encodeURIComponent(name)}`, download: name.startsWith("report.") ? name : "" }, name)));
+  const links = built.files.filter((n) => n !== main).map((name) => element("a", { href: `${here}/${encodeURIComponent(name)}`, download: name.startsWith("report.") ? name : "" }, name));
+  byId("files").replaceChildren(...links.slice(0, SHOWN));
+  byId("more-files").replaceChildren(...links.slice(SHOWN));
+  byId("more-files").parentElement.hidden = links.length <= SHOWN;
   byId("moving").hidden = !built.files.includes("sequence.gif");
   if (!byId("moving").hidden) byId("moving").src = `${here}/sequence.gif`;
   byId("report").hidden = !built.files.includes("report.html");

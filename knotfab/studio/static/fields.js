@@ -43,6 +43,7 @@ const LISTS = {
   ],
 };
 let labels = {};
+const volumes = {};
 const inputs = {};
 const ranges = {};
 
@@ -71,7 +72,7 @@ function build([name, kind, about]) {
   const label = element("label", { for: name }, labels[name]);
   if (kind === "menu") {
     inputs[name] = element("select", { id: name, ...described(name, {}), change: (e) => set(name, e.target.value) }, ...Object.entries(about).map(([value, text]) => element("option", { value }, text)));
-    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name));
+    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name), element("p", { class: "hint", id: `${name}-hint` }));
   }
   const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: about.placeholder ?? about.usual, ...(about.inputmode ? { inputmode: about.inputmode } : {}), change: () => set(name, input.value) });
   inputs[name] = input;
@@ -96,10 +97,10 @@ const wrongOf = (name) => element("p", { class: "wrong", id: `${name}-wrong`, ro
 const below = (name, { hint }) => [wrongOf(name), ...(hint ? [element("p", { class: "hint", id: `${name}-hint` }, hint)] : [])];
 
 function fillPrinters({ printers, usual }) {
-  const told = ({ title, volume_mm: v }) => `${title}, ${v.map((side) => Math.round(side)).join(" × ")} mm`;
+  for (const { name, volume_mm: v } of printers) volumes[name === usual ? "" : name] = v.map((side) => Math.round(side)).join(" × ");
   const order = [...printers].sort((a, b) => a.title.localeCompare(b.title));
   const own = order.find((p) => p.name === usual);
-  inputs.printer.append(element("option", { value: "" }, `${told(own)} (usual)`), ...order.filter((p) => p !== own).map((p) => element("option", { value: p.name }, told(p))));
+  inputs.printer.append(element("option", { value: "" }, `${own.title} (usual)`), ...order.filter((p) => p !== own).map((p) => element("option", { value: p.name }, p.title)));
 }
 
 function fillMaterials(materials) {
@@ -127,6 +128,7 @@ export function showFields(state) {
     else input.value = value ?? "";
   }
   if (inputs.printer.selectedIndex < 0) inputs.printer.value = "";
+  byId("printer-hint").textContent = `Prints up to ${volumes[inputs.printer.value]} mm.`;
   for (const name of ["mount", "accuracy"]) for (const input of document.getElementsByName(name)) input.checked = input.value === state.settings[name];
   for (const mark of document.querySelectorAll(".wrong")) mark.textContent = state.wrong[mark.id.slice(0, -6)]?.why ?? "";
   const frame = state.preview.views?.[0]?.frame_mm[0];

@@ -76,7 +76,8 @@ function showBuild() {
   byId("build").disabled = !state.chosen?.length;
   byId("stop").hidden = !running || state.watching; // Ctrl-C in its terminal stops it
   byId("stop").disabled = phase === "stopping";
-  byId("go-on").hidden = running || !state.can_go_on || state.watching;
+  byId("go-on").hidden = running || !state.can_go_on || state.watching || state.kind === "frames";
+  byId("go-on").textContent = `Go on from ${state.build.title ?? "here"}`;
   byId("bar").value = running || phase === "done" || phase === "rejected" ? share ?? 0 : 0;
   byId("shadow-iou").textContent = iou ? `IoU ${iou.toFixed(3)}` : "";
   until = running && left != null ? performance.now() + 1000 * left : null;
@@ -91,8 +92,11 @@ function showBuild() {
     failed: sentence,
   };
   const mend = !running && wrong.length > 0;
-  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[phase];
-  byId("said").classList.toggle("bad", mend || phase === "failed" || phase === "rejected");
+  // what was built last is another piece
+  const other = !running && state.current && JSON.stringify(state.chosen) !== JSON.stringify(state.builds.find((b) => b.name === state.current)?.pictures);
+  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[other && state.chosen.length ? "idle" : phase];
+  byId("said").classList.toggle("bad", mend || (!other && (phase === "failed" || phase === "rejected")));
+  if (other) byId("bar").value = 0;
 }
 
 /* What the build does now, and how long it will take yet. */
