@@ -109,6 +109,7 @@ ROWS: tuple[Row, ...] = (
         refused=(("several views", "light"),),
     ),
     Row("desk stand", _is_mounted("stand"), options=(("mount", "stand"),)),
+    Row("eyelet for a thread", _is_mounted("hang"), options=(("mount", "hang"),)),
     Row(
         "knot of a given type",
         lambda f: all("3_1" in k["type"] for k in f.report["knots"]),

@@ -19,6 +19,7 @@ from PIL import Image
 from benchmarks.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
 from knotfab.arrays import Array
+from knotfab.drawing.gif import write_gif
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem
@@ -27,7 +28,6 @@ from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
-from knotfab.sequence.gif import write_gif
 from knotfab.start.start import make_start
 
 PANEL = 320  # px

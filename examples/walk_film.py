@@ -15,9 +15,9 @@ from PIL import Image, ImageChops, ImageOps
 
 from benchmarks.measurement import run_study
 from examples.side_view import beside, side_view
+from knotfab.drawing.gif import write_gif
 from knotfab.knots import read_start
 from knotfab.report.pictures import draw_part
-from knotfab.sequence.gif import write_gif
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.shadows.render import why_no_rendering
 

@@ -242,12 +242,12 @@ class BuildOptions(PictureOptions):
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
     """Make it for printing: pose the part for that, and check it against the printer too."""
-    mount: Annotated[Literal["auto", "wall", "stand", "none"] | None, Parameter(group=_PRINT)] = (
-        None
-    )
+    mount: Annotated[
+        Literal["auto", "wall", "stand", "hang", "none"] | None, Parameter(group=_PRINT)
+    ] = None
     """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or in
-    drilled holes), stand (a base below all pictures), none, or auto (default: wall for several loose
-    pieces that are printed, else none). Wall and stand imply --print."""
+    drilled holes), stand (a base below all pictures), hang (an eyelet for a thread), none, or auto (default:
+    wall for several loose pieces that are printed, else none). Wall, stand and hang imply --print."""
 
     accuracy: Annotated[
         Literal["sketch", "draft", "standard", "fine"] | None, Parameter(group=_SEARCH)

@@ -51,6 +51,7 @@ from knotfab.report.pictures import find_pictures
 from knotfab.report.posing import add_posing, find_access
 from knotfab.report.report_html import write_report_html
 from knotfab.report.report_json import write_report_json
+from knotfab.report.turning import add_turning
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
@@ -220,6 +221,8 @@ def report_piece(
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
         report["print"]["drawings"] = drawings
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
+        if request.printing:
+            add_turning(report, folder.work, part.mounted, made.knots)
         add_binding(report, made)
         add_warnings(report, made.result.effects)
         add_advice(report, made)

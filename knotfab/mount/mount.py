@@ -12,6 +12,7 @@ import numpy as np
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.knots import Knots
+from knotfab.mount.hang import MOST_TILT_DEG, HangMount, hang_bodies, plan_hang
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
@@ -44,6 +45,12 @@ class Mounted:
     upright: Array | None
     wall: WallMount | None
     stand: StandMount | None = None
+    hang: HangMount | None = None
+
+    @property
+    def holder(self) -> WallMount | StandMount | HangMount | None:
+        """What holds the piece."""
+        return self.wall or self.stand or self.hang
 
     @cached_property
     def solids(self) -> list[Manifold]:
@@ -53,8 +60,7 @@ class Mounted:
     @property
     def moves(self) -> Array | None:
         """(N, 3) how far each vertex of the knots moves under its own weight, mm; None without a mount."""
-        mount = self.wall if self.stand is None else self.stand
-        return None if mount is None else mount.moves
+        return None if self.holder is None else self.holder.moves
 
     def members(self, to_part: Array) -> list[dict[str, Any]]:
         """The members of knots.json: pegs or posts, and struts, by a (4, 4) similarity from the scene.
@@ -114,6 +120,8 @@ class Mounted:
         """The report's `mount`."""
         if self.stand is not None:
             return self._report_stand(self.stand)
+        if self.hang is not None:
+            return self._report_hang(self.hang)
         if self.wall is None:
             return {"kind": "none"}
         lengths = [peg.length_mm for peg in self.wall.pegs]
@@ -152,9 +160,25 @@ class Mounted:
             "max_sag_mm": self.scene.mount.max_sag_mm,
         }
 
+    def _report_hang(self, hang: HangMount) -> dict[str, Any]:
+        radius = hang.members.radius
+        return {
+            "kind": "hang",
+            "struts": len(hang.struts),
+            "members_of_knots": list(self.scene.mount.pegs),
+            "member_diameter_mm": [2 * float(radius.min()), 2 * float(radius.max())],
+            "thread_mm": hang.eyelet.thread.tolist(),
+            "hole_mm": 2 * (hang.eyelet.ring_mm - hang.eyelet.wire_mm),
+            "tilt_deg": hang.tilt_deg,
+            "max_tilt_deg": MOST_TILT_DEG,
+            "predicted_intrusion": float(hang.predicted_intrusion.max()),
+            "sag_mm": hang.sag_again_mm,
+            "max_sag_mm": self.scene.mount.max_sag_mm,
+        }
+
     def check_sag(self) -> dict[str, Any] | None:
         """`sag`: how far the piece moves under its own weight, by the frame of tubes and members."""
-        mount = self.wall if self.stand is None else self.stand
+        mount = self.holder
         if mount is None:
             return None
         sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
@@ -162,9 +186,10 @@ class Mounted:
         if isinstance(mount, WallMount):
             on = f"{len(mount.pegs)} pegs and {len(mount.struts)} struts"
             less = "less depth (--depth) or a nearer wall (--wall-distance)"
+        elif isinstance(mount, StandMount):
+            on, less = f"{len(mount.posts)} posts and {len(mount.struts)} struts", "less depth"
         else:
-            on = f"{len(mount.posts)} posts and {len(mount.struts)} struts"
-            less = "less depth"
+            on, less = f"an eyelet and {len(mount.struts)} struts", "less depth"
         remedy = ""
         if sag > limit:
             remedy = (
@@ -193,15 +218,15 @@ def mount_piece(
     others none.
 
     Args:
-        cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand needs and in
-            which struts hide.
+        cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand and a hanger need
+            and in which struts hide.
         thoroughly: as for `plan_wall`.
 
     Raises:
         InputError: a wall mount, and several views.
         NotHeldError: a wall mount does not hold it (`plan_wall`).
         SceneError: there is no such mount for this piece.
-        ValueError: a stand without the silhouettes.
+        ValueError: a stand or a hanger without the silhouettes.
     """
     require_mount(scene)
     asked = scene.mount
@@ -214,10 +239,11 @@ def mount_piece(
         scene = scene.model_copy(update={"mount": asked})
     if asked.kind == "none":
         return Mounted(tubes, _names(len(tubes)), scene, None, None)
-    if asked.kind == "stand":
+    if asked.kind in ("stand", "hang"):
         if len(targets) != len(cameras):
-            raise ValueError("a stand is placed by the silhouettes of all views")
-        return _on_a_stand(scene, knots, tubes, cameras, targets)
+            raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
+        hold = _on_a_stand if asked.kind == "stand" else _on_a_thread
+        return hold(scene, knots, tubes, cameras, targets)
     camera = cameras[0]
     foot = _foot(scene, knots, camera)
     asked = asked.model_copy(update={"foot": foot})
@@ -266,6 +292,29 @@ def _on_a_stand(
     count = [int((stand.holds == k).sum()) for k in range(len(tubes))]
     resolved = scene.model_copy(update={"mount": asked.model_copy(update={"pegs": tuple(count)})})
     return Mounted(bodies, ["piece on its stand"], resolved, BASE_DOWN, None, stand)
+
+
+def _on_a_thread(
+    scene: ResolvedScene,
+    knots: Knots,
+    tubes: list[Mesh],
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+) -> Mounted:
+    hang = plan_hang(
+        knots,
+        cameras,
+        targets,
+        scene.piece.clearance_mm,
+        Stiffness.of(scene),
+        scene.printer.min_tube_radius_mm,
+    )
+    bodies = hang_bodies(tubes, hang)
+    count = tuple(int((hang.holds == k).sum()) for k in range(len(tubes)))
+    x, y, z = hang.eyelet.thread.tolist()
+    resolved = scene.mount.model_copy(update={"pegs": count, "thread_mm": (x, y, z)})
+    scene = scene.model_copy(update={"mount": resolved})
+    return Mounted(bodies, ["piece with its eyelet"], scene, None, None, hang=hang)
 
 
 def _names(count: int) -> list[str]:

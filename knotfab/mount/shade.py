@@ -21,7 +21,7 @@ from knotfab.scene.model import VERIFIED_PX
 from knotfab.target.masks import sample_mask
 from knotfab.target.silhouette import fit_size
 
-__all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts"]
+__all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near_struts"]
 
 
 SAMPLE_RADII = 0.35  # between the discs of which a strand's shadow is made
@@ -212,10 +212,15 @@ class MountShadow:
         return covered
 
 
-def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
-    """Struts between strands that are near each other, in every view's shadow from end to end."""
+def near_struts(sites: Sites, tube_mm: float) -> Candidates:
+    """Struts between strands that are near each other."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(sites.point).query_pairs(LONGEST_RADII * tube_mm, output_type="ndarray")
-    every = struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
+    return struts(sites, pairs.astype(np.int64), tube_mm, HIDDEN_SHARE * tube_mm)
+
+
+def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
+    """Struts between strands that are near each other, in every view's shadow from end to end."""
+    every = near_struts(sites, tube_mm)
     return every.of(shadows.hidden(every))

@@ -43,7 +43,20 @@ from knotfab.mount.struts import (
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 
-__all__ = ["StandMount", "StandSettings", "plan_stand"]
+__all__ = [
+    "BRIDGES",
+    "FINE_RADII",
+    "LENGTH_WEIGHT",
+    "MOST_COSINE",
+    "VISIBLE_SHARES",
+    "StandMount",
+    "StandSettings",
+    "bridges",
+    "join_knots",
+    "least_shown",
+    "masses_of",
+    "plan_stand",
+]
 
 
 VISIBLE_SHARES = (0.6, 0.8)  # of the tube's radius: thin members show less, thick ones hold more
@@ -137,11 +150,11 @@ def plan_stand(
         parts = []
         for radius in radii:
             parts.append(_posts(sites, slope, cameras, shadows, radius))
-            parts.append(_bridges(sites, shadows, tube, radius))
+            parts.append(bridges(sites, shadows, tube, radius))
         return parts
 
     pool = join([hidden, *shown(thin)])
-    chosen, holds = _spanning(len(knots.knots), sites, pool, obstacles, shadows)
+    chosen, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows)
     # what runs in the shadow of those shows no more now
     pool = join([hidden, *shown(thin, thick)])
     more = _more_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
@@ -155,7 +168,7 @@ def plan_stand(
         slope,
         members.end[post],
         ROOT_SHARE * float(members.radius[post].max()),
-        _weights(knots, members),
+        masses_of(knots, members),
         cameras,
         settings.base_thickness_mm,
         settings.tip_deg,
@@ -181,7 +194,7 @@ def _footprint(knots: Knots, cameras: Sequence[Camera], settings: StandSettings)
     low, high = own.min(axis=0) - 2 * CORNER_MM, own.max(axis=0) + 2 * CORNER_MM
     below = slope_below(cameras, (low[0], high[0], low[2], high[2]))
     least = float((below.height_mm + below.rise * own[:, 2]).min()) - DROP_MM
-    tubes = _weights(knots, nothing())
+    tubes = masses_of(knots, nothing())
     middle = tubes.volume @ tubes.center @ axes.T / tubes.volume.sum()
     # posts and base, which are lower, only lower the middle of all mass
     tall = float(middle[1]) - least + settings.base_thickness_mm
@@ -216,10 +229,10 @@ def _posts(
                     n, np.full(len(n), GROUND), sites.point[n], foot[n], np.full(len(n), radius)
                 )
             )
-    return _least(join(parts), shadows, POSTS, len(sites.knot))
+    return least_shown(join(parts), shadows, POSTS, len(sites.knot))
 
 
-def _least(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
+def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
     """Those that show least of all, and of each stretch of the tubes: the former may be of no help."""
     cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
@@ -232,7 +245,7 @@ def _least(every: Candidates, shadows: MountShadows, count: int, sites: int) -> 
     return every.of(order[kept])
 
 
-def _bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
+def bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
     """Struts between two knots, however visible; those that show least."""
     parts = [nothing()]
     for a in range(len(sites.perimeter)):
@@ -240,25 +253,31 @@ def _bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) ->
             one, other = np.flatnonzero(sites.knot == a), np.flatnonzero(sites.knot == b)
             pairs = np.column_stack([np.repeat(one, len(other)), np.tile(other, len(one))])
             parts.append(
-                _least(struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot))
+                least_shown(struts(sites, pairs, tube, radius), shadows, BRIDGES, len(sites.knot))
             )
     return join(parts)
 
 
-def _spanning(
+def join_knots(
     knots: int,
     sites: Sites,
     candidates: Candidates,
     obstacles: Obstacles,
     shadows: MountShadows,
+    root: int | None = None,
 ) -> tuple[Candidates, Indices]:
     """The members that join every knot to the ground, and which knot each was taken for.
+
+    Args:
+        root: the knot to which all others are joined instead, where there is no ground.
 
     Raises:
         SceneError: a knot cannot be reached.
     """
     held = np.zeros(knots + 1, dtype=bool)
     held[GROUND] = True
+    if root is not None:
+        held[root] = True
     ends = np.stack(
         [
             np.where(site == GROUND, GROUND, sites.knot[site])
@@ -280,10 +299,13 @@ def _spanning(
                 break
         else:
             lost = int(np.flatnonzero(~held[:-1])[0])
+            what, member = (
+                ("stand", "neither a post nor a strut") if root is None else ("hanger", "no strut")
+            )
             raise SceneError(
-                "the stand",
-                f"neither a post nor a strut reaches knot {lost} past the other strands",
-                "Use --mount none or wall, a thinner tube, or fewer knots",
+                f"the {what}",
+                f"{member} reaches knot {lost} past the other strands",
+                "Use --mount none, a thinner tube, or fewer knots",
             )
         one = candidates.of([number])
         obstacles.add(one)
@@ -321,7 +343,7 @@ def _more_posts(
         more = join([more, one])
 
 
-def _weights(knots: Knots, members: Candidates) -> Masses:
+def masses_of(knots: Knots, members: Candidates) -> Masses:
     """All tubes, posts and struts by volume and centre of mass."""
     volume, center = [], []
     for knot in knots.knots:

@@ -70,9 +70,14 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     else:
+        thread = (
+            ""
+            if mounted.hang is None
+            else f"Tie it to a thread by its eyelet: {_thread(mounted, place)}. "
+        )
         steps = [
             "Mark the corners of the frame on the wall.",
-            f"Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
+            f"{thread}Hang the piece before the frame as the views show: {_reach(mounted, place)}.",
             f"Put the middle of the {lamp} {off} the wall, square to it, opposite {_opposite(place)}.",
         ]
     distances = [mark.lamp_mm for mark in place.marks]
@@ -115,6 +120,14 @@ def _reach(mounted: Mounted, place: Placement) -> str:
     up = f"from {_sign(y0, 'below')} to {_sign(y1, 'above')}"
     across = f"from {_sign(x0, 'left of')} to {_sign(x1, 'right of')}"
     return f"{up}, and {across}, the frame's middle, {length(z0)} to {length(z1)} mm off the wall"
+
+
+def _thread(mounted: Mounted, place: Placement) -> str:
+    """Where the thread carries a piece that hangs."""
+    assert mounted.hang is not None
+    across, up, off = ((mounted.hang.eyelet.thread - place.middle) @ place.wall.T).tolist()
+    where = f"{_sign(up, 'above')} and {_sign(across, 'right of')} the frame's middle"
+    return f"the thread carries it {where}, {length(off)} mm off the wall"
 
 
 def _sign(value: float, way: str) -> str:

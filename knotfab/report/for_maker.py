@@ -44,6 +44,7 @@ FILES = (
     (r"bends(-\d+)*\.csv", "the wire's bends, one a line"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
+    (r"turn\.gif", "the shadow while the piece turns under one lamp"),
     (r"sequence\.gif", "the shadows of all frames"),
     (r"knots(-\d+)?\.json", "the centre lines"),
     (r"scene(-\d+)?\.toml", "every setting: builds the same piece again"),

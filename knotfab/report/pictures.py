@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from knotfab.arrays import Array
 from knotfab.geometry.meshes import face_normals
 from knotfab.report.report_html import Picture
+from knotfab.report.turning import TURN_FILE
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView
 
@@ -87,6 +88,9 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in sorted(folder.glob("soft-*.png")):
         caption = "the shadow as a lamp of this size throws it"
         found.append(Picture(path, "shadow", caption, path.stem.removeprefix("soft-")))
+    turn = folder / TURN_FILE
+    if turn.is_file():
+        found.append(Picture(turn, "turn", "the shadow under one lamp, over a full turn"))
     if part.is_file():
         found.append(
             Picture(part, "part", "from the light of each view, then turned about the vertical")

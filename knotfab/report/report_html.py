@@ -52,13 +52,13 @@ VERDICTS = {
 DIGITS = 4
 _LARGE_BYTES = 100_000  # of a picture, from which it is embedded as WebP
 _QUALITY = 85  # of that, of 100
-MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
 
 @dataclass(frozen=True)
 class Picture:
     """A picture to embed. `role` places it: "compare" and "shadow" with the view named `view`,
-    "part" with the views of the part from several sides."""
+    "part" with the views of the part from several sides, "turn" before these."""
 
     path: Path
     role: str
@@ -67,9 +67,9 @@ class Picture:
 
     @property
     def data_uri(self) -> str:
-        """The file as a data URI; a large one as WebP, so that the page stays small."""
+        """The file as a data URI; a large one that does not move as WebP, so that the page stays small."""
         data = self.path.read_bytes()
-        if len(data) > _LARGE_BYTES:
+        if len(data) > _LARGE_BYTES and self.path.suffix != ".gif":
             return image_uri(Image.open(self.path), "webp", quality=_QUALITY, method=2)
         return data_uri(data, MEDIA[self.path.suffix.lower()])
 

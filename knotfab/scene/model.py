@@ -297,9 +297,9 @@ class Sequence(_Table):
 
 
 class Mount(_Table):
-    """What holds the piece; `pegs` is written by a build, how many hold each knot."""
+    """What holds the piece; a build writes `pegs`, how many hold each knot, and `thread_mm`, in the scene."""
 
-    kind: Literal["auto", "none", "wall", "stand"] = (
+    kind: Literal["auto", "none", "wall", "stand", "hang"] = (
         "auto"  # auto: wall for loose pieces of one view
     )
     foot: Literal["auto", "plate", "dowel"] = "auto"
@@ -311,11 +311,12 @@ class Mount(_Table):
     min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
     max_sag_mm: Positive = 0.2
     pegs: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
+    thread_mm: Vector | Literal["none"] = "none"  # where the thread of "hang" carries the piece
 
     @property
     def asked(self) -> bool:
         """Whether somebody asks for a mount, whatever the pieces."""
-        return self.kind in ("wall", "stand")
+        return self.kind in ("wall", "stand", "hang")
 
 
 class Plate(_Table):

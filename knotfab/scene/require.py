@@ -36,7 +36,7 @@ def require_mount(scene: Scene) -> None:
             "a wall mount (--mount wall)",
             f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
             "picture of the other",
-            "Use --mount stand, whose base lies below all pictures",
+            "Use --mount stand, whose base lies below all pictures, or hang",
         )
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from knotfab.design.question import silhouette_polygon
+from knotfab.drawing.gif import write_shadows_gif
 from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.knots import read_knots
@@ -20,7 +21,6 @@ from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import count_knots, read_frames, tell_apart
-from knotfab.sequence.gif import write_shadows_gif
 from knotfab.sequence.kept import KeptFrames, keep_for
 from knotfab.sequence.motion import Motion, measure, outline_motion
 from knotfab.sequence.report import Ring, check_closing, check_motion, check_ring, sequence_report

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from knotfab_validators.check import Check
-from knotfab_validators.names import FILES, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
+from knotfab_validators.names import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
 from knotfab_validators.verdict import exit_code_of
 
 __all__ = [
@@ -30,6 +30,7 @@ CHECKS = (
     *MESH,
     *FILES,
     *TUBE,
+    *HELD,
     *PRINTING,
     *PLATES,
 )

@@ -12,6 +12,7 @@ from benchmarks.features import CELLS, ROWS, Cell, build_cell
 ELSEWHERE = {
     "wall mount": "tests/test_pipeline.py",
     "desk stand": "tests/mount",
+    "eyelet for a thread": "tests/mount/test_hang.py",
     "depth given": "tests/test_pipeline.py",
     "flat": "tests/test_pipeline.py",
     "slicing": "tests/slicer",

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from knotfab.batch.tasks import list_tasks
+from knotfab.drawing.gif import write_gif, write_shadows_gif
 from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.scene.model import Reading
@@ -16,7 +17,6 @@ from knotfab.sequence.frames import (
     read_frames,
     tell_apart,
 )
-from knotfab.sequence.gif import write_gif, write_shadows_gif
 
 
 def _bar(at: int, size: tuple[int, int] = (64, 48)) -> Image.Image:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["FILES", "KNOTS", "MESH", "PLATES", "PRINTER", "PRINTING", "SHADOWS", "TUBE"]
+__all__ = ["FILES", "HELD", "KNOTS", "MESH", "PLATES", "PRINTER", "PRINTING", "SHADOWS", "TUBE"]
 
 MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
@@ -22,6 +22,7 @@ PRINTING = (
     *("feature", "gap", "overhang", "support_volume"),
     *("bridge", "floating", "islands", "standing"),
 )
+HELD = ("level",)  # of a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
 # of no concern to a piece that is not to be printed
 PRINTER = ("build_volume", *PRINTING, *PLATES)

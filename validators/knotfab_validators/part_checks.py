@@ -18,7 +18,8 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.names import KNOTS, MESH, PRINTING
+from knotfab_validators.names import HELD, KNOTS, MESH, PRINTING
+from knotfab_validators.printing.level import check_level
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.tube.centre_line import check_centre_lines
@@ -87,6 +88,8 @@ def _check_surface(
     left = _leave_out(PRINTING, skip)
     # of a broken surface printability means nothing: where that is asked, the surface is too
     checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
+    if mesh is not None and scene is not None and scene.mount.kind == "hang":
+        checks += _leave_out(HELD, skip) or [_check_level(mesh, scene)]
     printed = mesh if printed is None else printed
     if scene is None:
         checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
@@ -221,8 +224,18 @@ def _predict_topology(
         return None, None
     if mount.kind == "wall" and mount.foot == "dowel":
         return len(curves.polygons), [1] * len(curves.polygons)
-    holes = PLATE_HOLES if mount.kind == "wall" else 0
+    holes = {"wall": PLATE_HOLES, "hang": 1}.get(mount.kind, 0)  # an eyelet has one
     return 1, [sum(mount.pegs) + holes]
+
+
+def _check_level(mesh: Mesh, scene: Scene) -> Check:
+    if scene.mount.thread_mm is None or scene.pose is None:
+        return skip_check("level", "the scene does not say where the thread is", required=True)
+    pose = np.array(scene.pose, dtype=np.float64)
+    place = np.array([*scene.mount.thread_mm, 1.0])
+    thread: Array = np.linalg.solve(pose, place)[:3].astype(np.float64)
+    up = pose[1, :3] / np.linalg.norm(pose[1, :3])  # the scene's y in the part's coordinates
+    return check_level(mesh, thread, up)
 
 
 def _check_knots(

@@ -183,11 +183,15 @@ class Placing:
 
 @dataclass(frozen=True)
 class Mount:
-    """What holds the piece; `pegs` says how many hold each knot, where the scene says it."""
+    """What holds the piece; `pegs` says how many hold each knot, where the scene says it.
+
+    `thread_mm` is where the thread carries a piece that hangs, in the scene.
+    """
 
     kind: str
     foot: str
     pegs: tuple[int, ...]
+    thread_mm: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -355,9 +359,14 @@ def _mount(data: Any, where: str) -> Mount:
     if not isinstance(pegs, list) or not all(type(n) is int and n > 0 for n in pegs):
         raise BadFile(f"{where} pegs must be whole numbers above 0, got {pegs!r}")
     return Mount(
-        kind=table.word("kind", "none", ("none", "wall", "stand", "auto")).replace("auto", "none"),
+        kind=table.word("kind", "none", ("none", "wall", "stand", "hang", "auto")).replace(
+            "auto", "none"
+        ),
         foot=table.word("foot", "auto", ("auto", "plate", "dowel")),
         pegs=tuple(pegs),
+        thread_mm=None
+        if table.data.get("thread_mm", "none") == "none"
+        else table.fixed_vector("thread_mm", (0.0, 0.0, 0.0)),
     )
 
 

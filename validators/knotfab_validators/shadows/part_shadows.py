@@ -107,7 +107,7 @@ def verify_shadows(
                     radius=radius,
                     closed=curves.closed if curves is not None else None,
                     mounted=scene.mount.kind != "none",
-                    stand=scene.mount.kind == "stand",
+                    stand=scene.mount.kind in ("stand", "hang"),
                     renderer=renderer,
                     caster=caster,
                     drawn=wide,

@@ -59,7 +59,7 @@ def shadow_checks(
                 "",
                 f"IoU of the file's shadow and the picture, view {name} ({by})"
                 + _say_changed(views[name], (changed or {}).get(name))
-                + (", without what its stand darkens" if mount == "stand" else "")
+                + (", without what its mount darkens" if mount in ("stand", "hang") else "")
                 + ("" if iou_floor is not None else "; no floor is asked"),
                 required=iou_floor is not None,
             )

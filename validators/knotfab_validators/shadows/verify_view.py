@@ -92,7 +92,7 @@ def verify_view(
         closed: for each of them, whether its last point joins the first; all by default.
         mounted: whether the part is more than the tube about `polygons`; then the knots' own shadow
             is that of the exact tube, which the check `tube` finds in the part.
-        stand: whether that is a stand, which shows below the frame and may show inside it. The
+        stand: whether that is a stand or an eyelet, which shows outside the frame and may inside it. The
             outline is then that of the tube's own surface, and the tube's shadow is what is judged.
         renderer: of this mesh, where rendering is possible. caster: of this mesh, where one is at hand.
         longer: pixels on the longer side of the frame.

@@ -14,8 +14,8 @@ _SECONDS_A_ROUND = 1.2
 _LEAST_MS = 40
 
 
-def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int) -> None:
-    """Write `images` (all of one size) as a GIF that repeats for ever.
+def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:
+    """Write `images` (all of one size) as a GIF that repeats for ever, each shown for `frame_ms`.
 
     Raises:
         ValueError: no image, or images of different sizes.

@@ -1,0 +1,313 @@
+"""A hanger: an eyelet straight above the centre of mass, so that the piece hangs level on one thread.
+
+Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly 2009):
+the eyelet stands where it darkens least. A thread leaves the turn about it free, so a piece of several
+views shows its pictures one after the other under a single lamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from knotfab.arrays import Array, Indices, Mask
+from knotfab.errors import SceneError
+from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
+from knotfab.knots import Knots
+from knotfab.mount.brace import brace
+from knotfab.mount.modeller import model
+from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
+from knotfab.mount.plinth import Masses
+from knotfab.mount.shade import MountShadows, near_struts
+from knotfab.mount.solids import place_along, strut_solid
+from knotfab.mount.stand import (
+    BRIDGES,
+    FINE_RADII,
+    LENGTH_WEIGHT,
+    MOST_COSINE,
+    VISIBLE_SHARES,
+    bridges,
+    join_knots,
+    least_shown,
+    masses_of,
+)
+from knotfab.mount.struts import GROUND, Candidates, Obstacles, Sites, join, nothing, sites_of
+from knotfab.scene.camera import Camera
+from knotfab_fixtures.eyelet import eyelet
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+__all__ = ["MOST_TILT_DEG", "Eyelet", "HangMount", "hang_bodies", "plan_hang"]
+
+MOST_TILT_DEG = 1.0  # that the piece may hang askew
+HOLE_MM = 3.0  # across the eyelet's hole
+THREAD_MM = 1.0  # across the thread's way, with some room
+UP = np.array([0.0, 1.0, 0.0])
+_HEIGHTS = 24  # of the eyelet, that are tried
+_ABOVE = 0.15  # of the piece's height: the least from its centre of mass to the eyelet
+_TRIED = 400  # posts, from the one that shows least on
+_ROUNDS = 4  # of moving the eyelet above the centre of mass, to which post and eyelet add
+
+
+@dataclass(frozen=True)
+class Eyelet:
+    """A ring of round wire in the scene, mm: its middle (3,), and the unit vector (3,) through its hole."""
+
+    middle: Array
+    through: Array
+    ring_mm: float  # radius of the wire's centre line
+    wire_mm: float  # radius of the wire
+
+    @property
+    def thread(self) -> Array:
+        """(3,) where the thread carries the piece: the top of the hole."""
+        return np.asarray(self.middle + (self.ring_mm - self.wire_mm) * UP)
+
+    @property
+    def masses(self) -> Masses:
+        """The ring's volume and centre of mass."""
+        volume = 2 * np.pi**2 * self.ring_mm * self.wire_mm**2
+        return Masses(np.array([volume]), self.middle[None])
+
+
+@dataclass(frozen=True)
+class HangMount:
+    """A hanger, in the scene.
+
+    `members` are struts and one post, which leads to the eyelet (its `second` is `GROUND`); `holds` (n,)
+    says which knot each was added for. `tilt_deg` is how far askew the piece hangs. The other fields
+    mean what they mean of a `StandMount`.
+    """
+
+    members: Candidates
+    holds: Indices
+    eyelet: Eyelet
+    tilt_deg: float
+    sag_at: Array
+    sag_again_mm: float
+    predicted_intrusion: Array
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def struts(self) -> Candidates:
+        return self.members.of(self.members.second != GROUND)
+
+
+def plan_hang(
+    knots: Knots,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+    clearance_mm: float,
+    stiffness: Stiffness,
+    least_radius_mm: float,
+) -> HangMount:
+    """Choose struts, a post and an eyelet for knots in scene coordinates (gravity: -y).
+
+    The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
+    least, struts are added until nothing sags (`brace`), and the eyelet is moved above what is then
+    the centre of mass.
+
+    Args:
+        cameras, targets: of each view, and its picture's silhouette (H, W) over the whole frame.
+        least_radius_mm: of a member that the printer can make.
+
+    Raises:
+        SceneError: a knot cannot be reached, or no eyelet has a place.
+    """
+    tube = knots.radius_mm
+    thin = max(VISIBLE_SHARES[0] * tube, min(least_radius_mm, tube))
+    sites = sites_of(knots)
+    shadows = MountShadows(knots, cameras, targets)
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    near = near_struts(sites, tube)
+    unseen = shadows.hidden(near)
+    seen = least_shown(near.of(~unseen), shadows, BRIDGES, len(sites.knot))
+    pool = join([near.of(unseen), seen, bridges(sites, shadows, tube, thin)])
+    visible = np.arange(len(pool)) >= unseen.sum()
+    longest = int(np.argmax(sites.perimeter))
+    joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
+    wire = max(thin, least_radius_mm)
+    ring = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
+    middle = _centre(masses_of(knots, joints))
+    post, ring = _post(knots, sites, middle, ring, thin, obstacles, shadows)
+    obstacles.add(join([post, _around(ring)]))
+    shadows.add(join([post, _outline(ring)]))
+    given = join([joints, post])
+    braced = brace(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
+    members = braced.members
+    number = len(joints)  # the post's
+    others = np.delete(np.arange(len(members)), number)
+    for _ in range(_ROUNDS):
+        middle = _centre(masses_of(knots, members), ring.masses)
+        post, ring = _aim(members.of([number]), ring, middle)
+        members = join([members.of(others[:number]), post, members.of(others[number:])])
+    apart = Obstacles(knots, sites, clearance_mm)
+    apart.add(members.of(others))
+    if not apart.clear(members.of([number]))[0] or not _free(apart, ring)[0]:
+        raise _no_place()
+    middle = _centre(masses_of(knots, members), ring.masses)
+    off = ring.thread - middle
+    tilt = float(np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])))
+    moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
+    moves = _swing(knots.points, moves, ring.thread)
+    sag, at = worst_of(moves, knots.points)
+    holds = np.concatenate([holds, sites.knot[members.first[number:]]])
+    return HangMount(
+        members,
+        holds,
+        ring,
+        tilt,
+        at,
+        sag,
+        shadows.darken(join([members, _outline(ring)])),
+        moves,
+    )
+
+
+def _swing(points: Array, moves: Array, thread: Array) -> Array:
+    """(N, 3) moves of a piece that is free to turn about its thread, from those of one clamped there.
+
+    What sags to one side turns the piece until its centre of mass is below the thread again: by the two
+    small angles about level axes that take the mean of the moves back to the plumb line.
+    """
+    lever = points - thread
+    drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)
+    turn = np.array([aside[2], 0.0, -aside[0]]) / drop
+    return np.asarray(moves + np.cross(turn, lever))
+
+
+def _no_place() -> SceneError:
+    return SceneError(
+        "the hanger",
+        "no eyelet has room straight above the centre of mass, with a post to a strand beside it",
+        "Use --mount stand or none, or a thinner tube (--tube-radius)",
+    )
+
+
+def _centre(*several: Masses) -> Array:
+    """(3,) the common centre of mass."""
+    volume = np.concatenate([m.volume for m in several])
+    return np.asarray(volume @ np.concatenate([m.center for m in several]) / volume.sum())
+
+
+def _around(ring: Eyelet) -> Candidates:
+    """A member as thick as the whole ring is wide: what struts must keep clear of."""
+    reach = ring.ring_mm + ring.wire_mm
+    beside = ring.through * ring.wire_mm
+    none = np.array([GROUND])
+    return Candidates(
+        none,
+        none,
+        (ring.middle - beside)[None],
+        (ring.middle + beside)[None],
+        np.array([reach]),
+    )
+
+
+def _outline(ring: Eyelet) -> Candidates:
+    """Bars along the ring, for what it darkens."""
+    across = np.cross(UP, ring.through)
+    turn = np.linspace(0.0, 2 * np.pi, 9)[:, None]
+    at = ring.middle + ring.ring_mm * (np.cos(turn) * UP + np.sin(turn) * across)
+    none = np.full(8, GROUND)
+    return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
+
+
+def _aim(post: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+    """Post and eyelet with the eyelet straight above the centre of mass `middle`, as high as before."""
+    at = np.array([middle[0], ring.middle[1], middle[2]])
+    axis = (at - post.start[0]) / np.linalg.norm(at - post.start[0])
+    level = np.cross(axis, UP)
+    # the post must lie in the ring's plane; a post that stands upright does so in any
+    through = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.05 else ring.through
+    ring = replace(ring, middle=at, through=through)
+    return replace(post, end=(at - ring.ring_mm * axis)[None]), ring
+
+
+def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
+    """(n,) whether no strand is near the ring, nor in the thread's way above it."""
+    tube, points = obstacles.tube, obstacles.points
+    free = np.ones(len(rings), dtype=bool)
+    for n, ring in enumerate(rings):
+        off = points - ring.middle
+        near = np.linalg.norm(off, axis=1)
+        level = np.hypot(off[:, 0], off[:, 2])
+        reach = tube + obstacles.clearance + obstacles.slack
+        free[n] = near.min() >= reach + ring.ring_mm + ring.wire_mm
+        free[n] &= not ((level < reach + 0.5 * THREAD_MM) & (off[:, 1] > 0)).any()
+    return free
+
+
+def _post(
+    knots: Knots,
+    sites: Sites,
+    middle: Array,
+    ring: Eyelet,
+    radius: float,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+) -> tuple[Candidates, Eyelet]:
+    """The post from a strand to an eyelet above `middle` (3,) that shows least, and its eyelet.
+
+    Raises:
+        SceneError: there is none.
+    """
+    low, high = float(knots.points[:, 1].min()), float(knots.points[:, 1].max())
+    reach = 2.0 * (ring.ring_mm + ring.wire_mm + knots.radius_mm)
+    heights = np.linspace(middle[1] + _ABOVE * (high - low), high + reach, _HEIGHTS)
+    rings = [replace(ring, middle=np.array([middle[0], y, middle[2]])) for y in heights]
+    parts, at = [nothing()], [np.empty(0, dtype=np.int64)]
+    for n in np.flatnonzero(_free(obstacles, *rings)):
+        along = rings[n].middle - sites.point
+        length = np.linalg.norm(along, axis=1)
+        square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+        some = np.flatnonzero(square & (length >= ring.ring_mm + ring.wire_mm + knots.radius_mm))
+        end = rings[n].middle - ring.ring_mm * along[some] / length[some, None]
+        ground = np.full(len(some), GROUND)
+        start, thick = sites.point[some], np.full(len(some), radius)
+        parts.append(Candidates(some, ground, start, end, thick))
+        at.append(np.full(len(some), n))
+    every, number = join(parts), np.concatenate(at)
+    if not len(every):
+        raise _no_place()
+    shown = np.array([shadows.cost(_outline(one)).sum() for one in rings])
+    cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
+    order = np.argsort(cost, kind="stable")[:_TRIED]
+    clear = obstacles.clear(every.of(order))
+    if not clear.any():
+        raise _no_place()
+    best = int(order[clear.argmax()])
+    return _aim(every.of([best]), rings[number[best]], middle)
+
+
+def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
+    """Tubes, struts, post and eyelet as one watertight body, scene coordinates.
+
+    Raises:
+        SceneError: the union is not what the members predict: something else touches.
+    """
+    from manifold3d import Manifold, OpType
+
+    members, ring = mount.members, mount.eyelet
+    solids = [as_manifold(tube) for tube in tubes]
+    for start, end, radius in zip(members.start, members.end, members.radius, strict=True):
+        solids.append(strut_solid(start, end, float(radius)))
+    solids.append(_ring_solid(ring))
+    solid = Manifold.batch_boolean(solids, OpType.Add)
+    parts, genus = len(solid.decompose()), len(members) + 1  # the eyelet's hole
+    if parts != 1 or solid.genus() != genus:
+        raise SceneError(
+            "the hanger",
+            f"the part came out as {parts} bodies of genus {solid.genus()}, not one of {genus}",
+            "Use --mount none, or report this scene",
+        )
+    return [as_mesh(solid)]
+
+
+def _ring_solid(ring: Eyelet) -> Manifold:
+    mesh = model(eyelet, ring.ring_mm, ring.wire_mm)
+    return place_along(as_manifold(mesh), ring.through, ring.middle)
