@@ -19,7 +19,7 @@ from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.modeller import model
-from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
+from knotfab.mount.piece_frame import Stiffness, piece_frame, sag_moves, worst_of
 from knotfab.mount.plinth import Masses
 from knotfab.mount.shade import MountShadows, near_struts
 from knotfab.mount.solids import place_along, strut_solid
@@ -50,6 +50,14 @@ UP = np.array([0.0, 1.0, 0.0])
 _HEIGHTS = 24  # of the eyelet, that are tried
 _ABOVE = 0.15  # of the piece's height: the least from its centre of mass to the eyelet
 _TRIED = 400  # posts, from the one that shows least on
+MOST_POSTS = 4  # from strands to the eyelet
+_OVER = 0.3  # of a further post's length, by which it may come down to the eyelet
+_APART_COSINE = 0.7  # between posts that meet at the eyelet
+_SPREAD_RADII, _WEIGHED = (
+    6.0,
+    12,
+)  # between the ends of further posts that are weighed, and how many are
+_HELPS = 0.9  # of the sag before, that a further post must leave at most
 _ROUNDS = 4  # of moving the eyelet above the centre of mass, to which post and eyelet add
 
 
@@ -78,7 +86,7 @@ class Eyelet:
 class HangMount:
     """A hanger, in the scene.
 
-    `members` are struts and one post, which leads to the eyelet (its `second` is `GROUND`); `holds` (n,)
+    `members` are struts and posts, which lead to the eyelet (their `second` is `GROUND`); `holds` (n,)
     says which knot each was added for. `tilt_deg` is how far askew the piece hangs. The other fields
     mean what they mean of a `StandMount`.
     """
@@ -105,7 +113,7 @@ def plan_hang(
     stiffness: Stiffness,
     least_radius_mm: float,
 ) -> HangMount:
-    """Choose struts, a post and an eyelet for knots in scene coordinates (gravity: -y).
+    """Choose struts, posts and an eyelet for knots in scene coordinates (gravity: -y).
 
     The knots are joined to one piece, the eyelet is set above its centre of mass where post and ring show
     least, struts are added until nothing sags (`brace`), and the eyelet is moved above what is then
@@ -134,20 +142,21 @@ def plan_hang(
     ring = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
     middle = _centre(masses_of(knots, joints))
     post, ring = _post(knots, sites, middle, ring, thin, obstacles, shadows)
-    obstacles.add(join([post, _around(ring)]))
-    shadows.add(join([post, _outline(ring)]))
-    given = join([joints, post])
+    posts = _more_posts(knots, sites, joints, post, ring, stiffness, obstacles, shadows)
+    obstacles.add(join([posts, _around(ring)]))
+    shadows.add(join([posts, _outline(ring)]))
+    given = join([joints, posts])
     braced = brace(knots, sites, obstacles, shadows, pool, visible, given, stiffness)
-    members = braced.members
-    number = len(joints)  # the post's
-    others = np.delete(np.arange(len(members)), number)
+    members, number = braced.members, len(joints)
+    own = np.arange(len(members))
+    is_post = (own >= number) & (own < number + len(posts))
     for _ in range(_ROUNDS):
         middle = _centre(masses_of(knots, members), ring.masses)
-        post, ring = _aim(members.of([number]), ring, middle)
-        members = join([members.of(others[:number]), post, members.of(others[number:])])
+        posts, ring = _aim(members.of(is_post), ring, middle)
+        members = join([members.of(own < number), posts, members.of(own >= number + len(posts))])
     apart = Obstacles(knots, sites, clearance_mm)
-    apart.add(members.of(others))
-    if not apart.clear(members.of([number]))[0] or not _free(apart, ring)[0]:
+    apart.add(members.of(~is_post))
+    if not apart.clear(members.of(is_post)).all() or not _free(apart, ring)[0]:
         raise _no_place()
     middle = _centre(masses_of(knots, members), ring.masses)
     off = ring.thread - middle
@@ -217,15 +226,18 @@ def _outline(ring: Eyelet) -> Candidates:
     return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
 
 
-def _aim(post: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
-    """Post and eyelet with the eyelet straight above the centre of mass `middle`, as high as before."""
+def _aim(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+    """Posts and eyelet with the eyelet straight above the centre of mass `middle`, as high as before.
+
+    All posts end where the first one meets the ring.
+    """
     at = np.array([middle[0], ring.middle[1], middle[2]])
-    axis = (at - post.start[0]) / np.linalg.norm(at - post.start[0])
+    axis = (at - posts.start[0]) / np.linalg.norm(at - posts.start[0])
     level = np.cross(axis, UP)
     # the post must lie in the ring's plane; a post that stands upright does so in any
     through = level / np.linalg.norm(level) if np.linalg.norm(level) > 0.05 else ring.through
     ring = replace(ring, middle=at, through=through)
-    return replace(post, end=(at - ring.ring_mm * axis)[None]), ring
+    return replace(posts, end=np.tile(at - ring.ring_mm * axis, (len(posts), 1))), ring
 
 
 def _free(obstacles: Obstacles, *rings: Eyelet) -> Mask:
@@ -282,6 +294,62 @@ def _post(
         raise _no_place()
     best = int(order[clear.argmax()])
     return _aim(every.of([best]), rings[number[best]], middle)
+
+
+def _more_posts(
+    knots: Knots,
+    sites: Sites,
+    joints: Candidates,
+    post: Candidates,
+    ring: Eyelet,
+    stiffness: Stiffness,
+    obstacles: Obstacles,
+    shadows: MountShadows,
+) -> Candidates:
+    """The post, and others from elsewhere to the same place of the ring, as long as they help.
+
+    One strand alone, by which all the weight hangs, yields under it.
+    """
+    end, tube = post.end[0], knots.radius_mm
+    along = end - sites.point
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    from_below = along[:, 1] >= -_OVER * length
+    square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
+    some = np.flatnonzero(from_below & square & (length >= ring.ring_mm + ring.wire_mm + tube))
+    pool = Candidates(
+        some,
+        np.full(len(some), GROUND),
+        sites.point[some],
+        np.tile(end, (len(some), 1)),
+        np.full(len(some), post.radius[0]),
+    )
+    pool = pool.of(obstacles.clear(pool))
+    away = (pool.start - end) / pool.length_mm[:, None]
+
+    def sag(posts: Candidates) -> float:
+        frame = piece_frame(knots, sites, join([joints, posts]), stiffness)
+        moves = _swing(sites.point, frame.displacements()[: len(sites.knot), :3], ring.thread)
+        return worst_of(moves, sites.point)[0]
+
+    posts, least = post, sag(post)
+    while len(posts) < MOST_POSTS and least > stiffness.max_sag_mm:
+        there = (posts.start - end) / posts.length_mm[:, None]
+        parted = (away @ there.T).max(axis=1) <= _APART_COSINE
+        open_ones = pool.of(parted)
+        cost = shadows.cost(open_ones) + LENGTH_WEIGHT * open_ones.length_mm
+        spread: list[int] = []
+        for n in np.argsort(cost, kind="stable").tolist():
+            off = np.linalg.norm(open_ones.start[spread] - open_ones.start[n], axis=1)
+            if (off >= _SPREAD_RADII * tube).all():
+                spread.append(n)
+            if len(spread) == _WEIGHED:
+                break
+        tried = [(sag(join([posts, open_ones.of([n])])), n) for n in spread]
+        if not tried or min(tried)[0] > _HELPS * least:
+            break
+        least, best = min(tried)
+        posts = join([posts, open_ones.of([best])])
+    return posts
 
 
 def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:

@@ -11,7 +11,7 @@ from rings import EMPTY, PLA, RADIUS, camera, knots, ring
 
 from knotfab.errors import SceneError
 from knotfab.geometry.tube import sweep
-from knotfab.mount.hang import HangMount, _swing, hang_bodies, plan_hang
+from knotfab.mount.hang import MOST_POSTS, HangMount, _swing, hang_bodies, plan_hang
 from knotfab.mount.struts import GROUND
 from knotfab_fixtures.eyelet import eyelet
 from knotfab_validators.geometry.mesh import Mesh
@@ -43,7 +43,7 @@ def test_the_part_hangs_level_as_another_library_weighs_it(two: bool) -> None:
     assert set(mount.holds) == set(range(2 if two else 1)) and len(mount.holds) == len(
         mount.members
     )
-    assert (mount.members.second == GROUND).sum() == 1
+    assert 1 <= (mount.members.second == GROUND).sum() <= MOST_POSTS
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     off = mount.eyelet.thread - other.center_mass
     assert off[1] > 5.0 and np.degrees(np.arctan2(np.hypot(off[0], off[2]), off[1])) < 1.0
