@@ -23,7 +23,9 @@ def draw(page: Page, picture: Path, out: Path) -> None:
     """Screenshots of a build from the first drop to the result: studio-preview, -live and -result.png."""
     page.set_input_files("#file", picture)
     page.wait_for_selector("#survey:not([hidden])")
-    page.wait_for_function("[...document.querySelectorAll('#panels img')].every(i => i.complete)")
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('#panels img')].every(i => i.complete)"
+    )
     _keep(page, out / "studio-preview.png")
     page.locator("input[value=draft]").check(force=True)
     page.click("#build")

@@ -6,6 +6,7 @@ The build is played; `make studio-table` runs real ones.
 from __future__ import annotations
 
 import asyncio
+import re
 import shutil
 import socket
 import threading
@@ -19,7 +20,7 @@ from played_builds import write_player
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
 pytest.importorskip("playwright", reason="pip install playwright")
 import uvicorn
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
@@ -106,7 +107,7 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.mouse.move(frame["x"] + frame["width"], frame["y"] + 0.75 * frame["height"], steps=3)
     page.mouse.up()
     page.click("#crop-use")
-    page.wait_for_function("document.getElementById('crop').value.split(',').length === 4")
+    expect(page.locator("#crop")).to_have_value(re.compile(r"\d+,\d+,\d+,\d+"))
     left, top, width, height = map(int, page.input_value("#crop").split(","))
     assert left < 9 and abs(top - 160) < 9 and width > 620 and abs(height - 320) < 9  # of 640 px
     page.fill("#smooth", "much")
