@@ -32,9 +32,10 @@ from knotfab.sequence.require import require_sequence
 from knotfab.target.read import TEXT_PREFIX, Target, plain_name, read_targets
 
 if TYPE_CHECKING:
+    from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
 
-__all__ = ["check_names", "check_options", "prepare_build", "survey_pictures"]
+__all__ = ["check_names", "check_options", "list_readings", "prepare_build", "survey_pictures"]
 
 
 def prepare_build(
@@ -71,8 +72,12 @@ def prepare_build(
         from knotfab.preview.sentence import describe
         from knotfab.preview.survey import require_drawable
 
-        found = _survey(call, options)
-    require_drawable(found, call.scene)
+        found = _survey(call, options, choose=budget is None)
+    if found.refusal is not None and "unrecognisable" not in call.scene.accuracy.accept:
+        from knotfab.preview.readings import advise
+
+        found = advise(found, list_readings(pictures, options))
+    require_drawable(found)
     return Request(
         call.scene,
         call.sources,
@@ -109,6 +114,29 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
         InputError: as for `prepare_build`.
     """
     return _survey(_read_call(pictures, options, Progress("quiet"), glance=True), options)
+
+
+def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
+    """Up to six ways to read the one picture of a call, the best first, each with the options that give it.
+
+    None for several pictures, frames, greys and `text:…`, which are read in one way. It takes some seconds.
+
+    Raises:
+        InputError: as for `prepare_build`.
+    """
+    from knotfab.preview.readings import try_readings
+
+    scene, folder = read_scene(options)
+    sources = _sources(pictures, scene, options.scene)
+    if len(sources) > 1 or options.sequence or scene.views[0].tone != "off":
+        return ()
+    if sources[0].startswith(TEXT_PREFIX):
+        return ()
+    base = None if pictures else folder
+    if options.size is not None:
+        target = read_targets(sources, scene.views, base=base, glance=True)[0]
+        scene = size_longer(scene, target, options.size)
+    return try_readings(sources[0], scene, base=base)
 
 
 @dataclass(frozen=True)
@@ -179,14 +207,17 @@ def _read_call(
     return _Call(scene, sources, base, targets, name, lines)
 
 
-def _survey(call: _Call, options: BuildOptions) -> Survey:
-    """Look at a call's pictures, as those of a piece that is printed if the call says so."""
+def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
+    """Look at a call's pictures, as those of a piece that is printed if the call says so.
+
+    Where there is little time the search chooses the radius alone, for it may then be thicker.
+    """
     from knotfab.preview.survey import survey
 
     printed = {"printed": _prints(options, call.scene)}
     piece = call.scene.piece.model_copy(update=printed)
     scene = call.scene.model_copy(update={"piece": piece})
-    return survey(scene, call.targets, options.sequence)
+    return survey(scene, call.targets, options.sequence, choose)
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:

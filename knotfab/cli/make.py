@@ -107,14 +107,18 @@ def preview(
     sequence: Flag = False,
     json: Flag = False,
 ) -> int:
-    """Show in a second what a picture will become: its silhouette, and what tubes lose of it.
+    """Show what a picture will become: its silhouette, the tube that a build takes, and what that loses.
+
+    Of an unclear picture, such as a photograph, it also tries other ways to read it, and draws them side by
+    side, with the options that give each.
 
     Parameters
     ----------
     pictures
         As for knotfab build.
     out
-        The PNG to write: the silhouette and, in red, what a tube of each radius loses.
+        The PNG to write: the silhouette and, in red, what the tube loses. Other readings are drawn beside it,
+        in NAME-readings.png.
     sequence
         The pictures are frames of one motion.
     json
@@ -122,14 +126,21 @@ def preview(
     """
     from knotfab.cli.summary import print_survey
     from knotfab.files.whole import write_whole
-    from knotfab.prepare import survey_pictures
+    from knotfab.prepare import list_readings, survey_pictures
     from knotfab.preview.draw import draw_survey
+    from knotfab.preview.readings import advise, draw_readings, is_unclear
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
-    found = survey_pictures(pictures, BuildOptions(**vars(options), sequence=sequence))
+    asked = BuildOptions(**vars(options), sequence=sequence)
+    found = survey_pictures(pictures, asked)
+    readings = list_readings(pictures, asked) if is_unclear(found) else ()
+    found = advise(found, readings)
     write_whole(out, draw_survey(found))
-    print_survey(found, out, json)
+    sheet = out.with_name(f"{out.stem}-readings.png")
+    if readings:
+        write_whole(sheet, draw_readings(readings))
+    print_survey(found, out, json, readings, sheet)
     return 0
 
 

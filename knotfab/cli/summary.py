@@ -12,6 +12,7 @@ from knotfab.verify.checks import mark_of
 if TYPE_CHECKING:
     from knotfab.compare.compare import Comparison
     from knotfab.doctor import Finding
+    from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
     from knotfab.request import Outcome
     from knotfab.scene.model import Material, Printer
@@ -214,16 +215,30 @@ def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
     print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 
-def print_survey(found: Survey, picture: Path, json: bool) -> None:
-    """What a picture will become, in a few lines or as JSON, and where it is drawn."""
+def print_survey(
+    found: Survey,
+    picture: Path,
+    json: bool,
+    readings: Sequence[TriedReading] = (),
+    sheet: Path | None = None,
+) -> None:
+    """What a picture will become, in a few lines or as JSON, where it is drawn, and other ways to read it."""
     import json as codec
 
-    from knotfab.preview.sentence import describe, list_figures
+    from knotfab.preview.sentence import count, describe, list_figures
 
     if json:
-        print(codec.dumps({**list_figures(found), "picture": str(picture)}))
+        others = {"readings": [one.to_dict() for one in readings]} if readings else {}
+        print(codec.dumps({**list_figures(found), "picture": str(picture), **others}))
         return
     print("\n".join([*describe(found), f"  {picture} shows it."]))
+    if readings:
+        print(
+            f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
+        )
+    for number, one in enumerate(readings, start=1):
+        refused = "  (a build would refuse it)" if one.refusal else ""
+        print(f"    {number}: {one.options or 'none, as it is read'}{refused}")
 
 
 def _word(report: dict[str, Any]) -> str:

@@ -26,6 +26,7 @@ __all__ = [
 ]
 
 DEPTH_RATIO = 0.66  # of the extent across: the contract asks for 0.6, the flow may take a little
+_WIDEST_MM = 1000.0  # of a frame that is advised: what a person may hang up
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # mm, that are sold
 _UNEVEN = 0.4  # px by which a line's width varies as it is drawn
 _DRAWN = 0.9  # IoU of the opening that makes a picture of lines worth drawing
@@ -138,8 +139,9 @@ def too_fine(
     ]
     if drawn is not None:
         frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
-        remedies.append(f"or the picture {frame} mm wide (--width {frame})")
-        nozzle = printer.nozzle_mm * drawn / least
+        if view.frame_width_mm < frame <= _WIDEST_MM:
+            remedies.append(f"or the picture {frame} mm wide (--width {frame})")
+        nozzle = printer.nozzle_mm * min(drawn / least, 0.99)
         finer = next((n for n in _NOZZLES if n <= nozzle), None)
         if finer is not None:
             radius = printer.min_tube_radius_mm * finer / printer.nozzle_mm

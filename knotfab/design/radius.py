@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -27,6 +28,7 @@ _NOTHING = 0.5  # IoU below which there is no picture
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
+_KEPT: dict[str, _Trials] = {}  # of the last question: a build asks again what its preview asked
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class RadiusChoice:
     trials: tuple[RadiusTrial, ...]
     template: Template | None = None
     start: Start | None = None
+    templates: Mapping[float, Template] = field(default_factory=dict)  # of one view, by radius
 
 
 @dataclass
@@ -57,7 +60,9 @@ class _Trials:
     knots: int | None
     templates: dict[float, Template] = field(default_factory=dict)
     starts: dict[float, Start] = field(default_factory=dict)
-    failures: list[SceneError] = field(default_factory=list)
+    failures: dict[float, SceneError] = field(default_factory=dict)
+    scores: dict[float, float] = field(default_factory=dict)
+    begun: dict[float, float] = field(default_factory=dict)
     watch: Watch | None = None
 
     @property
@@ -66,6 +71,11 @@ class _Trials:
 
     def score(self, radius: float) -> float:
         """What a tube of this radius can draw, in the view that it draws worst; -inf: nothing."""
+        if radius not in self.scores:
+            self.scores[radius] = self._score(radius)
+        return self.scores[radius]
+
+    def _score(self, radius: float) -> float:
         if not self.one_view:
             return self.question.opening(radius)
         polygon = self.question.problem.polygons[0]
@@ -87,6 +97,11 @@ class _Trials:
 
     def begin(self, radius: float) -> float:
         """The IoU of a start, in the view that it draws worst; 0 where there is none."""
+        if radius not in self.begun:
+            self.begun[radius] = self._begin(radius)
+        return self.begun[radius]
+
+    def _begin(self, radius: float) -> float:
         problem = self.question.with_depth(radius).problem  # as the search will be asked
         filling = self.settings.network_start == "filling"
         settings = self.settings
@@ -97,7 +112,7 @@ class _Trials:
         try:
             start = make_start(problem, radius, settings, self.knots, template=template)
         except SceneError as error:  # no place for the knot that is asked for, or no such curve
-            self.failures.append(error)
+            self.failures[radius] = error
             return 0.0
         if filling:
             self.starts[radius] = start
@@ -111,6 +126,7 @@ def choose_radius(
     report: Report | None = None,
     watch: Watch | None = None,
     budget: Budget | None = None,
+    placed: bool = True,
 ) -> RadiusChoice:
     """The largest tube radius that draws the pictures nearly as well as the best one.
 
@@ -125,12 +141,14 @@ def choose_radius(
         report: called with (share done, best IoU).
         watch: called with each filling that is tried.
         budget: where what follows does not fit, more IoU is given for a thicker tube.
+        placed: whether the depths of one view's knots are looked for; a preview takes them for granted.
 
     Raises:
         SceneError: no printable radius draws anything of the pictures.
     """
     views = question.views
-    trials = _Trials(question, settings, knots, watch=watch)
+    trials = _recall(question, settings, knots)
+    trials.watch = watch
     span = range_of(len(views))
     give = max(span.give, settings.radius_give)
     thinnest = question.scene.printer.min_tube_radius_mm
@@ -161,7 +179,7 @@ def choose_radius(
         well = max(scores.values()) - give
         # the largest that draws it well, then what draws it less and less well: a knot needs a place too
         for radius in sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True):
-            found[radius] = trials.begin(radius)
+            found[radius] = trials.begin(radius) if placed else 1.0
             if found[radius]:
                 break
     else:
@@ -177,7 +195,7 @@ def choose_radius(
             list(pool.map(begin, few))
     top = max(found.values())
     if top == 0 and trials.failures:
-        raise trials.failures[0]
+        raise next(iter(trials.failures.values()))
     chosen = _thickest(found, give)
     drawn = {} if trials.one_view else found
     return RadiusChoice(
@@ -185,7 +203,24 @@ def choose_radius(
         tuple(RadiusTrial(r, scores[r], drawn.get(r, float("nan"))) for r in sorted(scores)),
         trials.templates.get(chosen),
         trials.starts.get(chosen),
+        trials.templates,
     )
+
+
+def _recall(question: Question, settings: SearchSettings, knots: int | None) -> _Trials:
+    """The trials of the last question, if it was this one, or none yet; what is printed changes none."""
+    piece = question.scene.piece.model_copy(update={"printed": False})
+    scene = question.scene.model_copy(update={"piece": piece})
+    parts = [repr((scene, settings, knots, question.views)).encode()]
+    for view in question.problem.views:
+        parts += [view.mask.tobytes(), view.polygon.wkb, *(line.tobytes() for line in view.lines)]
+    key = hashlib.sha256(b"|".join(parts)).hexdigest()
+    trials = _KEPT.get(key)
+    if trials is None:
+        trials = _Trials(question, settings, knots)
+        _KEPT.clear()
+        _KEPT[key] = trials
+    return trials
 
 
 def _thickest(scores: Mapping[float, float], give: float) -> float:

@@ -1,4 +1,4 @@
-"""One picture of a survey: the silhouette, and beside it what tubes lose, in red."""
+"""One picture of a survey: the silhouette, and what the tube of a build and thicker ones lose, in red."""
 
 from __future__ import annotations
 
@@ -89,10 +89,11 @@ def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
         name = seen.target.name[:20]
         parts = f"{count(seen.pieces, 'piece')}, {count(seen.holes, 'hole')}"
         return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
+    which = "a build's tube" if radius == next(iter(seen.losses)) else "a tube"
     if not lost:
-        return f"radius {radius:.2f} mm: nothing is lost"
-    thick = lost[0].thickness * seen.wall_mm_per_px
-    return f"radius {radius:.2f} mm loses {len(lost)}, the largest {thick:.1f} mm thick"
+        return f"{which}, {2 * radius:.1f} mm thick: nothing is lost"
+    longest = max(loss.extent for loss in lost) * seen.wall_mm_per_px
+    return f"{which}, {2 * radius:.1f} mm thick: {count(len(lost), 'loss')}, up to {longest:.0f} mm"
 
 
 def _fill(draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object) -> None:

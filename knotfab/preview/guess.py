@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.design.candidates import DEPTH_RATIO
+from knotfab.geometry.sampling import arc_lengths
 from knotfab.scene.model import ResolvedView, Scene
+from knotfab.start.filling import Template
 
 __all__ = ["Guess", "guess_print"]
 
@@ -33,6 +35,7 @@ def guess_print(
     size_mm: tuple[float, float],
     radius_mm: float,
     pieces: int = 1,
+    template: Template | None = None,
 ) -> Guess:
     """Guess by what builds came to.
 
@@ -41,9 +44,13 @@ def guess_print(
     Args:
         scene: resolved. area_mm2, size_mm: of the silhouette, and its width and height, in the middle of
             the piece. radius_mm: of the tube. pieces: of the picture, each a knot if that is open.
+        template: the flat curves that the search starts from, where they are known.
     """
     flat = scene.piece.depth == "flat"
-    length = (_LENGTH_FLAT if flat else _LENGTH) * area_mm2 / (2 * radius_mm)
+    length = area_mm2 / (2 * radius_mm)
+    if template is not None:
+        length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
+    length *= _LENGTH_FLAT if flat else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
     printed = scene.piece.printed and scene.hangs(scene.count_knots(pieces))
     hangs = printed or scene.mount.kind == "wall"

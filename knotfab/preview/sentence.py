@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from math import floor
 from typing import Any
 
-from knotfab.preview.survey import DRAWN_WELL, Survey, ViewSurvey
+from knotfab.preview.survey import Survey, ViewSurvey
 from knotfab.target.opening import Loss
 
 __all__ = ["count", "describe", "list_figures"]
@@ -25,8 +24,9 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
         lines.append(_describe_silhouette(seen, exact))
         lines += [f"  Note: {note}." for note in seen.target.notes]
         lines.append(_describe_losses(seen, found))
-    lines.append(_describe_piece(found))
-    return lines
+    if found.refusal is None:
+        return [*lines, _describe_piece(found)]
+    return [*lines, f"  A build would refuse this: {found.refusal.why}. {found.refusal.remedy}"]
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
@@ -40,48 +40,39 @@ def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
 
 
 def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
-    """What the tube that is likely loses, and how thick one may be."""
+    """The tube that a build takes, and what it loses; or that nobody would know the picture."""
+    thick = f"{2 * found.radius_mm:.1f} mm thick (radius {found.radius_mm:.2f} mm)"
     if seen.view.lines == "on":
-        text = f"  One tube of {found.radius_mm:.2f} mm radius runs along each of its strokes"
+        text = f"  A build lays one tube {thick} along each of its strokes"
         return text + (f"; {seen.together:.0%} of them run together." if seen.together else ".")
-    if seen.likeness is not None and not seen.recognisable:
+    if not seen.recognisable and seen.likeness is not None:
         gone = f"its IoU would be about {seen.likeness.iou:.2f}"
         if seen.likeness.changes:
-            which = f"{seen.likeness.changes} of its {count(seen.likeness.features, 'piece')}"
-            gone = f"{which} and holes would be lost or run together"
+            which = f"{seen.likeness.changes} of its {seen.likeness.features} pieces and holes"
+            gone = f"{which} would be lost or run together"
         return f"  Nobody would know it in the shadow of any tube that can be printed: {gone}."
-    radius = min(seen.losses, key=lambda r: abs(r - found.radius_mm))
-    lost = seen.losses[radius]
-    text = f"  A tube of {radius:.2f} mm radius loses "
-    text += f"{count(len(lost), 'part')} of it" if lost else "no part of it"
-    if lost:
-        text += f"; the largest is {_describe_loss(lost[0], seen)}"
-    return f"{text}. {_describe_radii(seen)}"
-
-
-def _describe_radii(seen: ViewSurvey) -> str:
-    """How thick a tube may be, to draw it well and lose nothing."""
-    well, whole = seen.feasible_mm, seen.whole_mm
-    if well is None:
-        return "None that can be printed draws it well."
-    reach = f"an IoU of {DRAWN_WELL:g} is within reach of those of up to {well:.2f} mm."
-    if whole is None:
-        return f"None that can be printed draws all of it; {reach}"
-    told = floor(100 * whole) / 100
-    if told < floor(100 * well) / 100:
-        return f"Tubes of up to {told:.2f} mm draw all of it; {reach}"
-    return f"Tubes of up to {well:.2f} mm draw it well."
+    if found.radius_mm not in seen.losses:
+        return f"  A build takes a tube {thick}."
+    lost = sorted(seen.losses[found.radius_mm], key=lambda loss: -loss.extent)
+    text = f"  A build takes a tube {thick}, which "
+    if not lost:
+        return f"{text}draws all of it."
+    text += (
+        f"loses {count(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
+    )
+    if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
+        radius = seen.whole_mm
+        text += f" One {2 * radius:.1f} mm thick draws all of it (--tube-radius {radius:.2f})."
+    return text
 
 
 def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
-    """Its size, its place, and the tube that it would need."""
+    """Its size, and its place in the picture."""
     scale, px = seen.wall_mm_per_px, seen.target.shrunk
     x, y = seen.target.to_picture(loss.at)
-    need = 0.5 * loss.thickness / seen.px_per_mm
     return (
         f"{loss.extent * scale:.1f} mm ({loss.extent * px:.0f} px) long and "
-        f"{loss.thickness * scale:.1f} mm ({loss.thickness * px:.0f} px) thick at "
-        f"({x:.0f}, {y:.0f}) px, which needs a radius of {need:.2f} mm"
+        f"{loss.thickness * scale:.1f} mm ({loss.thickness * px:.0f} px) thick at ({x:.0f}, {y:.0f}) px"
     )
 
 
@@ -90,7 +81,7 @@ def _describe_piece(found: Survey) -> str:
     text = f"  The piece is about {wide:.0f} × {high:.0f} mm across"
     guess = found.guess
     each = " a frame" if found.frames else ""
-    text += f"; a guess, with a tube of {found.radius_mm:.1f} mm: {_round(guess.mass_g)} g"
+    text += f"; a guess: {_round(guess.mass_g)} g"
     if guess.hours is not None:
         text += f" and {_round(guess.hours)} h with its supports"
     return text + each + "."
@@ -98,7 +89,7 @@ def _describe_piece(found: Survey) -> str:
 
 def count(number: int, noun: str) -> str:
     """So many of them, as a person says it."""
-    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+    return f"{number or 'no'} {noun}{'' if number == 1 else 'es' if noun[-1] == 's' else 's'}"
 
 
 def _round(value: float) -> str:
@@ -136,7 +127,6 @@ def list_figures(found: Survey) -> dict[str, Any]:
                 "holes": seen.holes,
                 "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
                 "piece_mm": [round(side, 2) for side in seen.piece_mm],
-                "feasible_radius_mm": seen.feasible_mm,
                 "whole_radius_mm": seen.whole_mm,
                 "recognisable": seen.recognisable,
                 "radii": losses,
@@ -145,7 +135,10 @@ def list_figures(found: Survey) -> dict[str, Any]:
     return {
         "schema": 1,
         "views": views,
-        "tube_radius_mm": round(found.radius_mm, 3),
+        "tube_radius_mm": found.radius_mm,
+        "refusal": None
+        if found.refusal is None
+        else f"{found.refusal.why}. {found.refusal.remedy}",
         "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
         "lines": describe(found),
     }

@@ -30,6 +30,7 @@ __all__ = [
     "simple_curves",
     "smooth_closed",
     "template_iou",
+    "template_tube",
 ]
 
 
@@ -301,8 +302,15 @@ def _is_smaller(curve: Array, bend: float) -> bool:
 
 def template_iou(template: Template, polygon: MultiPolygon) -> float:
     """IoU of the planar tube with the silhouette, exact on polygons."""
-    tube = shapely.union_all([_band(c, template.radius) for c in template.curves])
-    return polygon_iou(tube, polygon)
+    return polygon_iou(template_tube(template), polygon)
+
+
+def template_tube(template: Template) -> Polygon | MultiPolygon:
+    """What the planar tube covers."""
+    tube: Polygon | MultiPolygon = shapely.union_all(
+        [_band(c, template.radius) for c in template.curves]
+    )
+    return tube
 
 
 def _band(curve: Array, radius: float) -> Polygon | MultiPolygon:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from shapely import LinearRing, MultiPolygon, Polygon
-from shapely.geometry.base import BaseGeometry
 
 from knotfab.arrays import Array
 from knotfab.target.silhouette import polygon_iou
 
 __all__ = [
     "Loss",
-    "closed_iou",
     "find_losses",
     "least_ring",
     "longer_side",
     "open_by",
     "opening_iou",
     "thickest_radius",
-    "whole_radius",
 ]
 
 _COARSE = 0.02  # radii that an outline may move by before it is opened
@@ -80,51 +76,18 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
     return ring + np.outer(minor * np.sin(turn), across)
 
 
-def closed_iou(polygon: MultiPolygon, radius: float, bend: float, flat: bool = False) -> float:
-    """IoU of the silhouette with what closed tubes draw of it: `opening_iou`, but for pieces too small.
-
-    A piece that a disc fits, but no ring of the tube, is drawn as the least ring there is, and so too large.
-    """
-    across = 2.0 * (bend + radius)
-    small = [
-        piece
-        for piece in polygon.geoms
-        if longer_side(piece) < across and not piece.buffer(-radius).is_empty
-    ]
-    if not small:
-        return opening_iou(polygon, radius)
-    rings = [LinearRing(least_ring(piece, radius, bend, flat)).buffer(radius) for piece in small]
-    rest = MultiPolygon([piece for piece in polygon.geoms if piece not in small])
-    drawn = shapely.union_all([_open(rest, radius), *rings])
-    return polygon_iou(drawn, polygon)
-
-
-def thickest_radius(
-    polygon: MultiPolygon,
-    iou: float,
-    low: float,
-    high: float,
-    measure: Callable[[MultiPolygon, float], float] = opening_iou,
-) -> float | None:
+def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
     """The largest radius between two with which the opening has this IoU, None where `low` has not.
 
     In the polygon's own unit; a frame s times as large allows a tube s times as thick.
-
-    Args:
-        measure: the IoU of a polygon and a radius, if not of the opening.
     """
-    return _largest(lambda radius: measure(polygon, radius) >= iou, low, high)
-
-
-def _largest(holds: Callable[[float], bool], low: float, high: float) -> float | None:
-    """The largest radius between two up to which something holds; None where it does not of `low`."""
-    if not holds(low):
+    if opening_iou(polygon, low) < iou:
         return None
-    if holds(high):
+    if opening_iou(polygon, high) >= iou:
         return high
     while high > _WITHIN * low:
         middle = float(np.sqrt(low * high))
-        if holds(middle):
+        if opening_iou(polygon, middle) >= iou:
             low = middle
         else:
             high = middle
@@ -144,29 +107,13 @@ class Loss:
     extent: float
 
 
-def _beyond(
-    polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float
-) -> tuple[BaseGeometry, BaseGeometry]:
-    """What is not drawn, and what of it is more than a radius away from what is."""
-    whole = polygon.difference(opened)
-    return whole, whole if opened.is_empty else whole.difference(opened.buffer(radius))
-
-
-def whole_radius(polygon: MultiPolygon, low: float, high: float) -> float | None:
-    """The largest radius between two that loses nothing, by the rule of `find_losses`; None: `low` does."""
-
-    def keeps(radius: float) -> bool:
-        return bool(_beyond(polygon, open_by(polygon, radius), radius)[1].is_empty)
-
-    return _largest(keeps, low, high)
-
-
 def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:
     """The parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
 
     A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
     """
-    whole, far = _beyond(polygon, opened, radius)
+    whole = polygon.difference(opened)
+    far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
     thin = _SLIVER * radius
     # slivers along edges would join what is lost at corners, so they go; lines as thin stay by themselves
     thick = whole.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")

@@ -14,7 +14,8 @@ from scipy import ndimage
 from benchmarks.hard.pictures import hard_pictures
 from knotfab.arrays import Mask
 from knotfab.errors import SceneError
-from knotfab.preview import survey as module
+from knotfab.preview import refusal as refusal_module
+from knotfab.preview import survey as survey_module
 from knotfab.preview.likeness import (
     compare_lines,
     estimate_likeness,
@@ -126,15 +127,20 @@ def test_noise_is_refused_without_a_polygon_being_opened(
 ) -> None:
     Image.fromarray(np.where(noise(224), 0, 255).astype(np.uint8)).save(tmp_path / "noise.png")
     opened: list[str] = []
-    for name in ("thickest_radius", "find_losses", "opening_iou", "drawing_radius"):
-        monkeypatch.setattr(module, name, lambda *_, name=name: opened.append(name))
+    for where, name in (
+        (survey_module, "find_losses"),
+        (survey_module, "ask"),
+        (refusal_module, "opening_iou"),
+        (refusal_module, "drawing_radius"),
+    ):
+        monkeypatch.setattr(where, name, lambda *_, name=name: opened.append(name))
     scene = Scene()
     target = read_target(tmp_path / "noise.png")
     found = survey(scene, [target])
     with pytest.raises(SceneError, match=r"nobody would know .* pieces and holes") as caught:
-        require_drawable(found, scene)
+        require_drawable(found)
     assert opened == [] and caught.value.exit_code == 1
-    for remedy in ("mm wide (--width", "nozzle", "--accept unrecognisable"):
+    for remedy in ("px of ", "--accept unrecognisable"):
         assert remedy in caught.value.remedy
     assert any("Nobody would know it" in line for line in describe(found))
     assert list_figures(found)["views"][0]["recognisable"] is False
@@ -148,9 +154,9 @@ def test_who_accepts_it_may_build_it(tmp_path: Path) -> None:
     found = survey(asked, [target])
     assert not found.views[0].recognisable
     with pytest.raises(SceneError, match="nobody would know"):
-        require_drawable(found, Scene(views=(view,)))
+        require_drawable(survey(Scene(views=(view,)), [target]))
     try:
-        require_drawable(found, asked)
+        require_drawable(found)
     except SceneError as refused:  # of thin lines, which none accepts
         assert "nobody would know" not in str(refused)
 
@@ -160,7 +166,7 @@ def test_a_radius_that_is_given_is_asked_for_a_thinner_one(tmp_path: Path) -> No
     Image.fromarray(np.where(checks(32), 0, 255).astype(np.uint8)).save(tmp_path / "checks.png")
     target = read_target(tmp_path / "checks.png")
     thick = Scene(piece=Piece(tube_radius_mm=9.0))
-    with pytest.raises(SceneError, match="9 mm radius") as caught:
-        require_drawable(survey(thick, [target]), thick)
+    with pytest.raises(SceneError, match="18 mm thick") as caught:
+        require_drawable(survey(thick, [target]))
     assert "--tube-radius" in caught.value.remedy
-    require_drawable(survey(Scene(), [target]), Scene())
+    require_drawable(survey(Scene(), [target]))

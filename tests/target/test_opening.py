@@ -10,13 +10,11 @@ from shapely.affinity import rotate
 
 from knotfab.target.opening import (
     Loss,
-    closed_iou,
     find_losses,
     least_ring,
     open_by,
     opening_iou,
     thickest_radius,
-    whole_radius,
 )
 
 
@@ -120,23 +118,3 @@ def test_the_least_ring_lies_along_a_shape_and_is_a_circle_at_most(
     assert Polygon(ring).area == pytest.approx(3.1416 * bend * least, rel=0.01)
     flat = LinearRing(least_ring(place, 0.5, bend, flat=True))
     assert Polygon(flat).area == pytest.approx(3.1416 * bend**2, rel=0.01)
-
-
-def test_what_closed_tubes_draw_of_a_piece_too_small_for_a_ring() -> None:
-    """Half as thick as the disc they fill it; thicker ones draw a ring that is larger than it is."""
-    disc = shape(Point(0, 0).buffer(10))
-    assert closed_iou(disc, 4.9, 5.0) == opening_iou(disc, 4.9)
-    spilled = [closed_iou(disc, radius, radius + 0.2) for radius in (5.5, 7.0, 9.0)]
-    assert sorted(spilled, reverse=True) == spilled and spilled[0] < 0.97 and spilled[-1] < 0.55
-    assert all(closed_iou(disc, r, r + 0.2) > closed_iou(disc, r, r + 0.2, True) for r in (7, 9))
-    both = shape(box(50, 0, 150, 100), disc)
-    assert closed_iou(both, 9.0, 9.2) < opening_iou(both, 9.0)
-    assert closed_iou(shape(box(50, 0, 150, 100)), 9.0, 9.2) == opening_iou(
-        shape(box(50, 0, 150, 100)), 9.0
-    )
-
-
-def test_the_thickest_tube_that_loses_nothing() -> None:
-    assert whole_radius(PAN, 0.5, 30.0) == pytest.approx(BAR / 2, rel=0.05)
-    assert whole_radius(PAN, 4.0, 30.0) is None
-    assert whole_radius(PAN, 0.5, 2.0) == 2.0

@@ -1,0 +1,274 @@
+"""Ways to read one picture as a silhouette, each tried, of which a person picks one."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from knotfab.arrays import Mask
+from knotfab.design.frames import frame_view, widen_targets
+from knotfab.errors import InputError, SceneError
+from knotfab.preview.likeness import opened_share
+from knotfab.preview.refusal import find_refusal
+from knotfab.preview.sentence import count
+from knotfab.preview.survey import Survey, survey_views
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.model import Scene
+from knotfab.target.data_uri import encode_image
+from knotfab.target.masks import holes_of, mask_iou, pieces_of, sample_mask
+from knotfab.target.read import Target, read_target
+from knotfab.target.silhouette import fit_size
+
+__all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
+
+MOST = 6  # readings that are shown
+_ALIKE = 0.93  # IoU of two silhouettes that are one choice
+_USUAL_SHARE = 0.014  # tube radius over the frame's longer side, where the picture has room
+_COMPARED_PX = 128
+_UNCLEAR = 24  # pieces and holes, from which on a picture may be meant otherwise
+_OPTIONS = {
+    "ink": "--ink",
+    "speck_px": "--specks",
+    "smooth_px": "--smooth",
+    "keep_largest": "--keep-largest",
+}
+_MILD = 0.9  # of the score, for each step of cleaning
+_LEAST_INK, _MOST_INK = 0.04, 0.7  # of the frame, of what is likely to be meant
+_PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
+_LETTERS = 42  # of a line above it
+_PAPER, _INK, _RED = (250, 248, 244), (60, 58, 56), (190, 30, 30)
+
+
+@dataclass(frozen=True)
+class TriedReading:
+    """One way to read a picture.
+
+    `keys` are those of a view of the scene (`ink`, `speck_px`, …) and `options` the same for the command
+    line, quoted for a shell: "" where the picture is read as it stands. `score`, from 0 to 1, says how
+    compact what is drawn is, and `refusal` why a build would refuse it, None where it would not.
+    """
+
+    keys: dict[str, Any]
+    target: Target
+    score: float
+    refusal: str | None
+
+    @property
+    def options(self) -> str:
+        """The options of `knotfab build` and `knotfab preview` that give this reading."""
+        named = (
+            (_OPTIONS[key], f"{v:g}" if isinstance(v, float) else str(v))
+            for key, v in self.keys.items()
+        )
+        return shlex.join(word for pair in named for word in pair)
+
+    def thumbnail(self, longest_px: int = _PANEL) -> bytes:
+        """What is drawn, dark on light, as a PNG of at most so many px."""
+        return encode_image(_paint(self.target.mask, longest_px))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a page needs, without the picture."""
+        return {
+            "options": self.options,
+            "keys": self.keys,
+            "score": round(self.score, 3),
+            "refusal": self.refusal,
+            "rule": self.target.rule,
+        }
+
+
+def is_unclear(found: Survey) -> bool:
+    """Whether a picture may be meant otherwise: a build refuses it, or it has many pieces and holes."""
+    if len(found.views) != 1 or found.frames:
+        return False
+    (seen,) = found.views
+    return found.refusal is not None or seen.pieces + seen.holes >= _UNCLEAR
+
+
+def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
+    """The survey whose refusal names the reading that a build would take, if there is one."""
+    better = [one.options for one in readings if one.refusal is None and one.options]
+    if found.refusal is None or not better:
+        return found
+    error = found.refusal
+    shown = f"knotfab preview shows {count(len(readings), 'reading')}"
+    remedy = f"Read it otherwise ({better[0]}; {shown}). {error.remedy}"
+    return replace(found, refusal=SceneError(error.what, error.why, remedy))
+
+
+def try_readings(
+    source: str | Path, scene: Scene, *, base: Path | None = None, font: str | None = None
+) -> tuple[TriedReading, ...]:
+    """At most six readings of one picture, the best first: those that a build would take before others.
+
+    Ink is what stands out, what is dark or light, what the border's colours do not reach, and the picture's
+    commonest colours. Of each the cleaning is taken that leaves the most compact drawing, the mildest of
+    those alike: none, specks left out, smoothed as well, or the largest piece alone. Readings that look alike
+    are one.
+
+    Args:
+        source, base, font: as for `read_target`. scene: its one view says how the picture is read so far, and
+            what its keys say of crop, threshold and inversion holds for all readings.
+
+    Raises:
+        InputError: the picture cannot be read in any of these ways.
+    """
+    view = scene.views[0]
+    px = _tube_px(source, scene, base, font)
+    found: list[TriedReading] = []
+    for ink in _inks(source, base, scene):
+        tried = []
+        for level, cleaning in enumerate(_cleanings(px)):
+            keys = {**({} if ink == view.ink else {"ink": ink}), **cleaning}
+            one = _try(keys, source, scene, base, font)
+            if one is None:
+                break
+            tried.append((one.refusal is not None, -one.score * _MILD**level, level, one))
+        found += [min(tried)[-1]] if tried else []
+    if not found:
+        raise InputError(str(source), "no reading of it holds a shape", "Draw it as dark on white.")
+    found.sort(key=lambda one: (one.refusal is not None, -one.score))
+    kept: list[TriedReading] = []
+    for one in found:
+        if not any(_alike(one.target.mask, other.target.mask) for other in kept):
+            kept.append(one)
+    return tuple(kept[:MOST])
+
+
+def _try(
+    keys: dict[str, Any], source: str | Path, scene: Scene, base: Path | None, font: str | None
+) -> TriedReading | None:
+    """The reading with these keys; None where it holds no shape."""
+    changed = scene.model_copy(update={"views": (scene.views[0].model_copy(update=keys),)})
+    try:
+        target = read_target(source, changed.views[0], base=base, font=font, glance=True)
+        widened, (target,) = widen_targets(resolve(changed), (target,))
+        changed = changed.model_copy(update={"views": widened.views})
+        changed = resolve(changed)
+        refusal = find_refusal(survey_views(changed, (target,)), changed)
+    except InputError:
+        return None
+    except SceneError as error:
+        refusal = error
+    return TriedReading(keys, target, _score(target.mask), None if refusal is None else refusal.why)
+
+
+def _cleanings(tube_px: float) -> Iterator[dict[str, Any]]:
+    """Keys that clean a silhouette, mildest first; `tube_px` of the picture is the thinnest tube's shadow."""
+    specks = _round_up(tube_px**2)
+    yield {}
+    yield {"speck_px": specks}
+    yield {"speck_px": 4 * specks, "smooth_px": round(max(1.0, 0.25 * tube_px), 1)}
+    yield {"speck_px": 16 * specks, "smooth_px": round(max(1.0, 0.5 * tube_px), 1)}
+    yield {
+        "speck_px": 16 * specks,
+        "smooth_px": round(max(1.0, 0.5 * tube_px), 1),
+        "keep_largest": 1,
+    }
+
+
+def _round_up(value: float) -> int:
+    """To one digit or five of the next, which is easier to say."""
+    ten = 10 ** int(np.log10(max(value, 1.0)))
+    return (
+        int(5 * ten * np.ceil(value / (5 * ten)))
+        if value > 2 * ten
+        else int(ten * np.ceil(value / ten))
+    )
+
+
+def _tube_px(source: str | Path, scene: Scene, base: Path | None, font: str | None) -> float:
+    """The width of the thinnest tube's shadow, in px of the picture."""
+    for ink in ("auto", "dark", "light"):
+        reading = scene.views[0].model_copy(update={"ink": ink})
+        try:
+            target = read_target(source, reading, base=base, font=font, glance=True)
+        except InputError:
+            continue
+        view = frame_view(scene.views[0], target)
+        return (
+            2.0
+            * resolve(scene).printer.min_tube_radius_mm
+            * view.px_per_mm(target.width)
+            * target.shrunk
+        )
+    return 10.0
+
+
+def _inks(source: str | Path, base: Path | None, scene: Scene) -> list[str]:
+    """The scene's own ink, then the others that may be meant."""
+    inks = [scene.views[0].ink, "auto", "dark", "light", "flood", *_colours(source, base)]
+    return list(dict.fromkeys(inks))
+
+
+def _colours(source: str | Path, base: Path | None, most: int = 3) -> list[str]:
+    """The commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
+    path = Path(source).expanduser() if base is None else base / source
+    try:
+        with Image.open(path) as image:
+            small = image.convert("RGB")
+            small.thumbnail((96, 96))
+    except (OSError, ValueError, Image.DecompressionBombError):
+        return []
+    few = small.quantize(8, Image.Quantize.MEDIANCUT)
+    counts = sorted(few.getcolors() or [], reverse=True)
+    palette = few.getpalette() or []
+    colours = [tuple(palette[3 * n : 3 * n + 3]) for _, n in counts if isinstance(n, int)]
+    vivid = [c for c in colours if max(c) - min(c) >= 60]
+    return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]
+
+
+def _score(mask: Mask) -> float:
+    """How like the silhouette of one thing this is: compact, of few parts, clear of the frame's edge."""
+    share = float(mask.mean())
+    edge = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
+    parts = len(pieces_of(mask)[1]) + len(holes_of(mask)[1])
+    likely = min(share / _LEAST_INK, 1.0) * min((1.0 - share) / (1.0 - _MOST_INK), 1.0)
+    kept = opened_share(mask, _USUAL_SHARE * max(mask.shape))
+    return kept * likely * (1.0 - 0.8 * edge) / (1.0 + 0.2 * float(np.log2(max(parts, 1))))
+
+
+def _alike(one: Mask, other: Mask) -> bool:
+    """Whether two masks of one picture look the same at a glance."""
+    if one.shape != other.shape:
+        return False
+    size = fit_size(one.shape[1], one.shape[0], _COMPARED_PX)
+    return mask_iou(*(sample_mask(mask, *size) for mask in (one, other))) >= _ALIKE
+
+
+def _paint(mask: Mask, longest_px: int) -> Image.Image:
+    size = fit_size(mask.shape[1], mask.shape[0], longest_px)
+    share = Image.fromarray(np.where(mask, 0, 255).astype(np.uint8)).resize(
+        size, Image.Resampling.BOX
+    )
+    return Image.composite(Image.new("RGB", size, _PAPER), Image.new("RGB", size, _INK), share)
+
+
+def draw_readings(readings: Sequence[TriedReading]) -> bytes:
+    """A PNG: the silhouette of each reading, numbered, with the options that give it."""
+    rows = -(-len(readings) // _COLUMNS)
+    painted = [_paint(one.target.mask, _PANEL) for one in readings]
+    high = max(picture.height for picture in painted) + _TEXT + _GAP
+    columns = min(_COLUMNS, len(readings))
+    sheet = Image.new("RGB", (_GAP + columns * (_PANEL + _GAP), _GAP + rows * high), "white")
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    for n, (one, picture) in enumerate(zip(readings, painted, strict=True)):
+        left, top = _GAP + n % _COLUMNS * (_PANEL + _GAP), _GAP + n // _COLUMNS * high
+        lines = wrap(f"{n + 1}: {one.options or 'as it is read'}", _LETTERS)
+        pen.text((left, top), "\n".join(lines), fill=_INK, font=font, spacing=2)
+        said, colour = ("a build would refuse it", _RED) if one.refusal else (_parts(one), _INK)
+        pen.text((left, top + 38), said, fill=colour, font=font)
+        sheet.paste(picture, (left, top + _TEXT - 8))
+    return encode_image(sheet, compress_level=6)
+
+
+def _parts(one: TriedReading) -> str:
+    pieces, holes = (len(found(one.target.mask)[1]) for found in (pieces_of, holes_of))
+    return f"{count(pieces, 'piece')}, {count(holes, 'hole')}"
