@@ -22,7 +22,9 @@ from knotfab_validators.check import Check, Status, at_least, at_most
 __all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "sequence_report"]
 
 Record = dict[str, Any]
-_OF_FRAME = ("pose", "plates")  # of a piece's `print`, what goes with its frame
+# of a piece's `print`, what goes with its frame; what is summed over all of them
+_OF_FRAME = ("pose", "plates", "setup", "flatter", "support_access")
+_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
 _ORDER = ("fail", "skipped", "pass")
 _FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
 
@@ -130,7 +132,8 @@ def sequence_report(
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "mount": report["print"].get("mount", {"kind": "none"}),
-                    **{k: report["print"][k] for k in _OF_FRAME if k in report["print"]},
+                    **{k: report["print"][k] for k in (*_OF_FRAME, *_SUMMED) if k in report["print"]},
+                    "notes": _own_notes(report, reports),
                     **{k: report[k] for k in ("bending_plan",) if k in report},
                     "failed": [c["name"] for c in list_unmet(report["checks"])],
                 }
@@ -140,6 +143,11 @@ def sequence_report(
     mass = sum(r["print"]["mass_g"] for r in reports)
     print_ = {k: v for k, v in first["print"].items() if k not in _OF_FRAME}
     print_ |= {"volume_mm3": volume, "mass_g": mass, "parts": len(reports)}
+    for key in _SUMMED:
+        if key in print_:
+            print_[key] = sum(r["print"][key] for r in reports)
+    if print_.get("filament_g"):
+        print_["support_share"] = print_["support_g"] / print_["filament_g"]
     print_["drawings"] = [name for r in reports for name in r["print"].get("drawings", ())]
     if spun is not None:
         print_["zoetrope"] = {
@@ -173,7 +181,7 @@ def sequence_report(
             f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
             "picture that moves is sequence.gif.",
             *advise(views, pieces[0].made.knots.radius_mm),
-            *_gather_notes(reports),
+            *_shared_notes(reports),
         ],
     )
     prices = [
@@ -214,17 +222,15 @@ def advise(views: Sequence[Record], radius: float) -> list[str]:
     return found
 
 
-def _gather_notes(reports: Sequence[Record]) -> list[str]:
-    """The notes of all frames, each once; those that are not of every frame say of which they are."""
-    frames: dict[str, list[int]] = {}
-    for number, report in enumerate(reports, start=1):
-        for note in report.get("notes", ()):
-            frames.setdefault(note, []).append(number)
-    every = len(reports)
-    return [
-        note if len(of) == every else f"Frame {', '.join(map(str, of))}: {note}"
-        for note, of in frames.items()
-    ]
+def _own_notes(report: Record, reports: Sequence[Record]) -> list[str]:
+    """The notes of a frame that are not those of every frame."""
+    return [note for note in report.get("notes", ()) if note not in _shared_notes(reports)]
+
+
+def _shared_notes(reports: Sequence[Record]) -> list[str]:
+    """The notes that every frame has."""
+    first, *others = (report.get("notes", ()) for report in reports)
+    return [note for note in first if all(note in notes for notes in others)]
 
 
 def _motion(motion: Motion) -> Record:
