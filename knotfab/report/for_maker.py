@@ -26,6 +26,7 @@ BULB_MM = 60.0  # a frosted bulb
 DRAWING_DPI = 110.0
 _COLOURS = 32
 _PAPER = 250  # a grey that is as good as white
+_FEW_FILES = 3  # of a kind that are listed one by one
 _GAP_PX = 16  # of empty rows and columns that are kept beside what is drawn
 _FAR_PX = 24  # of empty rows beyond those, between two drawings: the side and the front
 _NO_WORDS = "#words { display: none }"  # they stand beside it
@@ -91,11 +92,19 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
 
 
 def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
-    """The files beside a report with what each is for, those that a maker opens first."""
+    """The files beside a report with what each is for, those that a maker opens first.
+
+    Of the numbered ones of a sequence the first and the last stand for all: "part-01.3mf … part-12.3mf".
+    """
     found = []
-    for order, (pattern, what) in enumerate(FILES):
-        found += [(order, name, what) for name in names if re.fullmatch(pattern, name)]
-    return [(name, what) for _, name, what in sorted(found)]
+    for pattern, what in FILES:
+        alike: dict[str, list[str]] = {}
+        for name in sorted(name for name in names if re.fullmatch(pattern, name)):
+            alike.setdefault(re.sub(r"-\d+\b", "-", name), []).append(name)
+        for group in alike.values():
+            many = [f"{group[0]} … {group[-1]}"] if len(group) > _FEW_FILES else group
+            found += [(name, what) for name in many]
+    return found
 
 
 def draw_setup(folder: Path) -> list[str]:

@@ -82,6 +82,10 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in sorted(folder.glob("failures*.png")):
         name = path.stem.replace("failures-", "part-").replace("failures", "the part")
         found.append(Picture(path, "part", f"where {name} fails its checks"))
+    for path in folder.glob("sequence.gif"):
+        found.append(
+            Picture(path, "moving", "the verified shadows of all frames, one after the other")
+        )
     for path in sorted(folder.glob("compare-*.png")):
         caption = "target, shadow of the written file, and where they differ"
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))

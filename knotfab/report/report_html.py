@@ -16,7 +16,7 @@ from PIL import Image
 
 from knotfab.errors import spelled
 from knotfab.target.data_uri import data_uri, hash_script, image_uri
-from knotfab.verify.checks import list_unmet, mark_of
+from knotfab.verify.checks import list_unmet, mark_of, tally_checks
 
 __all__ = [
     "VIEWER",
@@ -58,7 +58,7 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 @dataclass(frozen=True)
 class Picture:
     """A picture to embed. `role` places it: "compare" and "shadow" with the view named `view`,
-    "part" with the views of the part from several sides, "turn" before these."""
+    "part" with the views of the part from several sides, "turn" before these, "moving" at the top."""
 
     path: Path
     role: str
@@ -97,6 +97,7 @@ def load_template() -> Template:
         "share": _share,
         "flat": _flat,
         "mark": mark_of,
+        "tally": tally_checks,
     }
     return environment.get_template(TEMPLATE)
 
@@ -163,7 +164,8 @@ def _number(value: object, digits: int = DIGITS) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return " × ".join(_number(item, digits) for item in value)
+        between = " " if any(isinstance(item, str) for item in value) else " × "
+        return between.join(_number(item, digits) for item in value)
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")
     if not isinstance(value, float):

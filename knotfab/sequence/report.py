@@ -23,7 +23,7 @@ __all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "seq
 
 Record = dict[str, Any]
 # of a piece's `print`, what goes with its frame; what is summed over all of them
-_OF_FRAME = ("pose", "plates", "setup", "flatter", "support_access")
+_OF_FRAME = ("pose", "plates", "flatter", "support_access")
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")
 _ORDER = ("fail", "skipped", "pass")
 _FAR = 8.0  # tube radii that an outline goes: more than that is worth a frame in between
@@ -132,7 +132,11 @@ def sequence_report(
                     "transported": frame.transported,
                     "certificate": {**account.__dict__, "certified": account.certified},
                     "mount": report["print"].get("mount", {"kind": "none"}),
-                    **{k: report["print"][k] for k in (*_OF_FRAME, *_SUMMED) if k in report["print"]},
+                    **{
+                        k: report["print"][k]
+                        for k in (*_OF_FRAME, *_SUMMED)
+                        if k in report["print"]
+                    },
                     "notes": _own_notes(report, reports),
                     **{k: report[k] for k in ("bending_plan",) if k in report},
                     "failed": [c["name"] for c in list_unmet(report["checks"])],

@@ -15,6 +15,7 @@ __all__ = [
     "list_unmet",
     "mark_of",
     "place_of",
+    "tally_checks",
     "verdict_without_part",
 ]
 
@@ -59,10 +60,28 @@ def place_of(check: Mapping[str, Any]) -> int:
     return CHECKS.index(name) if name in CHECKS else len(CHECKS)
 
 
+_TALLIED = {"pass": "passed", "fail": "failed", "warn": "not required and not met"}
+_TALLIED |= {"skipped": "skipped", "info": "for information"}
+_FEW = 4  # checks that are named
+
+
 def mark_of(check: Mapping[str, Any]) -> str:
     """How a check is shown: its status, but "warn" where one fails that is not required."""
     fails = check["status"] == "fail" and not check["required"]
     return "warn" if fails else str(check["status"])
+
+
+def tally_checks(checks: Iterable[Mapping[str, Any]]) -> str:
+    """How many passed, and which did not: "35 passed, 1 skipped: slicer"."""
+    names: dict[str, list[str]] = {}
+    for check in checks:
+        names.setdefault(mark_of(check), []).append(check["name"])
+    told = []
+    for mark, word in _TALLIED.items():
+        if found := names.get(mark, []):
+            which = f": {', '.join(found)}" if mark != "pass" and len(found) <= _FEW else ""
+            told.append(f"{len(found)} {word}{which}")
+    return ", ".join(told)
 
 
 def verdict_without_part(why: str) -> Record:

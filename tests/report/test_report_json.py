@@ -16,11 +16,12 @@ from PIL import Image
 
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
+from knotfab.report.for_maker import list_files
 from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.scene.model import ResolvedView
-from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of
+from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks
 from knotfab_validators.names import PRINTER
 
 
@@ -470,3 +471,23 @@ def test_sag_and_layers_are_told_where_they_were_measured() -> None:
     text = Page(render_html(assemble(**data))).text
     assert "as they hang on their mount: IoU 0.987, 0.988 as designed" in text
     assert "a stack of its layers: IoU 0.976, 0.986 as designed" in text
+
+
+def test_checks_are_tallied_with_the_names_of_those_that_did_not_pass() -> None:
+    def check(name: str, status: str, required: bool = True) -> dict[str, Any]:
+        return {"name": name, "status": status, "required": required}
+
+    passed = [check(str(k), "pass") for k in range(35)]
+    assert tally_checks([*passed, check("slicer", "skipped")]) == "35 passed, 1 skipped: slicer"
+    failed = [check("tube", "fail"), check("closing", "fail", False)]
+    assert tally_checks(failed) == "1 failed: tube, 1 not required and not met: closing"
+    many = [check(str(k), "skipped") for k in range(10)]
+    assert tally_checks([*passed, *many]) == "35 passed, 10 skipped"
+
+
+def test_numbered_files_are_listed_by_the_first_and_the_last() -> None:
+    parts = [f"part-{k:02d}.3mf" for k in range(1, 13)]
+    listed = [name for name, _ in list_files([*reversed(parts), "setup-01.pdf", "part-01.stl"])]
+    assert listed == ["part-01.3mf … part-12.3mf", "setup-01.pdf", "part-01.stl"]
+    plates = ["plate-1.3mf", "plate-2.3mf", "plate-3.3mf"]
+    assert [name for name, _ in list_files(plates)] == plates

@@ -1,6 +1,7 @@
 """A sequence from end to end: one knot, its motion within the bound, each frame a verified part."""
 
 import json
+import re
 import tomllib
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -96,6 +97,15 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
     assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
     with Image.open(outcome.folder / "sequence.gif") as image:
         assert getattr(image, "n_frames", 1) == 2
+    page = (outcome.folder / "report.html").read_text(encoding="utf-8")
+    linked = re.findall(r'href="([^"#]+)"', page)
+    assert {"part-01.3mf", "part-02.3mf", "setup-02.pdf", "zoetrope.3mf"} <= set(linked) <= names
+    assert "part.3mf" not in page and page.count("data:image/gif") == 1
+    assert page.index("data:image/gif") < page.index("<table>") < page.index("Make it")
+    figures = outcome.report["print"]
+    if "time_s" in figures:  # where a slicer is installed
+        each = [view["time_s"] for view in outcome.report["views"]]
+        assert figures["time_s"] == pytest.approx(sum(each)) and len(each) == 2
 
 
 @pytest.mark.build
