@@ -5,9 +5,11 @@ Everything heavy is imported where it is needed.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,7 +43,7 @@ __all__ = [
     "write_files",
 ]
 
-Source = str | Path
+Source = str | Path | Any  # a file, text:…, a picture of PIL, or an array
 
 
 def build(
@@ -50,7 +52,8 @@ def build(
     """Turn a picture, or several, into a verified part: what `knotfab build` does.
 
     Args:
-        pictures: an image file, an SVG, or `text:…`; several are several views of one part, or with
+        pictures: an image file, an SVG, `text:…`, a picture of PIL, or an array, (H, W) or (H, W, 3), of
+            bytes or truth values (True is drawn); several are several views of one part, or with
             `sequence=True` frames of one moving knot; none: those that the scene names.
         out: the folder to write; by default knotfab-out/NAME, after the picture.
         options: those of the command line by their names, with `_` for `-` (`print_=True` for `--print`):
@@ -68,15 +71,19 @@ def build(
     from knotfab.prepare import prepare_build
     from knotfab.verify.verifier import load_early
 
-    sources = [pictures] if isinstance(pictures, str | Path) else list(pictures)
+    sources: list[Source] = [pictures]
+    if isinstance(pictures, Sequence) and not isinstance(pictures, str):
+        sources = list(pictures)
     given = options_from({**options, "out": out})
     words = [f"{key}={value!r}" for key, value in options.items()]
-    command = (
-        f"knotfab.build({', '.join([repr([str(s) for s in sources]), repr(str(out)), *words])})"
-    )
+    shown = [str(s) if isinstance(s, str | Path) else f"<{type(s).__name__}>" for s in sources]
+    command = f"knotfab.build({', '.join([repr(shown), repr(out and str(out)), *words])})"
     progress = Progress("quiet")
-    with load_early(given.skip, keep=True):
-        request = prepare_build([str(s) for s in sources], given, command, progress)
+    with load_early(given.skip, keep=True), TemporaryDirectory() as folder:
+        files = [
+            _file_of(s, Path(folder) / f"picture-{n}.png") for n, s in enumerate(sources, start=1)
+        ]
+        request = prepare_build(files, given, command, progress)
         from knotfab.pipeline import run_build
 
         return run_build(request, progress)
@@ -92,12 +99,41 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
     Raises:
         InputError: it cannot be read, or holds no silhouette; or a key is wrong.
     """
+    from pydantic import ValidationError
+
+    from knotfab.scene.explain import explain
+
     try:
         how = Reading(**reading)
-    except ValueError as error:
-        keys = ", ".join(Reading.model_fields)
-        raise InputError(f"read_picture({reading})", "a key is wrong", f"Known: {keys}") from error
-    return read_target(source, how, font=font)
+    except ValidationError as error:
+        found = explain(error, {"views": [reading]}, "read_picture", ("views", 0))
+        why = found.why.replace("[[views]] number 1 ", "")
+        raise InputError(found.what, why, found.remedy) from error
+    with TemporaryDirectory() as folder:
+        return read_target(_file_of(source, Path(folder) / "picture.png"), how, font=font)
+
+
+def _file_of(source: Source, path: Path) -> str:
+    """The name of a picture; one that is no file is written to `path`.
+
+    Raises:
+        InputError: it is no picture.
+    """
+    from PIL import Image
+
+    if isinstance(source, str | os.PathLike):
+        return os.fspath(source)
+    try:
+        image = source
+        if not isinstance(source, Image.Image):
+            pixels = np.asarray(source)
+            image = Image.fromarray(~pixels if pixels.dtype == bool else pixels)
+        image.save(path)
+    except (TypeError, ValueError, OSError, AttributeError) as error:
+        why = f"a {type(source).__name__} is none that can be read"
+        remedy = "Give a path, text:…, a picture of PIL, or an array (H, W) or (H, W, 3) of bytes."
+        raise InputError("the picture", why, remedy) from error
+    return str(path)
 
 
 def design_knots(

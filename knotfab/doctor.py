@@ -33,6 +33,11 @@ LIBRARIES = (
     ("resvg-py", "resvg_py"),
     ("pillow", "PIL"),
 )
+# what is not needed by every build: extra, what it is for, import names
+EXTRAS = (
+    ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
+    ("dask", "batches on a cluster", ("distributed",)),
+)
 GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 RENDER_REMEDY = "apt-get install libegl1 libgl1"
 LEAST_MEMORY_GB, LEAST_DISK_GB = 4.0, 1.0
@@ -92,6 +97,7 @@ def examine() -> list[Finding]:
         _rendering(),
         _fonts(),
         _slicer(),
+        *(_look_for_extra(*extra) for extra in EXTRAS),
         _cores(),
         _memory(),
         _disk(),
@@ -184,6 +190,14 @@ def _look_for(distribution: str, module: str) -> Finding:
         detail = f"{version} is listed, but {module} is not there"
         return Finding(distribution, "missing", detail, f"{remedy} --force-reinstall")
     return Finding(distribution, "ok", version)
+
+
+def _look_for_extra(extra: str, what: str, modules: Sequence[str]) -> Finding:
+    lacking = [name for name in modules if importlib.util.find_spec(name) is None]
+    if lacking:
+        remedy = f"In knotfab's folder: pip install '.[{extra}]'"
+        return Finding(what, "warning", f"{', '.join(lacking)} not installed", remedy)
+    return Finding(what, "ok", f"{', '.join(modules)}")
 
 
 def _import_errors(modules: Sequence[str]) -> dict[str, str]:

@@ -79,7 +79,8 @@ class KnotfabError(Exception):
         self.what, self.why, self.remedy = shown(what), why, remedy
         # a remedy that ends in a command or a path keeps what can be copied
         stop = "" if ": " in remedy or not remedy[-1:].isalnum() else "."
-        super().__init__(f"{self.what}: {why}. {remedy}{stop}")
+        about = f"{self.what}: " if what else ""
+        super().__init__(f"{about}{why}. {remedy}{stop}")
 
 
 class InputError(KnotfabError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -227,7 +228,7 @@ class BuildOptions(PictureOptions):
     depth: Annotated[str | None, Parameter(group=_PIECE)] = None
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     knots: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """auto (default): one knot for each piece of the picture; or 1: all pieces bridged into one knot."""
+    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many, 1 into one."""
     bend: Annotated[str | None, Parameter(group=_PIECE)] = None
     """Bend several pictures until they agree: auto (default), off, or the most that a point may move, as a
     share of the picture's height, such as 0.05."""
@@ -301,8 +302,11 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
     for name, value in given.items():
         key = "print_" if name == "print" else name
         if key not in types:
+            close = get_close_matches(name, types, n=1)
+            hint = f"Did you mean {close[0]}? " if close else ""
+            known = ", ".join(key.rstrip("_") for key in types)
             raise InputError(
-                f"the option {name}", "there is none of that name", f"Known: {', '.join(types)}"
+                f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
             )
         if key in ("skip", "effect") and isinstance(value, str):
             value = (value,)

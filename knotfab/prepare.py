@@ -202,6 +202,10 @@ def _read_call(
             agreed = agree(scene, targets, azimuths_open=open_)
             require_agreed(agreed, scene)
         scene, targets, lines = agreed.scene, agreed.targets, agreed.lines
+    pieces, asked = targets[0].pieces, scene.piece.knots
+    if len(targets) == 1 and isinstance(asked, int) and asked > pieces:
+        is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
+        lines = (*lines, f"--knots {asked}: the picture {is_}. A knot more would draw nothing.")
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
     name = plain_name("-".join(dict.fromkeys(names)), "picture")
     return _Call(scene, sources, base, targets, name, lines)
@@ -246,9 +250,9 @@ def _sources(pictures: Sequence[str], scene: Scene, path: Path | None) -> tuple[
     if all(named):
         return named
     raise InputError(
-        "the call" if path is None else str(path),
+        "" if path is None else str(path),
         "no picture is given",
-        "Name one, as in: knotfab build target.png --print",
+        "Name one, as in: knotfab build cat.png --print",
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,7 @@ class Outcome:
     """Exit code by the contract, the report, and the folder that was written."""
 
     exit_code: int
-    report: dict[str, Any]
+    report: dict[str, Any] = field(repr=False)
     folder: Path
 
 

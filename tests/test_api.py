@@ -7,7 +7,9 @@ import inspect
 import pkgutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import knotfab
 from examples.api_page import PAGE, api_page
@@ -32,7 +34,7 @@ PUBLIC = [
 
 def test_the_public_names_are_these() -> None:
     assert knotfab.__all__ == PUBLIC
-    assert set(PUBLIC) <= set(dir(knotfab))
+    assert dir(knotfab) == sorted([*PUBLIC, "__version__"])
     with pytest.raises(AttributeError, match="no attribute 'serch'"):
         knotfab.serch  # noqa: B018
 
@@ -73,3 +75,32 @@ def test_the_packages_are_typed() -> None:
     for package in ("knotfab", "knotfab_validators", "knotfab_fixtures"):
         root = importlib.import_module(package).__path__[0]
         assert (Path(root) / "py.typed").is_file()
+
+
+def test_pictures_of_pil_and_arrays_are_pictures_and_what_is_none_is_refused(
+    tmp_path: Path,
+) -> None:
+    square = np.pad(np.ones((60, 60), dtype=bool), 20)
+    grey = np.where(square, 0, 255).astype(np.uint8)
+    Image.fromarray(grey).save(tmp_path / "square.png")
+    for picture in (square, grey, Image.fromarray(grey), np.stack([grey] * 3, axis=-1)):
+        np.testing.assert_array_equal(knotfab.read_picture(picture).mask, square)
+    np.testing.assert_array_equal(knotfab.read_picture(tmp_path / "square.png").mask, square)
+    for none in (7, np.zeros((2, 2, 2, 2)), object(), [1]):
+        with pytest.raises(knotfab.InputError, match=r"the picture: a .* Give a path"):
+            knotfab.read_picture(none)
+    with pytest.raises(knotfab.InputError, match="the picture: a int"):
+        knotfab.build(7)
+
+
+def test_a_wrong_key_is_told_in_a_sentence() -> None:
+    with pytest.raises(knotfab.InputError, match=r'read_picture: ink is "redd".*such as #d02010'):
+        knotfab.read_picture("text:A", ink="redd")
+    with pytest.raises(knotfab.InputError, match=r"no key 'inc'. Did you mean 'ink'"):
+        knotfab.read_picture("text:A", inc="red")
+    with pytest.raises(knotfab.InputError, match=r"acuracy: .* Did you mean accuracy"):
+        knotfab.build("text:A", acuracy="fine")
+
+
+def test_a_result_is_short_to_look_at(tmp_path: Path) -> None:
+    assert len(repr(knotfab.Outcome(0, {"checks": ["x"] * 1000}, tmp_path))) < 200

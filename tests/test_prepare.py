@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command import picture
 
+from knotfab.errors import InputError
 from knotfab.options import ALL_OUT, options_from
 from knotfab.prepare import prepare_build
 from knotfab.progress import Progress
@@ -39,6 +40,26 @@ def test_the_default_folder_is_named_after_the_picture(square: Path) -> None:
     for frames in ("walk/", "walk", "walk/*.png"):
         assert prepare(frames, sequence=True).out == ALL_OUT / "walk"
     assert prepare(square, out="here").out == Path("here")
+
+
+def test_more_knots_than_pieces_are_no_silent_wish(square: Path) -> None:
+    (said,) = prepare(square, knots=3).preview[-1:]
+    assert said.startswith("--knots 3: the picture is one piece, and becomes one knot.")
+    assert "--knots" not in prepare(square, knots=1).preview[-1]
+
+
+def test_what_is_not_there_is_told_with_what_would_be_right(square: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text('[[views]]\npicture = "dog.png"\n')
+    for given, remedy in (
+        ({"pictures": ["nope.png"]}, "or write text:…"),
+        ({"pictures": ["https://example.org/cat.png"]}, "Download it first"),
+        ({"scene": tmp_path / "scene.toml"}, "Lay it beside the scene"),
+    ):
+        with pytest.raises(InputError, match=remedy):
+            prepare(*given.pop("pictures", []), **given)
+    with pytest.raises(InputError) as told:
+        prepare()
+    assert str(told.value).startswith("no picture is given. Name one")
 
 
 def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def list_tasks(
         sources = [source for named in pictures for source in _expand(named, leave_out)]
     if not sources:
         raise InputError(
-            "the call", "no picture is given", "Name some, as in: knotfab batch logos/ --out built"
+            "", "no picture is given", "Name some, as in: knotfab batch logos/ --out built"
         )
     options, files = _with_whole_paths(options)
     arguments = list_arguments(options)

@@ -46,13 +46,13 @@ def files_to_validate(
             )
     if part is None and knots is None:
         raise InputError(
-            "the call",
+            "",
             "there is nothing to validate",
             "Name a folder, a part, or --knots knots.json",
         )
     for path in (part, knots, scene):
         if path is not None and not path.is_file():
-            raise InputError(str(path), "there is no such file", "Check the path")
+            raise InputError(str(path), "there is no such file", "Check the path.")
     if failures is None:
         failures = _beside(part or knots)
     elif failures.suffix.lower() != ".png":

@@ -295,7 +295,7 @@ def read_photo(path: Path) -> Array:
     Raises:
         InputError: there is no such file, or it is no photograph that can be read (`read_bytes`, `decode`).
     """
-    data = read_bytes(path, str(path), _LARGEST_PX)
+    data = read_bytes(path, str(path), _LARGEST_PX, "Check the path.")
     image, _ = decode(data, str(path), largest=_LARGEST_PX)
     return np.asarray(image.convert("RGB"), dtype=np.float64) / 255.0
 

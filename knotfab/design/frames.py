@@ -259,11 +259,12 @@ def widen(view: View, target: Target) -> Target:
         return target
     width = view.thicken_mm * target.width / frame_view(view, target).frame_width_mm
     if width > _WIDEST * min(target.width, target.height):
+        side = min(frame_view(view, target).frame_mm)
         raise InputError(
-            f"--thicken {view.thicken_mm:g}",
-            f"strokes that wide fill more than {_WIDEST:.0%} of the picture's narrower side: nothing of it "
-            "would be left to judge the shadow by",
-            "Give the width in mm that thin strokes should have on the wall, or --thicken auto",
+            f"picture {target.name}",
+            f"strokes {view.thicken_mm:g} mm wide leave nothing of a picture of {side:g} mm",
+            f"Make the picture larger (--size, from about {view.thicken_mm / _WIDEST * 2:.0f}), or give a "
+            "smaller --thicken.",
         )
     mask = thicken(target.mask, width)
     rule = target.rule

@@ -89,8 +89,9 @@ def depth_extent(
     if room <= 0:
         raise SceneError(
             "the region",
-            f"a tube of {radius:g} mm radius has no room between the light and the wall",
-            "Move the wall away (wall_distance_mm), or enlarge the region.",
+            f"a tube {2 * radius:.1f} mm thick has no room between the light and the wall",
+            "Move the wall away (--wall-distance, wall_distance_mm), make the picture smaller (--size), or "
+            "enlarge the region.",
         )
     if not auto and wanted > room + 1e-3:
         raise SceneError(

@@ -23,15 +23,17 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za
 _NAMES = {"mm": "millimetres", "deg": "degrees"}
 
 
-def explain(error: ValidationError, raw: Mapping[str, Any], what: str) -> InputError:
+def explain(
+    error: ValidationError, raw: Mapping[str, Any], what: str, inside: tuple[int | str, ...] = ()
+) -> InputError:
     """The most telling of the errors that validation found.
 
     Args:
-        error: from `Scene.model_validate(raw)`.
+        error: from `Scene.model_validate(raw)`, or of the part of it that lies at `inside`.
         raw: what the TOML file held.
         what: how the message names the file.
     """
-    found = error.errors()
+    found: list[Any] = [{**one, "loc": (*inside, *one["loc"])} for one in error.errors()]
     # An unknown key often explains the rest, so it comes first.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     path = _path(first["loc"], raw)
@@ -162,6 +164,8 @@ def _describe_expected(error: Mapping[str, Any]) -> str:
         case "literal_error":
             return str(context["expected"]).replace("'", '"')
         case "string_pattern_mismatch":
+            if "#" in str(context["pattern"]):
+                return "a colour such as #d02010"
             return "made of letters, digits, _ and - alone"
         case "tuple_type" | "missing" | "too_long" | "too_short":
             return "a list of as many numbers as docs/conventions.md shows"

@@ -42,6 +42,7 @@ TEXT_PREFIX = "text:"
 _DRAWN = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
+_MISSING = "Check the path, or write text:… for a word or a glyph."
 _MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
 
@@ -151,8 +152,16 @@ def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
-def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> bytes:
+def read_bytes(
+    path: Path,
+    what: str,
+    largest: int = raster.LARGEST_SIDE,
+    missing: str = _MISSING,
+) -> bytes:
     """What a picture's file holds, of at most `largest` px on a side; `what` is how an error names it.
+
+    Args:
+        missing: the remedy where there is no such file.
 
     Raises:
         InputError: there is none, it may not be read, it is empty, or too much for a picture.
@@ -162,7 +171,7 @@ def read_bytes(path: Path, what: str, largest: int = raster.LARGEST_SIDE) -> byt
         what,
         "picture file",
         _PIXEL_BYTES * largest**2,
-        missing="Check the path, or write text:... for a glyph.",
+        missing="Download it first, and name the file." if "://" in what else missing,
         too_large=f"Scale the picture down to at most {largest} pixels on a side.",
     )
     if not data:
@@ -201,7 +210,8 @@ def read_target(
     path = at_home(source)
     if base is not None:
         path = base / path
-    data = read_bytes(path, what)
+    missing = _MISSING if base is None else "Lay it beside the scene that names it."
+    data = read_bytes(path, what, missing=missing)
     suffix = path.suffix.lower()
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
@@ -229,7 +239,7 @@ def read_targets(
     """
     if len(sources) != len(views):
         raise InputError(
-            "the call",
+            "",
             f"{len(sources)} pictures are given for {len(views)} views",
             "Give one picture for each [[views]] of the scene, in their order",
         )

@@ -70,5 +70,5 @@ def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
 
     (widened,) = widen_targets(scene(18.0), [target])[1]
     assert mask.sum() < widened.mask.sum() < 0.3 * mask.size
-    with pytest.raises(InputError, match=r"--thicken 30.*--thicken auto"):
+    with pytest.raises(InputError, match=r"30 mm wide .*larger \(--size, from about 240\)"):
         widen_targets(scene(30.0), [target])

@@ -73,4 +73,4 @@ def _corners(content: bytes, path: Path) -> Corners:
         raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")
     if kind == "stl":
         return corners_stl(content, name)  # says what is wrong with it
-    raise BadFile(f"{name}: is not an STL, OBJ, PLY or 3MF file")
+    raise BadFile(f"{name}: it is not an STL, OBJ, PLY or 3MF file")

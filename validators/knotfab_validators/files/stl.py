@@ -54,10 +54,10 @@ def corners_stl(content: bytes, name: str) -> Corners:
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
     if count > 0 and len(content) - 84 > 50:
         raise BadFile(
-            f"{name}: is not an STL file, or is cut off: its header promises {count} triangles, "
+            f"{name}: it is not an STL file, or is cut off: its header promises {count} triangles, "
             f"what follows is {(len(content) - 84) / 50:.6g}"
         )
-    raise BadFile(f"{name}: is not an STL file, or is cut off")
+    raise BadFile(f"{name}: it is not an STL file, or is cut off")
 
 
 def _corners_text(content: bytes, name: str) -> Corners:
@@ -79,7 +79,7 @@ def _corners_text(content: bytes, name: str) -> Corners:
     if inside or not END.match(content, at):
         where = content.count(b"\n", 0, at) + 1
         raise BadFile(
-            f"{name}: is not an STL file, or is cut off: after line {where} comes neither a facet nor "
+            f"{name}: it is not an STL file, or is cut off: after line {where} comes neither a facet nor "
             "the end"
         )
     return np.frombuffer(numbers, dtype=np.float64).reshape(-1, 3, 3)
