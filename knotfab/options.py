@@ -228,7 +228,7 @@ class BuildOptions(PictureOptions):
     depth: Annotated[str | None, Parameter(group=_PIECE)] = None
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     knots: Annotated[str | None, Parameter(group=_PIECE)] = None
-    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many, 1 into one."""
+    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
     bend: Annotated[str | None, Parameter(group=_PIECE)] = None
     """Bend several pictures until they agree: auto (default), off, or the most that a point may move, as a
     share of the picture's height, such as 0.05."""
