@@ -42,7 +42,10 @@ _MOST_VIEWS = 12
 _ALIKE_DEG = 3.0  # lines of sight nearer to each other are one
 _WORTH = 0.004  # of the worst bound: what a free move has to bring
 _COARSE_PX, _COARSE_RAYS, _COARSE_STEPS = 96, 56, 72
-_CHECK_PX, _CHECK_RAYS, _CHECK_STEPS = 256, 128, 160
+_CHECK_PX = 384
+_SCALED = (
+    12  # times that a bending is scaled back at most until the picture keeps its pieces and holes
+)
 _TRIALS = 160  # arrangements of views that are tried at most
 _TURNS_DEG = (16.0, 8.0)
 _APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
@@ -84,7 +87,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
         return Agreement(scene, targets)  # a bent picture lies on a flat wall
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
-    framed = framed_alike(scene, targets)
+    framed, drawn = framed_alike(scene, targets), targets
     bounds = _bounds_of(framed, targets)
     if _worst(bounds) >= AGREED or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
@@ -107,21 +110,22 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
     elif scene.piece.mirror == "auto":
         mirrored = _mirror(framed, targets)
         if mirrored is not framed:
-            framed, bounds = mirrored, _bounds_of(mirrored, targets)
+            framed, drawn = mirrored, _bent(mirrored, targets)
+            bounds = _bounds_of(framed, drawn)
             names = [t.name for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
     most = _most_bent(scene)
     if _worst(bounds) < AGREED and most > 0:
-        bent = _bend(framed, targets, most)
-        after = _bounds_of(bent, targets)
+        bent_scene, bent = _bend(framed, targets, drawn, most)
+        after = _bounds_of(bent_scene, bent)
         if _worst(after) > _worst(bounds):
-            framed, bounds = bent, after
-            lines.append(tell_bending(_bent(framed, targets)))
+            framed, drawn, bounds = bent_scene, bent, after
+            lines.append(tell_bending(drawn))
     if most > 0:
         lines += _tell_lacking(framed, targets, bounds, most)
     if framed.views == scene.views:
         return Agreement(scene, targets, tuple(lines), bounds)
-    return Agreement(framed, _bent(framed, targets), tuple(lines), bounds)
+    return Agreement(framed, drawn, tuple(lines), bounds)
 
 
 def apply_bending(view: View, target: Target) -> Target:
@@ -134,8 +138,9 @@ def apply_bending(view: View, target: Target) -> Target:
         turned = mask[:, ::-1] if view.mirrored else mask
         return turned if points is None else bend_mask(turned, points)
 
-    turned = target.judged[:, ::-1] if view.mirrored else target.judged
-    bending = Bending(0.0, 0.0, 1.0) if points is None else measure_bending(turned, points)
+    drawn = change(target.mask)
+    judged = drawn if target.judged is target.mask else change(target.judged)
+    bending = Bending(0.0, 0.0, 1.0) if points is None else measure_bending(judged, points)
     rule = target.rule + ("; mirrored" if view.mirrored else "")
     if points is not None:
         rule += (
@@ -143,9 +148,9 @@ def apply_bending(view: View, target: Target) -> Target:
         )
     return replace(
         target,
-        mask=change(target.mask),
+        mask=drawn,
         original=target.asked,
-        widened=change(target.judged),
+        widened=judged,
         rule=rule,
         bending=bending,
     )
@@ -234,14 +239,14 @@ def _bounds_of(
     views = _framed(scene, targets)
     cameras = cameras_of(views, targets)
     if masks is None:
-        masks = [t.mask for t in _bent(scene, targets)]
+        masks = [t.mask for t in targets]
     small = [c.resized(m.shape[1], m.shape[0]) for c, m in zip(cameras, masks, strict=True)]
     return hull_bounds(small, masks, reach_of(views), rays_px, steps)
 
 
-def _coarse(scene: Scene, targets: Sequence[Target], side_px: int) -> list[Mask]:
+def _coarse(targets: Sequence[Target], side_px: int) -> list[Mask]:
     size = partial(fit_size, longer=side_px)
-    return [sample_mask(t.mask, *size(t.width, t.height)) for t in _bent(scene, targets)]
+    return [sample_mask(t.mask, *size(t.width, t.height)) for t in targets]
 
 
 def _bent(scene: Scene, targets: Sequence[Target]) -> tuple[Target, ...]:
@@ -250,7 +255,7 @@ def _bent(scene: Scene, targets: Sequence[Target]) -> tuple[Target, ...]:
 
 def _move(scene: Scene, targets: Sequence[Target]) -> Scene:
     """The scene with its views where they leave most of each other; the same where that brings too little."""
-    masks = _coarse(scene, targets, _COARSE_PX)
+    masks = _coarse(targets, _COARSE_PX)
 
     def value(trial: Scene) -> float:
         found = _bounds_of(trial, targets, masks, _COARSE_RAYS, _COARSE_STEPS)
@@ -272,7 +277,7 @@ def _move(scene: Scene, targets: Sequence[Target]) -> Scene:
 
 def _mirror(scene: Scene, targets: Sequence[Target]) -> Scene:
     """The scene with those pictures mirrored that agree better so; none of text, and the first never."""
-    masks = _coarse(scene, targets, _COARSE_PX)
+    masks = _coarse(targets, _COARSE_PX)
     best, most = scene, -1.0
     may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]
     for sides in product(*may):
@@ -328,35 +333,34 @@ def _least_apart(views: Sequence[View]) -> float:
     return float(np.rad2deg(np.arccos(np.clip(cosine.max(), 0.0, 1.0))))
 
 
-def _bend(scene: Scene, targets: Sequence[Target], most: float) -> Scene:
-    """The scene with its pictures bent."""
+def _bend(
+    scene: Scene, targets: tuple[Target, ...], drawn: Sequence[Target], most: float
+) -> tuple[Scene, tuple[Target, ...]]:
+    """The scene with its pictures bent, and they as bent; `drawn`: as before that, maybe mirrored."""
     from knotfab.design.bend import bend_pictures
 
     views = _framed(scene, targets)
-    masks = _coarse(scene, targets, _CHECK_PX)
-
-    drawn = [t.mask for t in _bent(scene, targets)]
+    masks = _coarse(drawn, _CHECK_PX)
 
     def enough(points: Array) -> bool:
         bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
-        found = _bounds_of(scene, targets, bent, _CHECK_RAYS, _CHECK_STEPS)
-        return _worst(found) >= AGREED + _SLACK
+        return _worst(_bounds_of(scene, targets, bent)) >= AGREED + _SLACK
 
-    points = bend_pictures(cameras_of(views, targets), drawn, reach_of(views), most, enough)
-    kept = [_keep_shape(mask, p) for mask, p in zip(drawn, points, strict=True)]
-    bent_views = tuple(
-        v.model_copy(update={"bend_points": write_points(p)})
-        for v, p in zip(scene.views, kept, strict=True)
-    )
-    return scene.model_copy(update={"views": bent_views})
-
-
-def _keep_shape(mask: Mask, points: Array) -> Array:
-    """The points, scaled back until the picture keeps its pieces and holes."""
-    for share in (1.0, 0.9, 0.75, 0.5, 0.25):
-        if keeps_shape(mask, bend_mask(mask, read_points(write_points(share * points)))):
-            return share * points
-    return 0.0 * points
+    cameras = cameras_of(views, targets)
+    points = bend_pictures(cameras, [t.mask for t in drawn], reach_of(views), most, enough)
+    for _ in range(_SCALED):
+        bent_views = tuple(
+            v.model_copy(update={"bend_points": write_points(p)})
+            for v, p in zip(scene.views, points, strict=True)
+        )
+        bent_scene = scene.model_copy(update={"views": bent_views})
+        bent = _bent(bent_scene, targets)
+        kept = [keeps_shape(t.mask, b.mask) for t, b in zip(drawn, bent, strict=True)]
+        if all(kept):
+            break
+        fewer = [1.0 if keeps else 0.8 for keeps in kept]
+        points = points * np.array(fewer)[:, None, None, None]
+    return bent_scene, bent
 
 
 def _tell_lacking(

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from knotfab.arrays import Array, Mask
 from knotfab.design.bend_loops import sample_field, uncovered
 from knotfab.scene.camera import Camera
 from knotfab.target.bending import COLUMNS, ROWS, spline_basis
+from knotfab.target.masks import holes_of, sample_mask
 from knotfab.target.silhouette import fit_size
 
 __all__ = ["Tension", "bend_pictures"]
@@ -25,14 +26,19 @@ _FINE_PX = 384  # at which distances from its outline are taken
 _STEPS = 97  # samples of a ray
 _SPARE = 0.16  # of the side, about the frame: what moves there is out of the picture
 _BLURS_PX = (6.0, 1.0)  # half the width of a soft outline, first and last
-_WEIGHTS = (0.3, 0.0015)  # of the elastic energy, first and last
-_ROUNDS, _TURNS = 14, 12  # weights that are tried, steps with each
+_WEIGHTS = (0.3, 0.001)  # of the elastic energy, first and last
+_ROUNDS, _TURNS = 16, 8  # weights that are tried, steps with each
+_LESS = 0.95
 _PACE = 0.004  # of the height: the length of a step
 _PLACE = 0.12  # of the height: moving all by this costs as much as stretching all by one
-_STIFF = 3.0  # times: strokes and round holes
+_STIFF = 2.0  # times: strokes and round holes
 _SLOPE = 0.45  # of the field, along either side, from which on it is held back; two of .7 may fold
 _FOLD = 3.0
-_THIN = 0.06  # of the height: what is narrower is a stroke or a small hole
+_THIN = 0.07  # of the height: what is narrower is a stroke
+_HOLE = 0.02  # of its square: smaller holes are small
+_DENSE = (
+    0.25  # of the place about a control point: as much of strokes and small holes makes it stiff
+)
 
 
 class Tension:
@@ -122,8 +128,11 @@ class Tension:
             )
         return total / self.ink, gradient / self.ink
 
-    def strain(self, points: Array, weight: float) -> tuple[float, Array]:
-        """The elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient."""
+    def strain(self, points: Array, weight: float, stiff: float = 1.0) -> tuple[float, Array]:
+        """The elastic energy of all pictures, times `weight`, with what forbids folds, and its gradient.
+
+        `stiff`: from 1, where strokes and small holes are as stiff as can be, to 0, where all is alike.
+        """
         total, gradient = 0.0, np.empty_like(points)
         for k, steps in enumerate(self.steps):
             each = weight / (ROWS * COLUMNS)
@@ -131,13 +140,12 @@ class Tension:
             gradient[k] = 2 * each * points[k] / _PLACE**2
             for axis, step in enumerate(steps):
                 slope = np.diff(points[k], axis=axis) / step
+                firm = self.stiff[k][axis] ** stiff
                 size = np.linalg.norm(slope, axis=2)
                 over = np.maximum(size - _SLOPE, 0.0)
-                total += each * float((self.stiff[k][axis] * size**2).sum())
+                total += each * float((firm * size**2).sum())
                 total += _FOLD / (ROWS * COLUMNS) * float((over**2).sum())
-                force = each * self.stiff[k][axis] + _FOLD / (ROWS * COLUMNS) * over / np.maximum(
-                    size, 1e-12
-                )
+                force = each * firm + _FOLD / (ROWS * COLUMNS) * over / np.maximum(size, 1e-12)
                 pulled = 2 * force[..., None] * slope / step
                 first, last = ([slice(None)] * 2, [slice(None)] * 2)
                 first[axis], last[axis] = slice(None, -1), slice(1, None)
@@ -168,7 +176,7 @@ def bend_pictures(
         for _ in range(_TURNS):
             step += 1
             _, gradient = tension.contradiction(points, blur)
-            gradient += tension.strain(points, weight)[1]
+            gradient += tension.strain(points, weight, 1.0 - share)[1]
             mean += 0.1 * (gradient - mean)
             square += 0.02 * (gradient**2 - square)
             points = points - _PACE * (mean / (1 - 0.9**step)) / (
@@ -178,6 +186,8 @@ def bend_pictures(
                 ..., None
             ]
         if enough(points):
+            while enough(_LESS * points):  # the last weight was a little too small
+                points = _LESS * points
             break
     return points
 
@@ -204,5 +214,24 @@ def _distance(mask: Mask, width: int, height: int) -> Array:
 
 
 def _stiffness(mask: Mask) -> Array:
-    """(ROWS, COLUMNS): how stiff the picture is about each control point, 1 where there are large areas."""
-    return np.ones((ROWS, COLUMNS))
+    """(ROWS, COLUMNS): how stiff the picture is about control points: 1, more by strokes and small holes.
+
+    What is thin is crooked sooner than an area is, and a round hole soon is no longer round.
+    """
+    width, height = fit_size(mask.shape[1], mask.shape[0], _SIDE_PX)
+    small = sample_mask(mask, width, height)
+    reach = 0.5 * _THIN * height
+    inside = distance_transform_edt(np.pad(small, 1))[1:-1, 1:-1]
+    thick = (
+        distance_transform_edt(inside < reach) < reach if (inside >= reach).any() else small & False
+    )
+    labels, areas = holes_of(small)
+    holes = np.isin(labels, 1 + np.flatnonzero(areas < _HOLE * height**2))
+    delicate = gaussian_filter(((small & ~thick) | holes).astype(np.float64), height / ROWS)
+    rows, columns = (
+        np.clip(np.rint((np.arange(count) - 1) / (count - 3) * side - 0.5), 0, side - 1).astype(int)
+        for count, side in ((ROWS, height), (COLUMNS, width))
+    )
+    return np.asarray(
+        1.0 + (_STIFF - 1.0) * np.minimum(1.0, delicate[np.ix_(rows, columns)] / _DENSE)
+    )

@@ -122,7 +122,7 @@ def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = Non
     bounds: tuple[HullBound, ...] = ()
     if several:
         cameras = cameras_of(views, targets)
-        bounds = hull_bounds(cameras, [t.mask for t in targets], reach_of(views))
+        bounds = agreed.bounds or hull_bounds(cameras, [t.mask for t in targets], reach_of(views))
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
         seen = [

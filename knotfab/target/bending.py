@@ -30,6 +30,10 @@ __all__ = [
 
 ROWS, COLUMNS = 15, 11  # of control points, of which the outermost lie outside the frame
 _UNIT = 1e-4  # of the picture's height: what control points are written in
+_GRID = (
+    120,
+    120,
+)  # places in which slopes are looked at: so smooth a field has no steeper ones between
 _CRUMB = 1e-4  # of the picture: fewer pixels are no piece and no hole
 
 
@@ -73,18 +77,22 @@ def displace(points: Array, height: int, width: int) -> Array:
 
 def bend_mask(mask: Mask, points: Array) -> Mask:
     """The mask as bent: each pixel holds what the mask has where the field says; outside it is nothing."""
-    from scipy.ndimage import map_coordinates
+    from knotfab.target.bending_loop import look_up  # compiled: only where something is bent
 
-    away = displace(points, *mask.shape)
-    rows, columns = np.indices(mask.shape)
-    at = np.stack([rows + away[..., 1], columns + away[..., 0]])
-    return np.asarray(map_coordinates(mask.astype(np.float32), at, order=1) >= 0.5)
+    bent = np.empty(mask.shape, dtype=np.bool_)
+    look_up(np.ascontiguousarray(mask), displace(points, *mask.shape), bent)
+    return bent
 
 
-def stretch_of(away: Array) -> tuple[float, float]:
-    """The longest and the shortest that a step of one px becomes under a field (h, w, 2), px; the shortest
-    is negative where the field folds."""
-    ux, uy = np.gradient(away, axis=1), np.gradient(away, axis=0)
+def stretch_of(points: Array, aspect: float) -> tuple[float, float]:
+    """The longest and the shortest that a step of one becomes under the field; negative where it folds.
+
+    Args:
+        aspect: the picture's width over its height.
+    """
+    away = displace(points, *_GRID) / _GRID[0]
+    ux = np.gradient(away, axis=1) * _GRID[1] / aspect
+    uy = np.gradient(away, axis=0) * _GRID[0]
     a, b, c, d = 1.0 + ux[..., 0], uy[..., 0], ux[..., 1], 1.0 + uy[..., 1]
     half, det = 0.5 * (a * a + b * b + c * c + d * d), a * d - b * c
     root = np.sqrt(np.maximum(half * half - det * det, 0.0))
@@ -92,13 +100,13 @@ def stretch_of(away: Array) -> tuple[float, float]:
     return float(longest.max()), float((det / longest).min())
 
 
-def measure_bending(mask: Mask, points: Array) -> Bending:
-    """How far the field moves the silhouette that it makes of `mask`."""
-    away, bent = displace(points, *mask.shape), bend_mask(mask, points)
-    moved = np.hypot(away[..., 0], away[..., 1])[bent] / mask.shape[0]
+def measure_bending(bent: Mask, points: Array) -> Bending:
+    """How far the field moves the silhouette that is bent by it."""
+    away = displace(points, *bent.shape)
+    moved = np.hypot(away[..., 0], away[..., 1])[bent] / bent.shape[0]
     if not len(moved):
         return Bending(0.0, 0.0, 1.0)
-    longest, shortest = stretch_of(away)
+    longest, shortest = stretch_of(points, bent.shape[1] / bent.shape[0])
     stretch = max(longest, 1.0 / shortest) if shortest > 0 else np.inf
     return Bending(float(np.sqrt((moved**2).mean())), float(moved.max()), float(stretch))
 

@@ -9,24 +9,28 @@ from knotfab_validators.shadows.recognition import UNKNOWN, WORDS
 
 __all__ = ["BENT", "judge_bending"]
 
-# rms and most, in shares of the picture's height, up to which a person gives a bent picture the word
-# (docs/verdict.md: pictures bent by 0 to 20 %, looked at)
-BENT = {"faithful": (0.03, 0.08), "good": (0.06, 0.15), "coarse": (0.12, 0.25)}
+# rms and most, in shares of the picture's height, and stretch, up to which a person who looked at pictures
+# bent by 0 to 38 % gives a bent one the word (docs/verdict.md)
+BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.08, 0.2, 10.0)}
 
 
 def judge_bending(verdict: dict[str, Any], bent: Bent) -> dict[str, Any]:
     """The verdict on a view with what its bending allows: the worse of the two words, and why."""
+    found = (bent.rms, bent.most, bent.stretch)
     allowed = next(
-        (word for word, (rms, most) in BENT.items() if bent.rms <= rms and bent.most <= most),
+        (
+            word
+            for word, most in BENT.items()
+            if all(f <= m for f, m in zip(found, most, strict=True))
+        ),
         UNKNOWN,
     )
     if allowed == WORDS[0]:
         return verdict
-    better = WORDS[WORDS.index(allowed) - 1]
-    rms, most = BENT[better]
+    rms, most, stretch = BENT[WORDS[WORDS.index(allowed) - 1]]
     why = (
-        f"picture bent by {bent.rms:.1%} on average and {bent.most:.1%} at most, "
-        f"above {rms:.0%} or {most:.0%}"
+        f"picture bent by {bent.rms:.1%} on average, {bent.most:.1%} at most, lengths changed up to "
+        f"{bent.stretch:.1f} times: above {rms:.0%}, {most:.0%} or {stretch:g}"
     )
     word = max(verdict["word"], allowed, key=WORDS.index)
     return {**verdict, "word": word, "reasons": [*verdict["reasons"], why]}
