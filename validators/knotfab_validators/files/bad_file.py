@@ -5,13 +5,15 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-__all__ = ["MOST_MM", "MOST_TRIANGLES", "BadFile", "read_bytes", "short"]
+__all__ = ["DECIMAL_COMMA", "MOST_MM", "MOST_TRIANGLES", "BadFile", "read_bytes", "short"]
 
 MOST_TRIANGLES = 20_000_000
 """Of one file: more would not fit the memory of the machines that the checks are meant for."""
 
 MOST_MM = 1e7
 """Ten kilometres: coordinates beyond are nonsense or another unit, and squares of squares overflow."""
+
+DECIMAL_COMMA = "its numbers have decimal commas, such as 1,5: export it with decimal points"
 
 MOST_SHOWN = 80  # characters of what a file says, in a sentence about it
 

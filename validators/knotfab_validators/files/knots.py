@@ -31,7 +31,7 @@ def read_knots(path: Path) -> Curves:
     """
     content = read_bytes(path, MOST_BYTES)
     try:
-        data = json.loads(content.decode("utf-8"), object_pairs_hook=_require_once)
+        data = json.loads(content.decode("utf-8-sig"), object_pairs_hook=_require_once)
     except UnicodeDecodeError as error:
         raise BadFile(f"{path.name}: is not UTF-8 text ({error})") from error
     except _RepeatedKey as error:

@@ -1,4 +1,4 @@
-"""The triangles of a Wavefront OBJ file: `v` and `f` lines, polygons cut into fans."""
+"""The triangles of a Wavefront OBJ file: `v` and `f` lines, polygons cut into triangles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile, short
+from knotfab_validators.arrays import Ints
+from knotfab_validators.files.bad_file import DECIMAL_COMMA, MOST_TRIANGLES, BadFile, short
+from knotfab_validators.geometry.ears import cut_polygon
 from knotfab_validators.geometry.mesh import Corners
 
 __all__ = ["corners_obj", "is_obj"]
@@ -24,6 +26,8 @@ SURFACES = frozenset(  # a shape that is not read: it must not be passed over in
 LINE = re.compile(rb"\S[^\r\n]*")
 CONTINUED = re.compile(rb"\\\r?\n")
 CORNER = re.compile(rb"([+-]?\d+)(?:/(?:-?\d+)?){0,2}")
+FOLDED = 1e-9  # of a polygon's area squared
+MOST_WORK = 20_000_000  # corners times corners of concave polygons
 MOST_CORNERS = 10_000  # of one face
 MOST_DIGITS = 18
 
@@ -36,7 +40,7 @@ def is_obj(content: bytes) -> bool:
 
 
 def corners_obj(content: bytes, name: str) -> Corners:
-    """(m, 3, 3) corners of the faces; a polygon becomes a fan about its first corner.
+    """(m, 3, 3) corners of the faces; a polygon becomes a fan, a concave one other triangles.
 
     Indices count from 1, negative ones back from the vertex last read; one may name a vertex that
     comes later in the file. Lines, points, normals and textures are passed over, other files that
@@ -85,8 +89,38 @@ def corners_obj(content: bytes, name: str) -> Corners:
             f"{name}: line {_number(content, places[first])} names vertex "
             f"{int(faces[first].max()) + 1}, and there are {len(vertices)}"
         )
-    corners_of: Corners = vertices[faces]
-    return corners_of
+    return _cut_concave(vertices[faces], faces, np.frombuffer(places, dtype=np.int64), name)
+
+
+def _cut_concave(corners: Corners, faces: Ints, places: Ints, name: str) -> Corners:
+    """(m, 3, 3) corners, with other triangles in place of a fan that folds back: its polygon is concave.
+
+    A polygon that crosses itself may keep its fan; checks of the surface see that it crosses.
+
+    Args:
+        faces: (m, 3) fans, each of the line at one of `places` (m,).
+    """
+    first = np.flatnonzero(np.diff(places, prepend=-1))
+    if len(first) == len(faces) or not np.isfinite(corners).all():
+        return corners
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    which = np.repeat(np.arange(len(first)), np.diff(first, append=len(faces)))
+    whole = np.add.reduceat(normal, first, axis=0)
+    folded = np.einsum("ij,ij->i", normal, whole[which])
+    folds = folded < -FOLDED * np.einsum("ij,ij->i", whole, whole)[which]
+    work = 0
+    for polygon in np.unique(which[folds]):
+        own = np.flatnonzero(which == polygon)
+        # every corner once: the first triangle's, and of each more its last
+        ring = np.concatenate([corners[own[0]], corners[own[1:], 2]])
+        work += len(ring) ** 2
+        if work > MOST_WORK:
+            raise BadFile(
+                f"{name}: its concave polygons have too many corners to be cut into triangles"
+            )
+        if (cut := cut_polygon(ring)) is not None:
+            corners[own] = ring[cut]
+    return corners
 
 
 class _Wrong(ValueError):
@@ -105,6 +139,8 @@ def _vertex(words: list[bytes]) -> list[float]:
     try:
         numbers = [float(word) for word in words[1:]]
     except ValueError as error:
+        if any(b"," in word for word in words):
+            raise _Wrong(f"is a vertex: {DECIMAL_COMMA}") from error
         raise _Wrong("is a vertex that is not three numbers") from error
     if any(b"_" in word for word in words):  # Python's own way of writing numbers
         raise _Wrong("is a vertex that is not three numbers")

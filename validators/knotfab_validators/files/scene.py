@@ -222,7 +222,7 @@ def read_scene(path: Path) -> Scene:
         BadFile: the file cannot be read, or a key has an impossible value.
     """
     try:
-        text = read_bytes(path, MOST_BYTES).decode("utf-8")
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
         _require_short_keys(text, path.name)
         data = tomllib.loads(text)
     except UnicodeDecodeError as error:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.files.bad_file import MOST_TRIANGLES, BadFile, short
+from knotfab_validators.files.slicer_settings import SETTINGS, Steering, read_steering
 from knotfab_validators.files.threemf_model import (
     MOST_PLACED,
     Model,
@@ -28,6 +30,7 @@ SUSPICIOUS = 50_000_000  # bytes above which an archive must not be packed too w
 MOST_RATIO = 50  # of unpacked to packed; meshes reach about 10
 MOST_ENTRIES = 10_000
 DEEPEST = 100  # components within each other
+SUPPORTS = ("support", "solidsupport")
 BLOCK = 1 << 18
 ENTRY = b"PK\x01\x02"  # in the archive's directory, before each entry
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the two that the standard allows
@@ -37,8 +40,11 @@ def is_3mf(content: bytes) -> bool:
     return content[:4] == b"PK\x03\x04"
 
 
-def corners_3mf(content: bytes, name: str) -> Corners:
-    """(m, 3, 3) corners of all build items, mm, in the file's order.
+def corners_3mf(content: bytes, name: str, notes: list[str] | None = None) -> Corners:
+    """(m, 3, 3) corners of what the build items print, mm, in the file's order.
+
+    Support objects, items that are not printable and the modifiers of a slicer's project are left out, and
+    `notes` gets a sentence that says so.
 
     Nothing is unpacked to disk. What items and components place is counted before any of it is
     made. A transform that mirrors leaves the triangles' order as it is, and so turns a body inside
@@ -50,7 +56,11 @@ def corners_3mf(content: bytes, name: str) -> Corners:
     """
     try:
         with _open(content, name) as archive:
-            return _Package(archive, len(content), name).corners()
+            package = _Package(archive, len(content), name)
+            found = package.corners()
+            if package.left_out and notes is not None:
+                notes.append(f"{name}: {package.tell_left_out()}")
+            return found
     except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError,
             NotImplementedError, ValueError) as error:  # fmt: skip
         if isinstance(error, BadFile):
@@ -84,11 +94,21 @@ class _Package:
         self.models: dict[str, Model] = {}
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
+        self.left_out: list[str] = []
+        self.steering = Steering()
         self._require_plausible(sum(entry.file_size for entry in archive.filelist))
 
     def corners(self) -> Corners:
         start = _part(read_relations(self._blocks("_rels/.rels"), self.name), "")
+        if not start:
+            raise BadFile(f"{self.name}: is not a 3MF file: it names no model to start from")
+        for entry in self.entries:
+            if entry.endswith(".rels") and entry != "_rels/.rels":
+                read_relations(self._blocks(entry), self.name)
         model = self._model(start)
+        for entry in SETTINGS:
+            if entry in self.entries:
+                self.steering = read_steering(self._blocks(entry), self.name)
         triangles = placed = 0
         for item in model.items:
             more = self._cost(_part(item.part, start), item.number, 0)
@@ -97,8 +117,26 @@ class _Package:
         parts: list[Corners] = [np.empty((0, 3, 3))]
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as too far
             for item in model.items:
-                self._place(_part(item.part, start), item, np.eye(4) * model.unit_mm, parts)
+                part = _part(item.part, start)
+                if self._shape(part, item.number).kind == "other":
+                    raise BadFile(
+                        f"{self.name}: builds an object of the type other, which 3MF forbids"
+                    )
+                if item.printed:
+                    self._place(part, item, np.eye(4) * model.unit_mm, parts)
+                else:
+                    self.left_out.append("an item that is not printable")
+        self.left_out += [f"a body that is a {kind}" for kind in self.steering.kinds]
+        if model.items and self.left_out and not sum(map(len, parts)):
+            raise BadFile(f"{self.name}: nothing of it is printed: {self.tell_left_out()}")
         return np.concatenate(parts)
+
+    def tell_left_out(self) -> str:
+        """What of the file is not printed."""
+        count = Counter(self.left_out)
+        return "left out " + ", ".join(
+            f"{what} ({n} times)" if n > 1 else what for what, n in count.items()
+        )
 
     def _blocks(self, part: str) -> Iterator[bytes]:
         """An entry's bytes, counted as they come: what an archive says of its sizes proves nothing."""
@@ -164,10 +202,18 @@ class _Package:
         """Append the corners of an object and its components; `onto` (4, 4) is applied last."""
         matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
         shape = self._shape(part, item.number)
+        if shape.kind in SUPPORTS:
+            self.left_out.append("a support object")
+            return
         if len(shape.corners):
             moved = shape.vertices @ matrix[:3, :3] + matrix[3, :3]
-            parts.append(moved[shape.faces])
+            faces = shape.faces.copy()
+            for first, last in self.steering.triangles.get(item.number, []):
+                faces[first : last + 1] = -1
+            parts.append(moved[faces[faces[:, 0] >= 0]])
         for component in shape.components:
+            if (item.number, component.number) in self.steering.components:
+                continue
             self._place(_part(component.part, part), component, matrix, parts)
 
 

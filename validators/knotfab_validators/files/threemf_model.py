@@ -22,7 +22,16 @@ from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.files.bad_file import BadFile, short
 from knotfab_validators.files.number_rows import Rows, cut_rows
 
-__all__ = ["MOST_PLACED", "Model", "Placed", "Shape", "read_model", "read_relations"]
+__all__ = [
+    "MOST_PLACED",
+    "WHOLE",
+    "Model",
+    "Placed",
+    "Shape",
+    "parse_xml",
+    "read_model",
+    "read_relations",
+]
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
@@ -42,6 +51,7 @@ UNITS = {  # mm
     "foot": 304.8,
     "meter": 1000.0,
 }
+TYPES = ("model", "solidsupport", "support", "surface", "other")  # of objects
 DEEPEST = 100  # elements within each other; a model needs six
 MOST_NAMES = 20_000  # of elements and attributes: expat keeps each
 MOST_OBJECTS = 50_000
@@ -56,6 +66,7 @@ MODEL, RESOURCES, OBJECT = f"{CORE} model", f"{CORE} resources", f"{CORE} object
 MESH, VERTICES, VERTEX = f"{CORE} mesh", f"{CORE} vertices", f"{CORE} vertex"
 TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
 COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
+METADATA = f"{CORE} metadata"
 BUILD, ITEM = f"{CORE} build", f"{CORE} item"
 INSIDE = {  # where an element means something
     RESOURCES: MODEL,
@@ -65,6 +76,7 @@ INSIDE = {  # where an element means something
     TRIANGLES: MESH,
     COMPONENTS: OBJECT,
     COMPONENT: COMPONENTS,
+    METADATA: MODEL,
     BUILD: MODEL,
     ITEM: BUILD,
 }
@@ -73,17 +85,19 @@ INSIDE = {  # where an element means something
 @dataclass(frozen=True)
 class Placed:
     """A component or build item: the object's number, the part of the package it is in (None: this
-    one), and the (4, 3) matrix that is multiplied from the right to (x, y, z, 1).
+    one), and the (4, 3) matrix that is multiplied from the right to (x, y, z, 1). An item that is not
+    `printed` is there to be looked at.
     """
 
     number: int
     part: str | None
     matrix: Array
+    printed: bool = True
 
 
 @dataclass
 class Shape:
-    """An object: a mesh in the model's unit, or components.
+    """An object of one of the `TYPES`: a mesh in the model's unit, or components.
 
     Points are rounded to single precision, in which slicers and lib3mf hold them: the checks are to
     see the mesh that these will see.
@@ -92,6 +106,7 @@ class Shape:
     points: array[float] = field(default_factory=lambda: array("f"))
     corners: array[int] = field(default_factory=lambda: array("q"))
     components: list[Placed] = field(default_factory=list)
+    kind: str = "model"
 
     @property
     def vertices(self) -> Array:
@@ -127,12 +142,12 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
     text = _gather(stream)
     rest, rows = cut_rows(text) if len(text) <= MOST_AT_ONCE else (text, {})
     reader = _Reader(name, rows)
-    _parse(
+    parse_xml(
         chain(_slice(rest), stream), name, reader.start, reader.end, reader.declare, reader.watch
     )
     if reader.rows:
         reader = _Reader(name, {})
-        _parse(_slice(text), name, reader.start, reader.end, reader.declare)
+        parse_xml(_slice(text), name, reader.start, reader.end, reader.declare)
     if not reader.found:
         raise BadFile(f"{name}: its model part is no 3MF model")
     for number, shape in reader.model.shapes.items():
@@ -164,20 +179,31 @@ def _slice(text: bytes) -> Iterator[bytes]:
 
 
 def read_relations(blocks: Iterable[bytes], name: str) -> str:
-    """The part of the package where reading starts, of the XML of `_rels/.rels`."""
+    """The part of the package where reading starts, of the XML of `_rels/.rels`; "" where it names none.
+
+    Raises:
+        BadFile: it leads out of the package, or names several.
+    """
     found: list[str] = []
 
     def start(tag: str, given: dict[str, str]) -> None:
-        if tag == f"{RELATIONS} Relationship" and given.get("Type") == START_PART:
+        if tag != f"{RELATIONS} Relationship":
+            return
+        if given.get("TargetMode", "").lower() == "external":
+            target = short(given.get("Target", ""))
+            raise BadFile(
+                f"{name}: refers to something outside the file, {target}, which 3MF forbids"
+            )
+        if given.get("Type") == START_PART:
             found.append(given.get("Target", ""))
 
-    _parse(blocks, name, start, lambda tag: None, lambda prefix, uri: None)
-    if len(found) != 1:
+    parse_xml(blocks, name, start, lambda tag: None, lambda prefix, uri: None)
+    if len(found) > 1:
         raise BadFile(f"{name}: is not a 3MF file: it names {len(found)} models to start from")
-    return found[0]
+    return found[0] if found else ""
 
 
-def _parse(
+def parse_xml(
     blocks: Iterable[bytes],
     name: str,
     start: Callable[[str, dict[str, str]], None],
@@ -224,6 +250,7 @@ class _Reader:
         self.way: list[str] = [""]
         self.spaces: dict[str, str] = {}
         self.shape, self.placed = Shape(), 0
+        self.told: set[str] = set()
 
     def watch(self, parser: Any) -> None:
         """The parser, which knows at which byte it is."""
@@ -285,9 +312,17 @@ class _Reader:
                 raise BadFile(f"{self.name}: has two objects of the number {number}")
             if len(self.model.shapes) == MOST_OBJECTS:
                 raise BadFile(f"{self.name}: has more than {MOST_OBJECTS} objects")
-            self.shape = self.model.shapes[number] = Shape()
+            if (kind := given.get("type", "model")) not in TYPES:
+                raise BadFile(
+                    f"{self.name}: object {number} is of the type {short(kind)}, not known to 3MF"
+                )
+            self.shape = self.model.shapes[number] = Shape(kind=kind)
         elif tag == COMPONENT:
             self.shape.components.append(self._read_placement(given, "a component"))
+        elif tag == METADATA:
+            if (key := given.get("name", "")) in self.told:
+                raise BadFile(f"{self.name}: has the metadata {short(key)} twice")
+            self.told.add(key)
         elif tag == ITEM:
             self.model.items.append(self._read_placement(given, "a build item"))
 
@@ -318,4 +353,5 @@ class _Reader:
             raise BadFile(f"{self.name}: has {what} with a transform of no 12 numbers, {shown}")
         matrix = np.array([float(word) for word in words]).reshape(4, 3)
         part = given.get(f"{PRODUCTION} path")
-        return Placed(self._number(given, "objectid", what), part, matrix)
+        printed = given.get("printable", "1").strip().lower() not in ("0", "false")
+        return Placed(self._number(given, "objectid", what), part, matrix, printed)
