@@ -80,6 +80,10 @@ class Found:
         return any(limit in price["limits"] for price in self.report.get("binding", ()))
 
 
+def _directions(found: Found) -> str:
+    return " ".join(repr(view["azimuth_deg"]) for view in found.scene["views"])
+
+
 @dataclass(frozen=True)
 class Row:
     """A feature: keys of the scene, options of the call, and how it shows in what was written."""
@@ -192,10 +196,11 @@ ROWS: tuple[Row, ...] = (
     Row(
         "view found along (free view)",
         lambda f: (
-            f.scene["views"][0]["light_distance_mm"] != f.scene["search"]["free_light_mm"] > 0
+            _directions(f) != f.scene["search"]["free_azimuths_deg"]
+            if len(f.scene["views"]) > 1
+            else f.scene["views"][0]["light_distance_mm"] != f.scene["search"]["free_light_mm"] > 0
         ),
         options=(("free", "view"),),
-        refused=(("several views", "fix each other's places"),),
     ),
     Row(
         "CUDA",

@@ -238,8 +238,8 @@ class BuildOptions(PictureOptions):
     """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table up to
     8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
     free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
-    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots, and
-    write them to scene.toml."""
+    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots; with
+    several pictures the directions of their lamps. scene.toml then has them."""
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
     """Make it for printing: pose the part for that, and check it against the printer too."""

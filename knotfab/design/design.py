@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.fineness import fine_enough, outline_px
-from knotfab.design.free_view import place_start, start_pose
+from knotfab.design.free_view import place_directions, place_start, start_pose
 from knotfab.design.hull import HullBound
 from knotfab.design.knobs import better, start_without_knobs
 from knotfab.design.prices import LimitPrice, price_limits
@@ -32,6 +32,7 @@ from knotfab.scene.model import (
 )
 from knotfab.scene.require import require_tube
 from knotfab.scene.settings import SearchSettings, search_settings
+from knotfab.search.directions import FreeDirections
 from knotfab.search.history import History
 from knotfab.search.pace import Pace
 from knotfab.search.phases import plan_of
@@ -104,8 +105,9 @@ def design_knots(
     settings = search_settings(scene.accuracy.name, scene.search)
     if budget is not None:
         settings = spare(settings, budget.view_s(len(targets)), scene.search)
-    if settings.free_view and len(targets) == 1:
-        scene, settings = place_start(scene, settings)
+    if settings.free_view:
+        place = place_start if len(targets) == 1 else place_directions
+        scene, settings = place(scene, settings)
     with progress.stage("question"):
         question = ask(scene, targets, progress)
     settings = suit(settings, question, scene.search)
@@ -113,7 +115,7 @@ def design_knots(
     problem = question.problem
     _tell_scene(progress, question, radius)
     settings = refine_settings(question, settings, radius)
-    pose: FreePose | None = None
+    pose: FreePose | FreeDirections | None = None
     pace = None if budget is None else Pace(budget.search_s)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
@@ -131,8 +133,10 @@ def design_knots(
         history(knots, certified)
 
     with progress.stage("search"):
-        if settings.free_view:
+        if settings.free_view and len(problem.views) == 1:
             pose, settings = start_pose(scene, problem, radius, settings, device)
+        elif settings.free_view:
+            pose = FreeDirections(problem.views, radius, settings)
         report = progress.update if progress.watched else None
         knots = _knots_asked(question.scene)
 

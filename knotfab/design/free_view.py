@@ -1,4 +1,4 @@
-"""A scene whose view is free (`[search] free_view`): where the unknown pose starts."""
+"""A scene whose views are free (`[search] free_view`): where the unknown pose or directions start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knotfab.scene.settings import SearchSettings
 if TYPE_CHECKING:
     from knotfab.search.pose import FreePose
 
-__all__ = ["place_start", "start_pose"]
+__all__ = ["place_directions", "place_start", "start_pose"]
 
 
 def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSettings]:
@@ -47,6 +47,32 @@ def place_start(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSe
         radius = {"tube_radius_mm": settings.free_radius_mm}
         update["piece"] = scene.piece.model_copy(update=radius)
     return scene.model_copy(update=update), settings
+
+
+def place_directions(scene: Scene, settings: SearchSettings) -> tuple[Scene, SearchSettings]:
+    """The same of several views, of which the azimuths are unknown.
+
+    Raises:
+        InputError: the settings name not as many azimuths as there are views.
+    """
+    views = scene.views
+    if settings.free_azimuths_deg:
+        words = settings.free_azimuths_deg.split()
+        try:
+            starts = [float(word) for word in words]
+        except ValueError:
+            starts = []
+        if len(starts) != len(views):
+            raise InputError(
+                f"scene key [search] free_azimuths_deg = {settings.free_azimuths_deg!r}",
+                f"it is to hold a number for each of the {len(views)} views, with spaces between them",
+                "Leave it out: the search then starts where the views are",
+            )
+        pairs = zip(views, starts, strict=True)
+        views = tuple(v.model_copy(update={"azimuth_deg": a}) for v, a in pairs)
+        return scene.model_copy(update={"views": views}), settings
+    starts_deg = " ".join(f"{view.azimuth_deg!r}" for view in views)
+    return scene, settings.model_copy(update={"free_azimuths_deg": starts_deg})
 
 
 def start_pose(

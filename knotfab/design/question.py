@@ -93,7 +93,11 @@ class Question:
             TargetView(v, t.mask, silhouette_polygon(v, t), lines=_strokes(v, t))
             for v, t in zip(views, targets, strict=True)
         )
-        return replace(self, problem=replace(self.problem, views=seen))
+        bounds = self.bounds
+        if bounds:
+            masks = [t.mask for t in targets]
+            bounds = hull_bounds(cameras_of(views, targets), masks, reach_of(views))
+        return replace(self, problem=replace(self.problem, views=seen), bounds=bounds)
 
 
 def ask(scene: Scene, targets: Sequence[Target], progress: Progress | None = None) -> Question:

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from knotfab.render.outline_image import OutlineImage
     from knotfab.render.tensors import DeviceImage
 
-__all__ = ["CUTOFF", "ViewImage", "grid_at", "image_at"]
+__all__ = ["CUTOFF", "ViewImage", "frame_at", "grid_at", "image_at"]
 
 CUTOFF = 5.0  # of a search: sigmoid(-5) = 0.7 %, what is further out pulls on nothing
+_KINDS: dict[Precision, type[np.floating[Any]]] = {"single": np.float32, "double": np.float64}
 _HARD = 10.0  # per px: a sharpness at which half a pixel beside an outline nothing is left
 
 
@@ -133,17 +134,23 @@ def _picture_at(
     pixel = view.longer_mm / pixels
     margin = max(6, pixels // 16)
     width, height = (max(1, round(side / pixel)) + 2 * margin for side in (width_mm, height_mm))
-    exact = view.model_copy(
-        update={"frame_width_mm": width * pixel, "frame_height_mm": height * pixel}
-    )
-    kind = np.float32 if precision == "single" else np.float64
-    frame = frame_of(camera_of(exact, width, height), kind)
+    frame = frame_at(view, Sheet(width, height, pixel), precision)
     rows, columns = mask.shape
     # the grown frame in the mask's own pixels
     wide, high = width * pixel / width_mm * columns, height * pixel / height_mm * rows
     left, top = 0.5 * (columns - wide), 0.5 * (rows - high)
     coverage = resample_mask(mask, width, height, (left, top, left + wide, top + high))
-    return frame, coverage.astype(kind), pixel
+    return frame, coverage.astype(_KINDS[precision]), pixel
+
+
+def frame_at(view: ResolvedView, sheet: Sheet, precision: Precision = "single") -> Frame:
+    """The frame in which a view sees a sheet's raster, whose middle is that of the view's frame."""
+    sides = {
+        "frame_width_mm": sheet.width * sheet.pixel_mm,
+        "frame_height_mm": sheet.height * sheet.pixel_mm,
+    }
+    exact = view.model_copy(update=sides)
+    return frame_of(camera_of(exact, sheet.width, sheet.height), _KINDS[precision])
 
 
 def grid_at(

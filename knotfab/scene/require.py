@@ -78,12 +78,6 @@ def require_several(scene: Scene) -> None:
             "picture of another",
             'Leave it out, or write "auto"; [region] size_mm bounds the piece',
         )
-    if scene.search.get("free_view", False):
-        raise InputError(
-            "a free view (--free view)",
-            "the pictures of several views fix each other's places: what one may turn, another sees",
-            "Leave it out, or give one picture",
-        )
     require_mount(scene)
 
 

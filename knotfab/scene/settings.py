@@ -58,9 +58,11 @@ class SearchSettings(BaseModel):
     mesh_sides: int = Field(20, ge=8)
     outline_px: float = Field(0.5, gt=0)  # the outline's limit, where the scene leaves it open
     iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
-    free_view: bool = False  # pose, distances and tube radius of the one view are unknowns too
+    # pose, distances and tube radius of the one view are unknowns too, or the azimuths of several
+    free_view: bool = False
     free_light_mm: float = Field(0.0, ge=0)  # where they start; 0: as the scene's view has it
     free_wall_mm: float = Field(0.0, ge=0)
+    free_azimuths_deg: str = ""  # of several views, with spaces between; "": as the scene has them
     free_radius_mm: float = Field(0.0, ge=0)  # 0: a radius that the scene gives stays
 
     @property

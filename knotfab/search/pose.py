@@ -222,11 +222,10 @@ class FreePose:
         turn = turn_matrix(self.turn_deg.detach()).cpu().numpy()
         objective.look_from(frame, problem.limits(self.radius_mm), turn)
 
-    def settle(self, problem: Problem) -> tuple[Problem, ViewNumbers]:
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
         """The problem with its view here, its lengths rounded as a scene file would have them.
 
-        The knots are to be turned into the view's axes (`points @ numbers.turn`): a scene with one view
-        looks along z.
+        The points (N, 3) are turned into the view's axes: a scene with one view looks along z.
         """
         n = self.numbers()
         numbers = ViewNumbers(
@@ -243,4 +242,4 @@ class FreePose:
         }
         one = problem.views[0]
         view = replace(one, view=one.view.model_copy(update=lengths))
-        return replace(problem, views=(view,)), numbers
+        return replace(problem, views=(view,)), points @ numbers.turn, numbers

@@ -21,6 +21,7 @@ from knotfab.search.repair import repair
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
 
 if TYPE_CHECKING:
+    from knotfab.search.directions import FreeDirections
     from knotfab.search.pose import FreePose
 
 __all__ = ["search"]
@@ -38,7 +39,7 @@ def search(
     settings: SearchSettings,
     *,
     terms: tuple[Term, ...] = (),
-    pose: FreePose | None = None,
+    pose: FreePose | FreeDirections | None = None,
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,
@@ -55,8 +56,8 @@ def search(
     Args:
         radius: of the tube, mm.
         terms: further parts of the objective; those that are hard limits are repaired as limits are.
-        pose: of the one view, where that is an unknown: found along in all phases but the last, after which
-            the knots are turned into the axes of the view found.
+        pose: of the one view, or directions of several, where these are unknowns: found along in all phases
+            but the last, before which the knots are turned into the axes of the one view found.
         pace: settles the iterations of each phase by the clock; None: those that the settings say.
         log: of the certified steps that led to the start, to be continued.
         plan: instead of the one that follows from the settings and the number of views.
@@ -144,9 +145,9 @@ def _settle_pose(state: SearchState) -> None:
     """End the search for the pose: from here on the knots stand in the axes of the view found."""
     if state.pose is None:
         return
-    state.problem, state.numbers = state.pose.settle(state.problem)
-    state.radius = state.numbers.radius_mm
-    state.points = state.points @ state.numbers.turn
+    state.problem, state.points, state.numbers = state.pose.settle(state.problem, state.points)
+    if state.numbers is not None:
+        state.radius = state.numbers.radius_mm
     state.pose = None
 
 

@@ -30,6 +30,7 @@ from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 
 if TYPE_CHECKING:
+    from knotfab.search.directions import FreeDirections
     from knotfab.search.pose import FreePose
 
 __all__ = ["SearchState", "begin", "resample_state", "run_phase"]
@@ -42,7 +43,7 @@ _BALANCED_EVERY = 20  # iterations between looks at what each view falls short o
 class SearchState:
     """Vertices `points` (N, 3), mm, of the polylines `rings`, and all that the search goes by.
 
-    `pose` is the one view's pose while that is an unknown.
+    `pose` is the one view's pose, or the directions of several views, while these are unknowns.
     """
 
     problem: Problem
@@ -54,7 +55,7 @@ class SearchState:
     effects: dict[str, Decision]
     guards: dict[str, Guard]
     terms: tuple[Term, ...] = ()
-    pose: FreePose | None = None
+    pose: FreePose | FreeDirections | None = None
     keep_vertices: bool = False
     device: str = "cpu"
     balance: Balance | None = None
@@ -144,7 +145,7 @@ def begin(
     radius: float,
     settings: SearchSettings,
     terms: tuple[Term, ...] = (),
-    pose: FreePose | None = None,
+    pose: FreePose | FreeDirections | None = None,
     keep_vertices: bool = False,
     log: CertificateLog | None = None,
     device: str = "cpu",

@@ -203,7 +203,6 @@ def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: flo
     [
         (Scene(piece=Piece(depth="flat")), "piece.depth"),
         (Scene(mount=Mount(kind="wall")), "stand in the picture of the other"),
-        (Scene(search={"free_view": True}), "free view"),
     ],
 )
 def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: str) -> None:

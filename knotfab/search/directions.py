@@ -1,0 +1,103 @@
+"""The directions of several views as unknowns: their azimuths are found along with the knots.
+
+Neural Shadow Art (Wang and Deng 2024) turns lights and screens along with its volume by back-propagation. A
+view that turns about the vertical sees what it would see of knots that turn the other way, so the slope of
+its picture in its azimuth is a torque of the slopes in the vertices, which the flow needs in any case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from knotfab.arrays import Array
+from knotfab.geometry.neighbours import Neighbours
+from knotfab.problem import Problem, TargetView, ViewNumbers
+from knotfab.render.picture import frame_at
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.objective import Objective
+
+__all__ = ["FreeDirections"]
+
+MOST_TURN_DEG = 12.0  # to each side of where a view starts
+NEAREST = 0.7  # of the least angle between two lines of sight at the start: they come no nearer
+_EVERY = 4  # iterations of the flow to a step of the directions
+_RATE_DEG, _LAST = 0.5, 0.05  # a step at the start, and the share of that at the end
+_KEPT, _SQUARES = 0.8, 0.95  # of the means of slopes and of their squares, as Adam keeps them
+
+
+class FreeDirections:
+    """Azimuths of all views but the first, in degrees, moved by Adam against their pictures' errors."""
+
+    def __init__(
+        self, views: Sequence[TargetView], radius: float, settings: SearchSettings
+    ) -> None:
+        self.radius_mm = radius
+        self.first_deg = np.array([v.view.azimuth_deg for v in views])
+        self.azimuth_deg = self.first_deg.copy()
+        self._settings, self._asked = settings, 0
+        self._mean, self._square, self._steps = np.zeros(len(views)), np.zeros(len(views)), 0
+        self._apart = NEAREST * _least_apart(self.first_deg)
+
+    def keep(self, points: Array) -> None:
+        """Do nothing: directions keep their bounds whatever the points are."""
+
+    def show(self, objective: Objective, problem: Problem) -> None:
+        """Let the objective see its views from the present directions."""
+        objective.images = tuple(
+            image.from_frame(frame_at(view.view, image.sheet, self._settings.precision))
+            for image, view in zip(objective.images, self._views(problem), strict=True)
+        )
+
+    def descend(
+        self,
+        objective: Objective,
+        problem: Problem,
+        points: Array,
+        near: Neighbours,
+        progress: float,
+    ) -> None:
+        """Turn the views one step against the objective at vertices (N, 3), every few calls."""
+        self._asked += 1
+        if self._asked % _EVERY:
+            return
+        slopes = np.zeros(len(self.azimuth_deg))
+        for number in range(1, len(slopes)):
+            slopes[number] = self.slope(objective, number, points, progress)
+        self._steps += 1
+        self._mean += (1 - _KEPT) * (slopes - self._mean)
+        self._square += (1 - _SQUARES) * (slopes**2 - self._square)
+        mean = self._mean / (1 - _KEPT**self._steps)
+        size = np.sqrt(self._square / (1 - _SQUARES**self._steps)) + 1e-12
+        moved = self.azimuth_deg - _RATE_DEG * _LAST**progress * mean / size
+        moved = np.clip(moved, self.first_deg - MOST_TURN_DEG, self.first_deg + MOST_TURN_DEG)
+        if _least_apart(moved) >= self._apart:
+            self.azimuth_deg = moved
+            self.show(objective, problem)
+
+    def slope(self, objective: Objective, number: int, points: Array, progress: float) -> float:
+        """The slope of a view's image term in its azimuth, per degree."""
+        tau = objective.tau_px(number, progress)
+        pull = objective.image_term(number, points, tau)[1]
+        # turned by a positive angle about y, a point moves by (z, 0, -x); the view's own turn undoes that
+        torque = float((pull[:, 2] * points[:, 0] - pull[:, 0] * points[:, 2]).sum())
+        return float(np.radians(torque))
+
+    def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers | None]:
+        """The problem with its views in the directions found, rounded as a scene file would have them."""
+        self.azimuth_deg = np.round(self.azimuth_deg, 3)
+        return replace(problem, views=self._views(problem)), points, None
+
+    def _views(self, problem: Problem) -> tuple[TargetView, ...]:
+        return tuple(
+            replace(v, view=v.view.model_copy(update={"azimuth_deg": float(a)}))
+            for v, a in zip(problem.views, self.azimuth_deg, strict=True)
+        )
+
+
+def _least_apart(azimuths_deg: Array) -> float:
+    """The least angle between two lines of sight, degrees."""
+    order = np.sort(azimuths_deg % 180.0)
+    return float(np.diff(np.append(order, order[0] + 180.0)).min())

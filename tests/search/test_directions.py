@@ -1,0 +1,86 @@
+"""Directions of several views as unknowns: their slopes, their bounds, and that they are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rings import ring
+from shapely import MultiPolygon, box
+
+from knotfab.geometry.polylines import polylines_of
+from knotfab.problem import Problem, TargetView
+from knotfab.scene.model import ResolvedRegion, ResolvedView
+from knotfab.scene.settings import SearchSettings
+from knotfab.search.directions import MOST_TURN_DEG, FreeDirections, _least_apart
+from knotfab.search.objective import Objective, Weights
+
+RADIUS, PIXELS = 4.0, 128
+SETTINGS = SearchSettings(precision="double")
+POINTS = np.vstack([ring(40.0, n=160, wave=20.0) * [0.6, 1.0, 1.0] + [9.0, 0.0, 5.0]])
+
+RINGS = polylines_of([POINTS])
+
+
+def views(*azimuths: float) -> tuple[TargetView, ...]:
+    found = []
+    for n, azimuth in enumerate(azimuths):
+        view = ResolvedView(
+            name=f"v{n}", azimuth_deg=azimuth, frame_width_mm=160.0, frame_height_mm=160.0
+        )
+        mask = np.zeros((96, 96), dtype=bool)
+        mask[20:80, 30:60] = True
+        found.append(TargetView(view, mask, MultiPolygon([box(-20, -30, 20, 30)])))
+    return tuple(found)
+
+
+def question(seen: tuple[TargetView, ...]) -> tuple[Problem, Objective]:
+    problem = Problem(seen, 0.4, None, 1e6, ResolvedRegion(size_mm=(200.0, 200.0, 200.0)))
+    images = tuple(v.image_at(RADIUS, PIXELS) for v in seen)
+    double = tuple(replace(i, target=i.target.astype(np.float64)) for i in images)
+    objective = Objective(double, RINGS, problem.limits(RADIUS), {}, Weights(), (3.0, 3.0))
+    return problem, objective
+
+
+def test_the_slope_is_that_of_finite_differences() -> None:
+    problem, objective = question(views(0.0, 70.0))
+    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    step, found = 1e-3, []
+    for way in (1.0, -1.0):
+        directions.azimuth_deg = np.array([0.0, 70.0 + way * step])
+        directions.show(objective, problem)
+        found.append(objective.image_term(1, POINTS, objective.tau_px(1, 0.0))[0])
+    directions.azimuth_deg = directions.first_deg
+    directions.show(objective, problem)
+    slope = directions.slope(objective, 1, POINTS, 0.0)
+    assert slope == pytest.approx((found[0] - found[1]) / (2 * step), rel=2e-3)
+
+
+def test_a_view_turns_to_where_the_knots_draw_its_picture() -> None:
+    seen = tuple(v.image_at(RADIUS, 96).seen(POINTS, RINGS, RADIUS) for v in views(0.0, 70.0))
+    drawn = tuple(
+        replace(v, mask=mask[6:-6, 6:-6]) for v, mask in zip(views(0.0, 70.0), seen, strict=True)
+    )
+    away = tuple(
+        replace(v, view=v.view.model_copy(update={"azimuth_deg": a}))
+        for v, a in zip(drawn, (0.0, 64.0), strict=True)
+    )
+    problem, objective = question(away)
+    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    for n in range(240):
+        directions.descend(objective, problem, POINTS, None, n / 240)  # type: ignore[arg-type]
+    settled, points, numbers = directions.settle(problem, POINTS)
+    assert points is POINTS and numbers is None
+    assert settled.views[0].view.azimuth_deg == 0.0
+    assert settled.views[1].view.azimuth_deg == pytest.approx(70.0, abs=0.5)
+
+
+def test_directions_keep_their_bounds() -> None:
+    problem, objective = question(views(0.0, 20.0, 45.0))
+    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    least = _least_apart(directions.first_deg)
+    for _ in range(80):
+        directions.descend(objective, problem, POINTS, None, 0.0)  # type: ignore[arg-type]
+    assert (np.abs(directions.azimuth_deg - directions.first_deg) <= MOST_TURN_DEG).all()
+    assert _least_apart(directions.azimuth_deg) >= 0.69 * least
