@@ -19,6 +19,7 @@ _REACH = 12  # bins: colours within 96 levels of a cluster's first are of its ki
 _LEAST_SHARE = 200  # a cluster has at least one pixel in 200
 _SHORE = 2  # px to either side of where two colours meet
 _WINDOW = 2 * _SHORE + 1
+_SEAM_PX = 6
 _SHARP = 48.0  # levels that they differ by across it
 
 
@@ -97,7 +98,10 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
     none = np.zeros(inside.shape, dtype=bool)
     if len(found.colours) == 1:
         return none, None
-    main = inside & (found.label(colours) == 0)
+    kinds = found.label(colours)
+    main = inside & (kinds == 0)
+    if len(found.colours) > 2:
+        main &= ~_seams(main, inside, kinds)
     parts, areas = pieces_of((holes_of(main)[0] > 0) & inside)
     if not len(areas):
         return none, found
@@ -109,6 +113,29 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
         if thick.any() and _part_sharply(colours[part], here, there):
             kept[part] |= here
     return kept, found
+
+
+def _seams(main: Mask, inside: Mask, kinds: NDArray[np.uint8]) -> Mask:
+    """Pixels of the largest colour by accident alone: where two others meet, their mixture is like it.
+
+    A seam is nowhere 3 px thick, lies alone or has 6 px, and no other colour makes up more than four fifths
+    of the pixels beside it.
+    """
+    from scipy import ndimage
+
+    block = np.ones((3, 3))
+    solid = ndimage.binary_opening(main, block)
+    parts, areas = pieces_of(main & ~solid)
+    touching = np.zeros(len(areas) + 1, dtype=bool)
+    touching[parts[ndimage.binary_dilation(solid, block)]] = True
+    seam = np.concatenate([[False], areas > 0])
+    for number, box in enumerate(ndimage.find_objects(parts), start=1):
+        near = tuple(slice(max(0, s.start - 1), s.stop + 1) for s in box)
+        beside = ndimage.binary_dilation(parts[near] == number, block) & inside[near] & ~main[near]
+        counts = np.bincount(kinds[near][beside])
+        long = not touching[number] or areas[number - 1] >= _SEAM_PX
+        seam[number] = long and counts.max(initial=0) * 5 <= 4 * counts.sum() and counts.sum() > 0
+    return np.asarray(seam[parts])
 
 
 def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:

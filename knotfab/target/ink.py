@@ -17,7 +17,7 @@ from knotfab.scene.model import Reading
 from knotfab.target.colours import cluster_colours, enclosed_parts
 from knotfab.target.masks import holes_of
 
-__all__ = ["find_ink"]
+__all__ = ["find_ink", "name_colour", "split_channels", "take_border", "takes_alpha"]
 
 Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
 
@@ -25,6 +25,8 @@ _ROWS = 512  # rows handled at once where colours are compared, to bound the mem
 _LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
 # of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
 _NOISE = 8.0
+_JOINTS = 0.05  # of hairlines' pixels, at most, lie where they meet
+_STRAY = 0.01  # of the pixels, at most, are clear by accident
 _PLAINLY = 64.0  # of 255 levels, by which ink is plainly darker or lighter than what it lies on
 # below so many degrees
 _HUES: tuple[tuple[int, str], ...] = (
@@ -43,25 +45,21 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     Raises:
         InputError: the picture is transparent everywhere, or all one colour.
     """
-    colours, alpha = _split_channels(image)
+    colours, alpha = split_channels(image)
     least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
     clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least
-    if clear is not None and clear.all():
-        raise InputError(
-            what,
-            "it is transparent everywhere, so there is no shape in it",
-            "Use a picture with opaque pixels where the shape is.",
-        )
+    if alpha is not None and clear is not None and clear.all():
+        raise _faint(alpha, what)
     share = f"{reading.threshold:g} of the largest difference"
-    if reading.ink in ("auto", "alpha") and clear is not None:
+    if clear is not None and (reading.ink == "alpha" or takes_alpha(colours, alpha, reading)):
         return _take_opaque(colours, ~clear, reading)
     if reading.ink == "alpha":
         raise InputError(
             what, "--ink alpha needs transparency, and it has none", "Leave --ink out."
         )
     if reading.ink == "auto":
-        middle = np.median(_take_border(colours), axis=0)
-        mask = _differ(colours, middle, reading.threshold, what)
+        middle = np.median(take_border(colours), axis=0)
+        mask = _differ(colours, middle, reading.threshold, what, clear)
         rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
         rule += f"{_name(middle, colours)}, by more than {share}]"
         return mask, rule + _tell_colours(colours, mask)
@@ -90,7 +88,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     return near & opaque, f"what is {called} {exact}"
 
 
-def _split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
+def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
     """Colours (H, W) or (H, W, 3), and alpha (H, W), None without any."""
     key = image.info.get("transparency")
     if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
@@ -107,6 +105,38 @@ def _split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | Non
     return np.asarray(image if image.mode == "RGB" else image.convert("RGB")), None
 
 
+def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Reading) -> bool:
+    """Whether transparency says what ink is, where nobody does: it is more than stray pixels.
+
+    A hundredth of the picture that is clear is the fault of an export, unless nothing else tells a shape.
+    """
+    if alpha is None or reading.ink != "auto":
+        return False
+    clear = alpha < 255 * reading.threshold
+    share = clear.mean()
+    if share > _STRAY or not share:
+        return bool(share)
+    seen = colours[~clear]
+    return bool((seen.max(axis=0).astype(np.int64) - seen.min(axis=0)).max() <= _NOISE)
+
+
+def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
+    """Why nothing of a picture is opaque, and what would do."""
+    from scipy import ndimage
+
+    peak = int(alpha.max()) / 255
+    half = max(0.01, np.floor(50 * peak) / 100)
+    if not peak:
+        why = "it is transparent everywhere, so there is no shape in it"
+        return InputError(what, why, "Use a picture with opaque pixels where the shape is.")
+    drawn = alpha > 0
+    if ndimage.binary_erosion(drawn, np.ones((3, 3))).sum() < _JOINTS * drawn.sum():
+        why = f"its lines are thinner than a pixel: its most opaque pixel has alpha {peak:.2g}"
+        return InputError(what, why, "Draw wider lines (of a wider stroke in an SVG).")
+    why = f"it is faint: its most opaque pixel has alpha {peak:.2g}"
+    return InputError(what, why, f"Add --threshold {half:g}, or make the drawing opaque.")
+
+
 def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
     """What is opaque, less enclosed parts of another colour than the largest."""
     rule = f"what is opaque [alpha at least {reading.threshold:g}]"
@@ -115,7 +145,7 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask,
     holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
     if clusters is not None and holes.any():
         rule += ", without the parts of other colours inside it "
-        rule += f"[that {_hex(clusters.colours[0])}, the largest colour, encloses]"
+        rule += f"[that {name_colour(clusters.colours[0])}, the largest colour, encloses]"
     mask = opaque & ~holes
     return mask, rule + _tell_colours(colours, mask)
 
@@ -138,13 +168,13 @@ def _tell_colours(colours: Levels, mask: Mask) -> str:
     if len(told) < 2:
         return ""
     words = [
-        f"{_word_of(found.colours[k])} {_hex(found.colours[k])} ({found.shares[k]:.0%})"
+        f"{_word_of(found.colours[k])} {name_colour(found.colours[k])} ({found.shares[k]:.0%})"
         for k in told[:4]
     ]
     return f"; of several colours, {', '.join(words)}: --ink COLOUR takes one of them alone"
 
 
-def _take_border(colours: Levels) -> Levels:
+def take_border(colours: Levels) -> Levels:
     """(n, channels) the outermost pixels, each once."""
     rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
     channels = 1 if colours.ndim == 2 else colours.shape[2]
@@ -175,9 +205,13 @@ def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
     return _by_rows(colours, measure)
 
 
-def _differ(colours: Levels, middle: Array, threshold: float, what: str) -> Mask:
-    """Pixels that differ from a colour by more than a share of the largest difference."""
+def _differ(
+    colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
+) -> Mask:
+    """Pixels that differ from a colour by more than a share of the largest difference; clear ones do not."""
     squared = _squares(colours, middle)
+    if clear is not None:
+        squared[clear] = 0
     largest = float(squared.max())
     if largest == 0.0:
         raise _one_colour(what)
@@ -196,7 +230,7 @@ def _flood(colours: Levels, threshold: float, what: str) -> Mask:
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
-    kinds = cluster_colours(_take_border(rgb).astype(np.uint8, copy=False)).colours
+    kinds = cluster_colours(take_border(rgb).astype(np.uint8, copy=False)).colours
     away = np.stack([_squares(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
     if away.max() == 0:
         raise _one_colour(what)
@@ -234,7 +268,8 @@ def _one_colour(what: str) -> InputError:
     )
 
 
-def _hex(colour: Array | NDArray[np.uint8]) -> str:
+def name_colour(colour: Array | NDArray[np.uint8]) -> str:
+    """A colour as #rrggbb."""
     return "#" + "".join(f"{int(c):02x}" for c in colour)
 
 
@@ -261,4 +296,4 @@ def _name(middle: Array, colours: Levels) -> str:
     """A border's colour as a person writes it."""
     if colours.dtype != np.uint8:
         return f"grey {middle[0]:g}"
-    return _hex(np.repeat(middle, 3) if len(middle) == 1 else middle)
+    return name_colour(np.repeat(middle, 3) if len(middle) == 1 else middle)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
+from functools import cache
 
 import numpy as np
 from PIL import Image, ImageOps
@@ -15,6 +17,7 @@ from knotfab.target.ink import find_ink
 from knotfab.target.masks import drop_specks, keep_largest, pieces_of
 
 __all__ = [
+    "KEPT",
     "LARGEST_SIDE",
     "MARGIN",
     "SMALLEST_SIDE",
@@ -27,6 +30,8 @@ __all__ = [
     "shrink",
     "shrink_factor",
     "silhouette",
+    "take_frame",
+    "to_plain",
 ]
 
 SMALLEST_SIDE = 16
@@ -43,15 +48,71 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "WEBP": (".webp",),
     "BMP": (".bmp", ".dib"),
     "GIF": (".gif",),
+    "AVIF": (".avif", ".avifs"),
+    "HEIF": (".heic", ".heif", ".hif"),
+    "TIFF": (".tif", ".tiff"),
+    "ICO": (".ico",),
+    "JPEG2000": (".jp2", ".j2k"),
+    "PPM": (".ppm", ".pgm", ".pbm", ".pnm"),
 }
-_FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF")
-_READABLE = "PNG, JPEG, WebP, BMP, GIF or SVG"
-_BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"BM")
+KEPT = ("PNG", "JPEG", "MPO", "WEBP", "BMP", "GIF")  # a build keeps the others as PNG
+_FORMATS = tuple(kind for kind in SUFFIXES if kind != "MPO")
+_READABLE = "PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG"
+_BEGINNINGS = (
+    b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"BM", b"II*\0", b"MM\0*",
+    b"\0\0\1\0", b"\0\0\0\x0cjP", b"\xff\x4f\xff\x51", *(b"P%d" % n for n in range(1, 8)),
+)  # fmt: skip
+_EXPORT = "Open it in the program that made it, and export it as PNG or SVG."
+# what people take for pictures: the first bytes, what it is, what to do
+_OTHERS: tuple[tuple[bytes, str, str], ...] = (
+    (rb"%PDF", "a PDF", "Export its page as SVG or PNG, by Inkscape or by pdftoppm -png."),
+    (rb"%!PS|\xc5\xd0\xd3\xc6", "PostScript (EPS)", "Export it as SVG or PNG, by Inkscape."),
+    (rb"8BPS", "a Photoshop file", _EXPORT),
+    (rb"gimp xcf", "a GIMP file", _EXPORT),
+    (rb"\xff\x0a|\0\0\0\x0cJXL ", "a JPEG XL picture", "Save it as PNG."),
+    (rb"PK\x03\x04", "a ZIP archive, as documents are (docx, odg, kra)", _EXPORT),
+    (rb"\s*(?i:<!doctype html|<html)", "a web page", "Save the picture itself, not the page it is on."),
+    (rb"\s*0\s+SECTION|AC10", "a CAD drawing (DXF, DWG)", "Export it as SVG."),
+    (rb"....ftyp(?:avif|avis)", "an AVIF picture", "Save it as PNG, or install a newer Pillow."),
+    (rb"....ftyp(?:hei|hev|mif1|msf1)", "a HEIC photo, as iPhones take them",
+     "Save it as JPEG or PNG, or pip install pillow-heif."),
+    (rb"....ftyp|\x1aE\xdf\xa3|RIFF....AVI ", "a film",
+     "Export its frames as PNG (ffmpeg -i FILM frame-%d.png), and draw them with --sequence."),
+)  # fmt: skip
 
 
 def looks_like_raster(data: bytes) -> bool:
     """Whether the first bytes are those of a pixel format that can be read."""
-    return data.startswith(_BEGINNINGS) or (data[:4] == b"RIFF" and data[8:12] == b"WEBP")
+    return data.startswith(_BEGINNINGS) or data[8:12] == b"WEBP" or data[4:8] == b"ftyp"
+
+
+@cache
+def _read_heif() -> bool:
+    """Whether photos of iPhones can be read: by pillow-heif, which comes along where it has a wheel."""
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError:
+        return False
+    register_heif_opener()
+    return True
+
+
+def _unreadable(data: bytes, what: str) -> InputError:
+    """Why a file is no picture that can be read: what it is, where its first bytes tell."""
+    for beginning, name, remedy in _OTHERS:
+        if re.match(beginning, data, re.S):
+            return InputError(what, f"it is {name}, which cannot be read", remedy)
+    return InputError(
+        what,
+        f"it is not a picture that can be read (a damaged file, or not {_READABLE})",
+        f"Save or export the picture as {_READABLE} and try again.",
+    )
+
+
+def _formats() -> tuple[str, ...]:
+    """Those of `_FORMATS` that this machine's Pillow reads."""
+    Image.init()
+    return tuple(kind for kind in _FORMATS if kind in Image.OPEN)
 
 
 def _check_size(
@@ -92,7 +153,9 @@ def decode(
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
         warnings.simplefilter("ignore")
         try:
-            image = Image.open(io.BytesIO(data), formats=_FORMATS)
+            if data[4:8] == b"ftyp":
+                _read_heif()
+            image = Image.open(io.BytesIO(data), formats=_formats())
         except Image.DecompressionBombError as error:
             raise InputError(
                 what,
@@ -100,11 +163,7 @@ def decode(
                 f"Scale it down to at most {largest} pixels on the longer side.",
             ) from error
         except Exception as error:  # Pillow's plug-ins raise many kinds on damaged headers
-            raise InputError(
-                what,
-                f"it is not a picture that can be read (a damaged file, or not {_READABLE})",
-                f"Save or export the picture as {_READABLE} and try again.",
-            ) from error
+            raise _unreadable(data, what) from error
         _check_size(what, *image.size, smallest, largest)
         kind = str(image.format)
         try:
@@ -134,8 +193,33 @@ def shrink(image: Image.Image, factor: int) -> Image.Image:
 
 def count_frames(data: bytes) -> int:
     """Frames of a pixel picture that `decode` can read; 1 where it does not move."""
-    with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
+    with Image.open(io.BytesIO(data), formats=_formats()) as image:
         return int(getattr(image, "n_frames", 1))
+
+
+def take_frame(data: bytes, number: int) -> Image.Image:
+    """A frame of a moving picture, counted from 0.
+
+    Raises:
+        EOFError, OSError, ValueError: there is none, or it is damaged.
+    """
+    with Image.open(io.BytesIO(data), formats=_formats()) as image:
+        image.seek(number)
+        return image.convert("RGBA")
+
+
+def to_plain(image: Image.Image) -> Image.Image:
+    """A picture in a mode that a PNG holds, nothing of the file about it."""
+    if image.mode == "F":
+        levels = np.asarray(image, dtype=np.float64)
+        low, high = np.nanmin(levels), np.nanmax(levels)
+        scaled = (np.nan_to_num(levels, nan=low) - low) * (65535 / max(high - low, 1e-300))
+        return Image.fromarray(scaled.astype(np.uint16))
+    if image.mode.startswith("I"):
+        return Image.fromarray(np.asarray(image).clip(0, 65535).astype(np.uint16))
+    if image.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA") and "icc_profile" not in image.info:
+        return image
+    return image.convert("RGBA" if image.has_transparency_data else "RGB")
 
 
 def silhouette(

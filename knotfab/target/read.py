@@ -21,6 +21,7 @@ from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, text
 from knotfab.target.bending import Bending
 from knotfab.target.data_uri import encode_image
+from knotfab.target.guess import guess_reading
 from knotfab.target.masks import pieces_of, smooth
 from knotfab.target.svg.render import render_svg
 from knotfab.target.svg.xml import looks_like_svg
@@ -43,7 +44,7 @@ _DRAWN = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
-_MOVING = ("GIF", "WEBP", "PNG")  # formats that may hold an animation
+_MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
 
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with what goes around it
@@ -65,7 +66,7 @@ class Target:
     Of a picture for a round wall the masks are as a flat one has them, once
     `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
-    `notes` say, a sentence each, what of the file is left out or guessed.
+    `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
     """
 
@@ -86,6 +87,7 @@ class Target:
     bending: Bending | None = None
     is_text: bool = False  # written out, which nobody reads in a mirror
     notes: tuple[str, ...] = ()
+    ink: str | None = None
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -190,8 +192,8 @@ def read_target(
     """Read a picture and take its silhouette.
 
     Args:
-        source: path of a PNG, JPEG, WebP, BMP, GIF (first frame) or SVG file, told apart by
-            content; or `text:` and characters to draw.
+        source: path of a PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG file, told apart by
+            content (one that moves gives its first frame with a shape); or `text:` and characters to draw.
         reading: how it becomes a silhouette; a view of a scene is one.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
@@ -210,13 +212,18 @@ def read_target(
     path = at_home(source)
     if base is not None:
         path = base / path
+    if re.match(r"(?i:https?|ftp):/", str(source)):
+        raise InputError(
+            what, "it is an address on the web", "Download the picture, and name the file."
+        )
     missing = _MISSING if base is None else "Lay it beside the scene that names it."
     data = read_bytes(path, what, missing=missing)
     suffix = path.suffix.lower()
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
         png, notes = render_svg(data, what)
-        return replace(_take_target(png, what, name, "", reading, glance), notes=notes)
+        target = _take_target(png, what, name, "", reading, glance)
+        return replace(target, notes=notes + target.notes)
     return _take_target(data, what, name, suffix, reading, glance)
 
 
@@ -253,11 +260,21 @@ def _take_target(
     data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool
 ) -> Target:
     image, kind = raster.decode(data, what)
-    shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
-    if shrunk > 1:
-        image = raster.shrink(image, shrunk)
-    mask, rule, box = raster.silhouette(image, what, reading, shrunk)
     frames = raster.count_frames(data) if kind in _MOVING else 1
+    if kind not in raster.KEPT:
+        data, kind = encode_image(raster.to_plain(image)), "PNG"
+        image, kind = raster.decode(data, what)
+    asked = reading
+    try:
+        reading, notes = guess_reading(image, reading, what)
+        shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
+        if shrunk > 1:
+            image = raster.shrink(image, shrunk)
+        mask, rule, box = raster.silhouette(image, what, reading, shrunk)
+    except InputError:
+        if frames == 1:
+            raise
+        return _first_drawn(data, what, name, asked, glance, frames)
     if frames > 1:
         rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
@@ -268,4 +285,39 @@ def _take_target(
     height, width = mask.shape
     usual = raster.SUFFIXES[kind]
     kept = suffix if suffix in usual else usual[0]
-    return Target(name, mask, data, width, height, kept, rule, box, original, shrunk=shrunk)
+    ink = reading.ink if reading.ink != asked.ink else None
+    return Target(
+        name,
+        mask,
+        data,
+        width,
+        height,
+        kept,
+        rule,
+        box,
+        original,
+        shrunk=shrunk,
+        notes=notes,
+        ink=ink,
+    )
+
+
+def _first_drawn(
+    data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int
+) -> Target:
+    """The first frame of a moving picture that holds a shape, where its very first holds none."""
+    refused = None
+    for number in range(frames):
+        try:
+            frame = encode_image(raster.take_frame(data, number))
+            found = _take_target(frame, what, name, "", reading, glance)
+        except InputError as error:
+            refused = refused or error
+        except (EOFError, OSError, ValueError):
+            break
+        else:
+            rule = f"frame {number + 1} of its {frames}, the first with a shape: {found.rule}"
+            return replace(found, rule=rule)
+    raise refused or InputError(
+        what, "its frames cannot be read", "Export the animation again, as GIF or PNG."
+    )

@@ -49,7 +49,8 @@ def read(folder: Path, image: Image.Image, **keys: Any) -> Target:
     image.save(folder / "picture.png")
     target = read_target(folder / "picture.png", Reading(**keys))
     keys.pop("smooth_px", None)
-    other = ValidatorsReading(**{**keys, "crop_px": target.crop_px})
+    guessed = {} if target.ink is None else {"ink": target.ink}
+    other = ValidatorsReading(**{**keys, **guessed, "crop_px": target.crop_px})
     np.testing.assert_array_equal(read_silhouette(folder / "picture.png", other), target.asked)
     return target
 
@@ -260,3 +261,88 @@ def test_what_is_opaque_and_of_several_colours_is_said_to_be(tmp_path: Path) -> 
     Image.fromarray(face.astype(np.uint8)).save(tmp_path / "face.png")
     rule = read_target(tmp_path / "face.png").rule
     assert "--ink COLOUR takes one of them alone" in rule
+
+
+STRAY = {"a pixel": (slice(0, 1), slice(0, 1)), "a row": (slice(-1, None), slice(None))}
+
+
+@pytest.mark.parametrize("alpha", [254, 128, 0])
+@pytest.mark.parametrize("place", STRAY)
+def test_a_few_clear_pixels_are_no_background(tmp_path: Path, place: str, alpha: int) -> None:
+    image = painted((*WHITE, 255), (TICK, BLACK))
+    pixels = np.array(image)
+    pixels[*STRAY[place], 3] = alpha
+    if not alpha:
+        pixels[*STRAY[place], :3] = 0
+    target = read(tmp_path, Image.fromarray(pixels))
+    np.testing.assert_array_equal(target.mask, TICK)
+
+
+def test_a_veil_over_all_is_no_background_but_a_hole_in_one_colour_is_one(tmp_path: Path) -> None:
+    veiled = painted((*WHITE, 255), (TICK, BLACK))
+    veiled.putalpha(200)
+    np.testing.assert_array_equal(read(tmp_path, veiled).mask, TICK)
+    plate = np.full((SIDE, SIDE, 4), 255, dtype=np.uint8)
+    plate[50:60, 50:60, 3] = 0  # 0.7 % of it
+    assert read(tmp_path, Image.fromarray(plate)).mask.sum() == SIDE**2 - 100
+
+
+@pytest.mark.parametrize("thick", [1, 2])
+def test_a_thin_frame_is_cropped_off_and_told(tmp_path: Path, thick: int) -> None:
+    image = painted(WHITE, (TICK, BLACK))
+    ImageDraw.Draw(image).rectangle((0, 0, SIDE - 1, SIDE - 1), outline=(40, 40, 200), width=thick)
+    target = read(tmp_path, image)
+    inside = slice(thick, SIDE - thick)
+    np.testing.assert_array_equal(target.mask, TICK[inside, inside])
+    assert "--crop 0,0,120,120 keeps it" in target.notes[0]
+    kept = read(tmp_path, image, crop_px=(0, 0, SIDE, SIDE))
+    assert not kept.notes and kept.mask.sum() > 0.8 * SIDE**2
+
+
+def test_what_only_looks_like_a_frame_stays(tmp_path: Path) -> None:
+    image = painted(WHITE)
+    ImageDraw.Draw(image).rectangle((0, 0, SIDE - 1, SIDE - 1), outline=BLACK, width=2)
+    assert not read(tmp_path, image).notes  # the frame alone is the picture
+    wide = painted(WHITE, (TICK, BLACK))
+    ImageDraw.Draw(wide).rectangle((0, 0, SIDE - 1, SIDE - 1), outline=BLACK, width=4)
+    assert not read(tmp_path, wide).notes
+    tree = painted(WHITE, (np.indices((SIDE, SIDE))[0] > 80, BLACK))  # its ground touches the edge
+    target = read(tmp_path, tree)
+    assert not target.notes and target.mask.sum() == 39 * SIDE
+
+
+def test_between_two_colours_of_the_border_what_neither_reaches_is_drawn(tmp_path: Path) -> None:
+    lower = np.indices((SIDE, SIDE))[0] >= SIDE // 2
+    target = read(tmp_path, painted((150, 200, 255), (lower, (20, 60, 120)), (TICK, WHITE)))
+    np.testing.assert_array_equal(target.mask, TICK)
+    assert target.ink == "flood" and "--ink flood" in target.notes[0]
+
+
+@pytest.mark.parametrize("colours", [(BLACK, WHITE), (RED, WHITE), (YELLOW, (0, 80, 220))])
+def test_halves_are_refused_by_the_colours_that_they_have(tmp_path: Path, colours: Any) -> None:
+    one, other = colours
+    halves = painted(one, (np.indices((SIDE, SIDE))[1] >= SIDE // 2, other))
+    halves.save(tmp_path / "halves.png")
+    with pytest.raises(InputError, match=r"none of these is its background.*--ink") as caught:
+        read_target(tmp_path / "halves.png")
+    advised = caught.value.remedy.split('"')[1]
+    assert advised in str(caught.value) and read(tmp_path, halves, ink=advised).mask.mean() == 0.5
+
+
+def test_the_seam_of_two_colours_that_mix_to_the_largest_is_no_dust(tmp_path: Path) -> None:
+    face, mouth = (255, 204, 51), disc(60, 70, 30) & (np.indices((SIDE, SIDE))[0] > 60)
+    large = painted(CLEAR, (BADGE, face), (mouth, (102, 69, 0)))
+    teeth = mouth & (np.indices((SIDE, SIDE))[0] < 74)
+    pixels = np.array(large)
+    pixels[teeth] = (*WHITE, 255)
+    pixels[teeth & (np.indices((SIDE, SIDE))[0] == 73)] = (
+        200,
+        170,
+        90,
+        255,
+    )  # nearer to the face than to either
+    target = read(tmp_path, Image.fromarray(pixels))
+    np.testing.assert_array_equal(target.mask, BADGE & ~mouth)
+    whisker = np.array(large)
+    whisker[75, 50:70] = (*face, 255)  # a line of the face's own within one colour
+    assert read(tmp_path, Image.fromarray(whisker)).mask[75, 55]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageCms
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading, View
@@ -151,6 +151,54 @@ def test_gif_gives_its_first_frame(tmp_path: Path) -> None:
     assert found.rule.startswith("the first of its 2 frames (--sequence takes them all)")
 
 
+@pytest.mark.parametrize("blank", ["white", "clear"])
+def test_a_film_that_begins_blank_gives_its_first_frame_with_a_shape(
+    tmp_path: Path, blank: str
+) -> None:
+    empty = Image.new("RGBA", (W, H), (255, 255, 255, 0 if blank == "clear" else 255))
+    frames = [GREY.convert("RGBA"), RGB.convert("RGBA")]
+    path = save(tmp_path / "film.webp", empty, save_all=True, append_images=frames, lossless=True)
+    found = read_target(path)
+    assert (found.mask == SHAPE).all() and found.suffix == ".png"
+    assert found.rule.startswith("frame 2 of its 3, the first with a shape: ")
+    assert (again(tmp_path, found).mask == SHAPE).all()
+    path = save(tmp_path / "never.webp", empty, save_all=True, append_images=[empty.copy()])
+    with pytest.raises(InputError, match=r"one colour|transparent everywhere"):
+        read_target(path)
+
+
+@pytest.mark.parametrize("suffix", ["avif", "heic", "tif", "jp2", "ppm", "ico"])
+def test_formats_that_are_kept_as_png(tmp_path: Path, suffix: str) -> None:
+    pillow_heif = pytest.importorskip("pillow_heif")
+    pillow_heif.register_heif_opener()
+    path = save(tmp_path / f"photo.{suffix}", GREY.convert("RGB").resize((4 * W, 4 * H), 0))
+    found = read_target(path)
+    assert found.file_name == "photo.png" and found.png_bytes.startswith(b"\x89PNG")
+    assert found.mask.mean() == pytest.approx(SHAPE.mean(), rel=0.02)
+    kept = tmp_path / found.file_name
+    kept.write_bytes(found.png_bytes)
+    assert (read_silhouette(kept) == found.mask).all()
+
+
+@pytest.mark.parametrize("mode", ["CMYK", "F", "I;16", "LAB"])
+def test_scans_of_any_mode(tmp_path: Path, mode: str) -> None:
+    image = GREY.convert("RGB" if mode in ("CMYK", "LAB") else "L")
+    if mode == "LAB":
+        image = ImageCms.profileToProfile(
+            image, ImageCms.createProfile("sRGB"), ImageCms.createProfile("LAB"), outputMode="LAB"
+        )
+    elif mode == "I;16":
+        image = Image.fromarray(drawn(65535, 0, np.uint16))
+    else:
+        image = image.convert(mode)
+    assert (read_target(save(tmp_path / "scan.tiff", image)).mask == SHAPE).all()
+
+
+def test_an_address_is_not_a_file() -> None:
+    with pytest.raises(InputError, match=r"address on the web.*Download"):
+        read_target("https://example.org/cat.png")
+
+
 def test_half_contrast_is_more_than_half_of_the_largest_difference(tmp_path: Path) -> None:
     levels = np.full((20, 20), 200, dtype=np.uint8)
     levels[5, 5:10] = 100  # the largest difference is 100
@@ -240,7 +288,13 @@ BAD: dict[str, tuple[bytes, str]] = {
     "white.png": (png(Image.new("L", (64, 64), 255)), "all one colour"),
     "black.png": (png(Image.new("RGB", (64, 64), 0)), "all one colour"),
     "clear.png": (png(Image.new("RGBA", (64, 64), 0)), "transparent everywhere"),
-    "full.png": (png(Image.new("RGBA", (64, 64), (0, 0, 0, 200))), "fills the whole frame"),
+    "full.png": (png(Image.new("RGBA", (64, 64), (0, 0, 0, 200))), "all one colour"),
+    "faint.png": (png(Image.fromarray(drawn([0, 0, 0, 0], [0, 0, 0, 102]))), "alpha 0.4.*--threshold 0.2"),
+    "page.png": (b"%PDF-1.7", "it is a PDF"),
+    "film.png": (b"\0\0\0\x20ftypisom", "it is a film"),
+    "photo.png": (b"\0\0\0\x20ftypheic", "a HEIC photo, as iPhones take them"),
+    "page.jpg": (b"<!DOCTYPE html><html>", "it is a web page"),
+    "layers.png": (b"8BPS\0\1", "it is a Photoshop file"),
     "one.png": (png(Image.new("L", (1, 1), 0)), "1 x 1 pixels, less than 16"),
     "small.png": (png(GREY.resize((15, 40))), "15 x 40 pixels, less than 16"),
     "wide.png": (png(Image.new("1", (8001, 16))), "8001 x 16 pixels, more than 8000"),
@@ -250,7 +304,9 @@ BAD: dict[str, tuple[bytes, str]] = {
     "html.svg": (b"<html><body/></html>", "outermost element is <html>"),
     "zipped.svg": (b"\x1f\x8b\x08rest", "compressed SVG is damaged"),
     "nothing.svg": (SVG.format("", "").encode(), "transparent everywhere"),
-    "speck.svg": (SVG.format("", '<circle cx="5" cy="5" r="0.001"/>').encode(), "transparent"),
+    "hair.svg": (SVG.format("", '<path d="M1 1L8 9H2" fill="none" stroke="red" stroke-width=".0009"/>')
+                 .encode(), "lines are thinner than a pixel"),
+    "speck.svg": (SVG.format("", '<circle cx="5" cy="5" r="0.001"/>').encode(), "transparent|thinner"),
     "zero.svg": (SVG.format(' width="0" height="1"', "<path/>").encode(), "its size is nothing"),
 }  # fmt: skip
 

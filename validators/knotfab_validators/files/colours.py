@@ -15,6 +15,7 @@ LEVELS = 8  # of a channel in one bin: 32 bins
 ALIKE = 12  # bins between a colour and the first of its cluster, at most
 RAREST = 200  # a cluster has at least one pixel in so many
 SIDE = 256 // LEVELS
+SEAM = 6  # px of a line where two colours meet, at least
 SHARP = 48.0  # levels between two colours within 2 px of where they meet
 
 
@@ -70,7 +71,12 @@ def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
         return found
     largest = opaque.copy()
     nearest = _nearest((pixels[opaque] // LEVELS).astype(np.int64), named)
-    largest[opaque] = nearest == int(np.argmax(sizes))
+    commonest = int(np.argmax(sizes))
+    largest[opaque] = nearest == commonest
+    if len(named) > 2:
+        kinds = np.full(opaque.shape, commonest)
+        kinds[opaque] = nearest
+        largest ^= _between_others(largest, np.where(largest | ~opaque, -1, kinds))
     others = not_reached(largest) & opaque & ~largest
     parts, _ = ndimage.label(others, np.ones((3, 3)))
     core = ndimage.binary_erosion(others, np.ones((3, 3)))
@@ -85,6 +91,37 @@ def enclosed_by_largest(pixels: NDArray[np.uint8], opaque: Mask) -> Mask:
         colours = pixels[around].astype(np.float64)
         if np.linalg.norm(colours[inner].mean(axis=0) - colours[outer].mean(axis=0)) >= SHARP:
             found[around] |= here
+    return found
+
+
+def _between_others(largest: Mask, others: NDArray[Any]) -> Mask:
+    """What is of the largest colour only because two others mix to it where they meet.
+
+    It is nowhere 3 px thick, has 6 px unless it lies by itself, and no other colour makes up more than four
+    fifths of the pixels around it.
+
+    Args:
+        largest: (H, W). others: (H, W) the cluster of all other pixels, -1 where there is none.
+    """
+    from scipy import ndimage
+
+    around = np.ones((3, 3), dtype=bool)
+    thick = ndimage.binary_dilation(ndimage.binary_erosion(largest, around), around) & largest
+    reached = ndimage.binary_dilation(thick, around)
+    parts, _ = ndimage.label(largest & ~thick, around)
+    found = np.zeros_like(largest)
+    for part, (rows, columns) in enumerate(ndimage.find_objects(parts), start=1):
+        window = (
+            slice(max(0, rows.start - 1), rows.stop + 1),
+            slice(max(0, columns.start - 1), columns.stop + 1),
+        )
+        here = parts[window] == part
+        if here.sum() < SEAM and (here & reached[window]).any():
+            continue
+        beside = others[window][ndimage.binary_dilation(here, around)]
+        _, tally = np.unique(beside[beside >= 0], return_counts=True)
+        if len(tally) and tally.max() <= 0.8 * tally.sum():
+            found[window] |= here
     return found
 
 

@@ -29,6 +29,7 @@ FOUR = ndimage.generate_binary_structure(2, 1)  # joined along a side
 EIGHT = ndimage.generate_binary_structure(2, 2)  # or at a corner
 
 ROWS_AT_ONCE = 2**20  # pixels in a block of rows
+STRAY = 0.01  # of the pixels are clear by accident, at most
 CRISP = 128  # alpha from which a pixel is there at all, where alpha does not decide
 ENDS = 0.01  # of the pixels are darker than black, or lighter than white
 BRIGHTNESS = np.array([299, 587, 114])  # of red, green and blue, ITU-R BT.601
@@ -147,6 +148,9 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
         values = np.asarray(image.convert("L"))[..., None]
     else:
         values = np.asarray(image.convert("RGB"))
+    stray: Mask | None = None
+    if alpha is not None and reading.ink == "auto" and _is_stray(values, alpha, reading):
+        stray, alpha = alpha < 255 * reading.threshold, None
     if alpha is not None and reading.ink in ("auto", "alpha"):
         opaque = alpha >= 255 * reading.threshold
         if reading.ink == "alpha" or values.dtype != np.uint8 or not opaque.any():
@@ -157,7 +161,7 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
     share = reading.threshold**2
     if reading.ink in ("auto", "alpha"):
         border = _outermost(values)
-        return _far(values, [np.median(border.astype(np.float64), axis=0)], share)
+        return _far(values, [np.median(border.astype(np.float64), axis=0)], share, stray)
     if reading.ink == "flood":
         if values.dtype != np.uint8:
             values = (values >> 8).astype(np.uint8)
@@ -175,18 +179,33 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
     return np.asarray(there & ((away < share * largest) | (largest == 0)))
 
 
+def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) -> bool:
+    """Whether transparency is an accident: a hundredth of the pixels at most, and the others tell a shape."""
+    clear = alpha < 255 * reading.threshold
+    if not clear.any():
+        return True
+    if clear.sum() > STRAY * clear.size:
+        return False
+    seen = values[~clear].astype(np.int64)
+    return bool((seen.max(axis=0) - seen.min(axis=0)).max() > 8)
+
+
 def _outermost(values: NDArray[Any]) -> NDArray[Any]:
     """(n, channels) the pixels at the frame, each once."""
     return np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])
 
 
-def _far(values: NDArray[Any], colours: list[Array], share: float) -> Mask:
+def _far(
+    values: NDArray[Any], colours: list[Array], share: float, never: Mask | None = None
+) -> Mask:
     """Pixels whose squared difference from the nearest colour is more than a share of the largest."""
     rows = [
         np.min([_squares(values[block], colour) for colour in colours], axis=0)
         for block in _blocks(values)
     ]
     away = np.concatenate(rows)
+    if never is not None:
+        away[never] = 0
     return np.asarray(away > share * float(away.max()))
 
 
