@@ -119,7 +119,7 @@ def test_another_accuracy_keeps_what_no_preset_decides_and_refuses_what_is_no_se
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"mount": "ceiling"}, "'auto', 'wall', 'stand' or 'none'"),
+        ({"mount": "ceiling"}, "'auto', 'wall', 'stand', 'hang' or 'none'"),
         ({"mount": "Wall"}, "'wall'"),
         ({"free": "pose"}, "'view'"),
         ({"accuracy": "sketchy"}, "'sketch', 'draft', 'standard' or 'fine'"),
