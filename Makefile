@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -169,6 +169,10 @@ pictures: demo browser
 	$(BIN)/python -m examples.hero demo-out docs/knight.png
 	$(BIN)/python -m examples.search_film examples/knight.png docs/search.gif
 	$(BIN)/python -m examples.studio_pictures examples/knight.png docs
+
+# README's and the tutorial's commands, typed as they stand there, with their promises (about 15 min)
+typed-pages: system slicer $(DONE)
+	$(BIN)/python -m benchmarks.typed_pages
 
 clean:
 	rm -rf $(VENV) demo-out out

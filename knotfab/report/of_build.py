@@ -206,6 +206,9 @@ def add_slicing(report: Record, sliced: Sliced | NotSliced | None, printed: bool
     """Add how to open the files where they are to be `printed`, and the slicer's reading."""
     if printed:
         report["print"]["opening"] = OPENING
+    if printed and isinstance(sliced, NotSliced) and sliced.kind != "process":
+        why = f"Hours and supports are not known: {sliced.reason}. {sliced.remedy}".strip()
+        report.setdefault("notes", []).append(why)
     if sliced is not None:
         report["slicer"] = report_slicing(sliced)
         report["print"].update(print_figures(sliced))

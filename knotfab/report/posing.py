@@ -133,8 +133,9 @@ def _add_printing(report: dict[str, Any], part: Part, suffix: str, access: Acces
             knots = part.pose.knots.moved(part.pose.matrix)
             found = estimate_flatter(knots, sliced, rules)
             figures["flatter"] = [one.to_dict() for one in found]
-            notes.append(tell_flatter(figures["flatter"]))
+            if not suffix:  # of a frame it stands in the table
+                notes.append(tell_flatter(figures["flatter"]))
     if access is not None:
         figures["support_access"] = access.to_dict()
-        if access.worst is not None:
+        if access.worst is not None and not suffix:
             notes.append(access.tell())
