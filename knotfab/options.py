@@ -43,12 +43,16 @@ OUTPUT = Group.create_ordered("Output")
 
 def _read_whole(_: object, tokens: Sequence[Token]) -> int:
     """A whole number, which cyclopts by itself would round others to."""
-    value = tokens[0].value
+    value, remedy = tokens[0].value, "Give one such as 3."
     try:
-        return int(value)
+        number = int(value)
     except ValueError:
-        why, remedy = "it is no whole number", "Give one such as 3."
+        digits = value.strip().lstrip("+-").isdecimal()  # more of them than Python reads
+        why = "it is too large" if digits else "it is no whole number"
         raise InputError(_words_of(tokens), why, remedy) from None
+    if abs(number) >= 2**63:
+        raise InputError(_words_of(tokens), "it is too large", remedy)
+    return number
 
 
 def _read_mm(_: object, tokens: Sequence[Token]) -> float:

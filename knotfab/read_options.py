@@ -8,17 +8,21 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, get_args
 
+from pydantic import BaseModel
+
 from knotfab.disk import at_home
 from knotfab.errors import InputError
 from knotfab.lengths import read_length
 from knotfab.options import BuildOptions
-from knotfab.scene.model import MOST_BEND, Scene, Switch, Switches
+from knotfab.scene.bounds import why_out_of_bounds
+from knotfab.scene.model import MOST_BEND, Piece, Scene, Switch, Switches, View
 from knotfab.scene.settings import OF_NO_PRESET, search_settings
 from knotfab.verify.checks import CHECKS
 
 __all__ = ["read_scene", "read_seconds", "read_skips"]
 
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
+_MOST_S = 100 * 86400.0
 _SECONDS = {"": 1.0}
 _SECONDS |= dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0)
 _SECONDS |= dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0)
@@ -34,6 +38,7 @@ def _millimetres(name: str, text: str, words: tuple[str, ...]) -> Any:
     number = read_length(f"{name} {text}", plain, remedy)
     if number <= 0:
         raise InputError(f"{name} {text}", "it is not above 0", remedy)
+    _check_bounds(Piece, "tube_radius_mm", number, f"{name} {text}")  # as all lengths
     return number
 
 
@@ -53,10 +58,10 @@ def read_seconds(text: str, name: str = "--time-budget") -> float:
     if len(parts) > 1 and any(unit == "" for _, unit in parts):
         parts = []  # "1 30": minutes and seconds, or a slip?
     seconds = sum(float(number) * _SECONDS[unit] for number, unit in parts)
-    if not seconds > 0 or not math.isfinite(seconds):
+    if not 0 < seconds <= _MOST_S:
         raise InputError(
             f"{name} {text}",
-            "it is not a positive time",
+            "it is longer than 100 days" if seconds > 0 else "it is not a positive time",
             f"Give seconds or minutes, such as {name} 30, 90s, 1.5min or 1m30s.",
         )
     return seconds
@@ -176,13 +181,6 @@ _OPTIONS = {
     "wall_distance_mm": "--wall-distance",
     "light_diameter_mm": "--lamp-diameter",
 }
-_BOUNDS = {
-    "threshold": (0.0, 1.0, "Give a share between 0 and 1, such as --threshold 0.3."),
-    "smooth_px": (-1e-9, 100.0 + 1e-9, "Give px of the picture, up to 100."),
-    "light_diameter_mm": (-1e-9, math.inf, "Give millimetres from 0."),
-    "keep_largest": (0, math.inf, "Give a whole number from 1."),
-    "speck_px": (-1, math.inf, "Give a number of pixels."),
-}
 
 
 def _check_view_key(key: str, value: Any) -> None:
@@ -193,10 +191,18 @@ def _check_view_key(key: str, value: Any) -> None:
     """
     if value is None or isinstance(value, bool | str | tuple):
         return
-    low, high, remedy = _BOUNDS.get(key, (0.0, math.inf, "Give millimetres above 0."))
-    if not low < value < high:
-        name = _OPTIONS.get(key, "--" + key.removesuffix("_px").replace("_", "-"))
-        raise InputError(f"{name} {value:g}", "it is out of bounds", remedy)
+    option = _OPTIONS.get(key, "--" + key.removesuffix("_px").replace("_", "-"))
+    if key == "keep_largest" and value == 0:  # which the scene writes of all
+        raise InputError(f"{option} 0", "it is out of bounds", "Give a whole number from 1.")
+    _check_bounds(View, "frame_width_mm" if key == "size" else key, value, f"{option} {value:g}")
+
+
+def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str) -> None:
+    """Refuse a value of an option that the scene's key does not take."""
+    bounds = why_out_of_bounds(model, key, value)
+    if bounds is not None:
+        unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
+        raise InputError(what, "it is out of bounds", f"Give {unit} {bounds}.")
 
 
 def _ink(text: str) -> str:
@@ -222,7 +228,7 @@ def _crop(text: str) -> Any:
     if plain in ("auto", "none"):
         return plain
     numbers = [part.strip() for part in plain.strip("()[]").split(",")]
-    if len(numbers) == 4 and all(n.isdecimal() for n in numbers):
+    if len(numbers) == 4 and all(re.fullmatch("[0-9]{1,9}", n) for n in numbers):
         left, top, width, height = map(int, numbers)
         if width > 0 and height > 0:
             return left, top, width, height
@@ -241,13 +247,15 @@ def _piece_keys(options: BuildOptions) -> dict[str, Any]:
     if options.depth is not None:
         keys["depth"] = _millimetres("--depth", options.depth, ("auto", "flat"))
     if options.knots is not None:
-        if options.knots != "auto" and not (options.knots.isdecimal() and int(options.knots) > 0):
+        few = re.fullmatch(r"0*[0-9]{1,9}", options.knots)
+        if options.knots != "auto" and not (few and int(options.knots) > 0):
             raise InputError(
                 f"--knots {options.knots}",
                 "it is neither auto nor a number",
                 "Use auto (one knot a piece of the picture), or how many knots its pieces are bridged into.",
             )
         keys["knots"] = "auto" if options.knots == "auto" else int(options.knots)
+        _check_bounds(Piece, "knots", keys["knots"], f"--knots {options.knots}")
     if options.bend is not None:
         keys["bend"] = _share(options.bend)
     if options.mirror is not None:

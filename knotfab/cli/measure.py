@@ -183,8 +183,8 @@ def tradeoff(
         ("--jobs", jobs, 1),
         ("--combinations", combinations, 0),
     ):
-        if value < least:
-            raise InputError(f"{name} {value}", "it is too few", f"Give {least} or more")
+        if not least <= value <= 10_000:
+            raise InputError(f"{name} {value}", "it is out of bounds", f"Give {least} to 10000.")
     if not pictures:
         raise InputError("tradeoff", "no picture is named", "Name one, or several")
     limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")

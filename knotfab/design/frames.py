@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from knotfab.design.candidates import line_width
 from knotfab.errors import InputError
+from knotfab.scene.bounds import why_out_of_bounds
 from knotfab.scene.model import ResolvedView, Scene, View
 from knotfab.target.raster import check_shape
 from knotfab.target.read import Target, name_picture
@@ -307,4 +308,12 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }
+    for key in ("frame_width_mm", "frame_height_mm"):
+        bounds = why_out_of_bounds(View, key, own[key])
+        if bounds is not None:
+            raise InputError(
+                f"view {view.name}",
+                f"with its picture's shape its {key} would be {own[key]:g}, and it is {bounds}",
+                "Give another size (--size).",
+            )
     return ResolvedView(**{**view.model_dump(), **own})

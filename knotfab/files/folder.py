@@ -28,7 +28,7 @@ _OWN = re.compile(
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
     r"|region\.stl|start\.json|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)"
-    r"|(shadow|compare|soft)-[^./]+\.png|picture-[^./]+\.\w+"
+    r"|(shadow|compare|soft|drawn)-[^./]+\.png|picture-[^./]+\.\w+"
 )
 
 

@@ -163,6 +163,8 @@ def _describe_expected(error: Mapping[str, Any]) -> str:
             return f"a number not greater than {context['le']:g}"
         case "literal_error":
             return str(context["expected"]).replace("'", '"')
+        case "string_pattern_mismatch" if context["pattern"].startswith("^#"):
+            return 'a colour such as "#d9d4c7"'
         case "string_pattern_mismatch":
             if "#" in str(context["pattern"]):
                 return "a colour such as #d02010"

@@ -18,6 +18,30 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from knotfab.scene.bounds import (
+    MOST_MM,
+    Angle,
+    Count,
+    Density,
+    Extent,
+    LampDistance,
+    Length,
+    Modulus,
+    Number,
+    Pixels,
+    Ratio,
+    Row,
+    Shift,
+    Side,
+    Spread,
+    TubeLength,
+    Turn,
+    Vector,
+    Volume,
+    WallRadius,
+    Whole,
+)
+
 __all__ = [
     "LIGHT_SHARE",
     "MOST_BEND",
@@ -48,15 +72,6 @@ __all__ = [
 ]
 
 
-def _not_nothing(radius: float) -> float:
-    """Positive: hollow towards the light; negative: a column."""
-    if radius == 0:
-        raise PydanticCustomError(
-            "radius", "a radius, not 0: positive of a hollow wall, negative of a column"
-        )
-    return radius
-
-
 def _few_bytes(name: str) -> str:
     """A name that file systems hold, with what goes around it."""
     if len(name.encode()) > 180:
@@ -64,16 +79,6 @@ def _few_bytes(name: str) -> str:
     return name
 
 
-# Strict: a number is a number (whole ones too), never a text or a truth value that looks like one.
-Number = Annotated[float, Strict()]
-Positive = Annotated[float, Strict(), Field(gt=0)]
-NotNegative = Annotated[float, Strict(), Field(ge=0)]
-Vector = tuple[Number, Number, Number]
-Extent = tuple[Positive, Positive, Positive]
-Row = tuple[Number, Number, Number, Number]
-Radius = Annotated[float, Strict(), AfterValidator(_not_nothing)]
-Whole = Annotated[int, Strict(), Field(ge=0)]
-Side = Annotated[int, Strict(), Field(ge=1)]
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # of an array: the verification renders a shadow for each
 # of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
@@ -99,10 +104,10 @@ class _Table(BaseModel):
 class Piece(_Table):
     """What is asked of the tube."""
 
-    tube_radius_mm: Positive | Literal["auto"] = "auto"
-    knots: Annotated[int, Strict(), Field(ge=1)] | Literal["auto"] = "auto"
-    depth: Positive | Literal["auto", "flat"] = "auto"
-    clearance_mm: NotNegative = 0.4
+    tube_radius_mm: Length | Literal["auto"] = "auto"
+    knots: Count | Literal["auto"] = "auto"
+    depth: Length | Literal["auto", "flat"] = "auto"
+    clearance_mm: Spread = 0.4
     printed: Annotated[bool, Strict()] = False  # posed and checked for the printer, with its mount
     # of several pictures: the most that a point of one may move, as a share of its height
     bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = "auto"
@@ -120,8 +125,8 @@ class Region(_Table):
     file: StrictStr | None = None  # of kind "mesh" alone: a closed STL, beside the scene
     center_mm: Vector = (0.0, 0.0, 0.0)
     size_mm: Extent | Literal["auto"] = "auto"
-    azimuth_deg: Number = 0.0
-    elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
+    azimuth_deg: Turn = 0.0
+    elevation_deg: Angle = 0.0
 
 
 class Material(_Table):
@@ -129,16 +134,16 @@ class Material(_Table):
 
     name: StrictStr = "pla"
     process: Literal["filament", "resin", "powder", "wire"] = "filament"
-    density_g_cm3: Positive = 1.24
-    min_bend_radius_mm: Positive | Literal["auto"] = "auto"
-    max_length_mm: Positive = 50000.0
-    wire_diameter_mm: NotNegative = 0.0
-    tool_radius_mm: NotNegative = 0.0
-    min_straight_mm: NotNegative = 0.0
+    density_g_cm3: Density = 1.24
+    min_bend_radius_mm: Length | Literal["auto"] = "auto"
+    max_length_mm: TubeLength = 50000.0
+    wire_diameter_mm: Spread = 0.0
+    tool_radius_mm: Spread = 0.0
+    min_straight_mm: Spread = 0.0
     max_bend_deg: Annotated[float, Strict(), Field(gt=0, le=175)] = 175.0
     springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
-    young_modulus_mpa: Positive = 2300.0
-    yield_mpa: Positive = 50.0
+    young_modulus_mpa: Modulus = 2300.0
+    yield_mpa: Modulus = 50.0
     transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # 0: opaque
     # of every length, once it is printed: written larger by that; 0: slicer or service sees to it
     shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
@@ -151,15 +156,15 @@ class Printer(_Table):
     name: StrictStr = "prusa-mk4"
     process: Literal["filament", "resin", "powder"] = "filament"  # powder needs no supports
     build_volume_mm: Extent = (250.0, 210.0, 220.0)
-    nozzle_mm: Positive = 0.4
-    min_wall_mm: Positive | Literal["auto"] = "auto"  # auto: the nozzle
-    min_gap_mm: Positive | Literal["auto"] = "auto"
-    min_tube_radius_mm: Positive = 0.8
-    layer_height_mm: Positive = 0.2
+    nozzle_mm: Length = 0.4
+    min_wall_mm: Length | Literal["auto"] = "auto"  # auto: the nozzle
+    min_gap_mm: Length | Literal["auto"] = "auto"
+    min_tube_radius_mm: Length = 0.8
+    layer_height_mm: Length = 0.2
     supports: Annotated[bool, Strict()] = True
     max_overhang_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = 45.0
-    max_bridge_mm: NotNegative = 10.0
-    max_support_cm3: NotNegative | Literal["auto"] = "auto"
+    max_bridge_mm: Spread = 10.0
+    max_support_cm3: Volume | Literal["auto"] = "auto"
 
 
 class Reading(_Table):
@@ -181,21 +186,21 @@ class View(Reading):
     kind: Literal["shadow", "eye"] = "shadow"
     picture: StrictStr = ""
     title: StrictStr = ""  # what the picture is called; by default as its file is
-    frame_width_mm: Positive | None = None
-    frame_height_mm: Positive | None = None
-    light_distance_mm: Positive = 500.0
-    light_diameter_mm: NotNegative = 5.0  # of a disc, a ball, or each LED
+    frame_width_mm: Length | None = None
+    frame_height_mm: Length | None = None
+    light_distance_mm: LampDistance = 500.0
+    light_diameter_mm: Spread = 5.0  # of a disc, a ball, or each LED
     light_shape: Literal["disc", "ball", "rectangle", "leds"] = "disc"
-    light_width_mm: NotNegative = 0.0  # of a rectangle; of an array between its outer LEDs
-    light_height_mm: NotNegative = 0.0
+    light_width_mm: Spread = 0.0  # of a rectangle; of an array between its outer LEDs
+    light_height_mm: Spread = 0.0
     light_leds: tuple[Leds, Leds] = (1, 1)  # columns and rows
-    wall_distance_mm: Positive = 100.0
+    wall_distance_mm: Length = 100.0
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
-    wall_radius_mm: Radius | Literal["flat"] = "flat"  # of a cylinder along the wall's up
-    azimuth_deg: Number = 0.0
-    elevation_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] = 0.0
-    frame_up_mm: Number = 0.0  # of the frame's middle above the axis, on the receiver
-    thicken_mm: Positive | Literal["none", "auto"] = (
+    wall_radius_mm: WallRadius | Literal["flat"] = "flat"  # of a cylinder along the wall's up
+    azimuth_deg: Turn = 0.0
+    elevation_deg: Angle = 0.0
+    frame_up_mm: Shift = 0.0  # of the frame's middle above the axis, on the receiver
+    thicken_mm: Length | Literal["none", "auto"] = (
         "none"  # strokes that are thinner, on the receiver
     )
     lines: Literal["auto", "on", "off"] = (
@@ -266,11 +271,11 @@ class Switches(_Table):
 class Room(_Table):
     """What light there is beside the lamp's own: none by default."""
 
-    ambient: NotNegative = 0.0  # over the lamp's own in the middle of the wall's picture
-    area_m2: NotNegative = 0.0  # of walls, floor and ceiling together; 0: no room
+    ambient: Ratio = 0.0  # over the lamp's own in the middle of the wall's picture
+    area_m2: Ratio = 0.0  # of walls, floor and ceiling together; 0: no room
     reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0  # of all of these
     second_lamp_mm: Vector | Literal["none"] = "none"  # in the scene
-    second_lamp_share: NotNegative = 1.0  # of its light there, over the lamp's own
+    second_lamp_share: Ratio = 1.0  # of its light there, over the lamp's own
 
 
 class Placing(_Table):
@@ -286,7 +291,7 @@ class Accuracy(_Table):
 
     name: Literal["sketch", "draft", "standard", "fine"] = "standard"
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Literal["auto"] = "auto"
-    max_outline_error_px: Positive | Literal["auto"] = "auto"  # auto: the accuracy's `outline_px`
+    max_outline_error_px: Pixels | Literal["auto"] = "auto"  # auto: the accuracy's `outline_px`
     accept: tuple[Literal["unrecognisable"], ...] = ()  # kept, though it would be rejected
 
 
@@ -303,14 +308,16 @@ class Mount(_Table):
         "auto"  # auto: wall for loose pieces of one view
     )
     foot: Literal["auto", "plate", "dowel"] = "auto"
-    plate_thickness_mm: Positive = 3.0
-    plate_margin_mm: Positive = 8.0
-    hole_diameter_mm: Positive = 4.0
-    dowel_depth_mm: Positive = 10.0
-    base_thickness_mm: Annotated[float, Strict(), Field(ge=2)] = 4.0  # of a stand, at its back
+    plate_thickness_mm: Length = 3.0
+    plate_margin_mm: Length = 8.0
+    hole_diameter_mm: Length = 4.0
+    dowel_depth_mm: Length = 10.0
+    base_thickness_mm: Annotated[float, Strict(), Field(ge=2, le=MOST_MM)] = (
+        4.0  # of a stand, at its back
+    )
     min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
-    max_sag_mm: Positive = 0.2
-    pegs: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
+    max_sag_mm: Length = 0.2
+    pegs: tuple[Count, ...] = ()
     thread_mm: Vector | Literal["none"] = "none"  # where the thread of "hang" carries the piece
 
     @property
@@ -375,8 +382,8 @@ class Scene(_Table):
 class ResolvedPiece(Piece):
     """A piece whose tube and number of knots are known; "auto" depth: the pictures decided it."""
 
-    tube_radius_mm: Positive
-    knots: Annotated[int, Strict(), Field(ge=1)]
+    tube_radius_mm: Length
+    knots: Count
 
 
 class ResolvedRegion(Region):
@@ -388,14 +395,14 @@ class ResolvedRegion(Region):
 class ResolvedMaterial(Material):
     """A material with its figures, and the bend radius that the tube keeps."""
 
-    min_bend_radius_mm: Positive
+    min_bend_radius_mm: Length
 
 
 class ResolvedView(View):
     """A view with both sides of its frame."""
 
-    frame_width_mm: Positive
-    frame_height_mm: Positive
+    frame_width_mm: Length
+    frame_height_mm: Length
 
     @property
     def frame_mm(self) -> tuple[float, float]:
@@ -437,7 +444,7 @@ class ResolvedAccuracy(Accuracy):
     """What the verified part must reach, as numbers."""
 
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)]
-    max_outline_error_px: Positive = 0.5
+    max_outline_error_px: Pixels = 0.5
 
 
 class ResolvedScene(Scene):

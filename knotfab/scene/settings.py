@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from knotfab.errors import InputError
+from knotfab.scene.bounds import MOST_MM
 
 __all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 
@@ -14,56 +15,65 @@ Precision = Literal["single", "double"]
 Renderer = Literal["ray", "capsule", "ellipse"]
 
 
+_MOST = 1_000_000  # iterations of a phase
+
+
 class SearchSettings(BaseModel):
     """One point on the accuracy-time frontier (scene.toml `[search]`)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=2**63)
     start: str = ""  # a file of knots to go on from, beside the scene; "": a template
     method: Literal["flow", "inn", "inn+flow"] = "flow"  # inn: the paper's invertible network
     network_start: Literal["filling", "circle"] = "filling"  # the template that it deforms
     network_depth: int = Field(8, ge=1, le=256)  # coupling layers
     network_width: int = Field(128, ge=1, le=65536)  # hidden units of each S and T
-    network_iterations: int = Field(300, ge=1)
-    network_rate_radii: float = Field(0.25, gt=0, lt=2)  # a vertex's first steps; a circle's: twice
+    network_iterations: int = Field(300, ge=1, le=_MOST)
+    network_rate_radii: float = Field(
+        0.25, ge=1e-6, lt=2
+    )  # a vertex's first steps; a circle's: twice
     coarse_px: int = Field(192, ge=32, le=4096)  # longer side of the picture in the first phase
     fine_px: int = Field(640, ge=32, le=4096)  # in the later ones
-    coarse_iterations: int = Field(120, ge=0)
-    fine_iterations: int = Field(120, ge=0)
-    settle_iterations: int = Field(60, ge=0)  # the last phase: feasibility first
+    coarse_iterations: int = Field(120, ge=0, le=_MOST)
+    fine_iterations: int = Field(120, ge=0, le=_MOST)
+    settle_iterations: int = Field(60, ge=0, le=_MOST)  # the last phase: feasibility first
     edge_radii: float = Field(0.75, gt=0.05, lt=0.8)  # vertex spacing in tube radii
     settle_edge_radii: float = Field(0.45, gt=0.05, lt=0.8)  # in the last phase, and in the part
-    winners_every: int = Field(3, ge=1)  # iterations between full searches for the winning capsules
+    winners_every: int = Field(
+        3, ge=1, le=_MOST
+    )  # iterations between full searches for the winning capsules
     # sharpness of the picture at last, over the projected radius; never above 5 a pixel
-    tau: float = Field(24.0, gt=0, le=1000)
+    tau: float = Field(24.0, ge=0.01, le=1000)
     precision: Precision = "single"  # of pictures; all else is in double
     # what a picture's pixels measure: the ray's distance, or that to outlines of capsules, or of ellipses
     # at the vertices, as the paper has it; these by torch, in double precision
     renderer: Renderer = "ray"
-    depth_candidates: int = Field(300, ge=1)  # depth profiles tried, by descent
-    radius_candidates: int = Field(12, ge=2)  # tube radii tried when the radius is "auto"
+    depth_candidates: int = Field(300, ge=1, le=100_000)  # depth profiles tried, by descent
+    radius_candidates: int = Field(12, ge=2, le=1000)  # tube radii tried when the radius is "auto"
     # IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: .012 or more
     radius_give: float = Field(0.004, ge=0, lt=0.5)
     # thinnest tube that is tried at once, over the usual one: 1 % of the frame's side
-    radius_from: float = Field(1.0, gt=0, le=2)
+    radius_from: float = Field(1.0, ge=0.01, le=2)
     # unit of the effects' thresholds, px of a picture of 1024 px on its longer side (docs/effects.md)
-    tolerance_px: float = Field(0.25, gt=0)
+    tolerance_px: float = Field(0.25, ge=1e-4, le=1024)
     grace: float = Field(
         0.02, ge=0, le=10
     )  # weight of bending and length: how smoothly, and how straight, strands run
     grace_of: Literal["curves", "bends"] = "curves"  # bends: as few as can be, of a wire
     # facets around the tube, at least; of 18 a corner stands out by 1 % of the radius, which is as much
     # as the check of clearance allows for
-    mesh_sides: int = Field(20, ge=8)
-    outline_px: float = Field(0.5, gt=0)  # the outline's limit, where the scene leaves it open
-    iou_slack: float = Field(0.05, gt=0)  # required IoU: the bound less this
+    mesh_sides: int = Field(20, ge=8, le=360)
+    # the outline's limit, where the scene leaves it open
+    outline_px: float = Field(0.5, ge=1e-4, le=1024)
+    iou_slack: float = Field(0.05, ge=1e-4, lt=1)  # required IoU: the bound less this
     # pose, distances and tube radius of the one view are unknowns too, or the azimuths of several
     free_view: bool = False
-    free_light_mm: float = Field(0.0, ge=0)  # where they start; 0: as the scene's view has it
-    free_wall_mm: float = Field(0.0, ge=0)
+    # where they start; 0: as the scene's view has it
+    free_light_mm: float = Field(0.0, ge=0, le=MOST_MM)
+    free_wall_mm: float = Field(0.0, ge=0, le=MOST_MM)
     free_azimuths_deg: str = ""  # of several views, with spaces between; "": as the scene has them
-    free_radius_mm: float = Field(0.0, ge=0)  # 0: a radius that the scene gives stays
+    free_radius_mm: float = Field(0.0, ge=0, le=MOST_MM)  # 0: a radius that the scene gives stays
 
     @property
     def iterations(self) -> int:

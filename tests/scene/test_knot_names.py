@@ -15,7 +15,7 @@ from knotfab.scene.model import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot
 from paper.curves import closed_braid
 
-UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e9, 1e9, 1e9)))
+UNIT = Limits(1.0, 0.0, 1.0, np.inf, ResolvedRegion(size_mm=(1e5, 1e5, 1e5)))
 
 
 @pytest.mark.slow

@@ -53,8 +53,8 @@ REFUSED = {
     "[piece]\ntube_radius_mm = '50cm'": ('"50cm"', "Write tube_radius_mm = 500.0"),
     "[piece]\ntube_radius_mm = '5'": ("Write tube_radius_mm = 5.0",),
     "[piece]\ntube_radius_mm = 'thick'": ('a finite number or "auto"',),
-    "[piece]\ntube_radius_mm = -2": ("tube_radius_mm is -2", "greater than 0"),
-    "[piece]\ntube_radius_mm = 0": ("greater than 0",),
+    "[piece]\ntube_radius_mm = -2": ("tube_radius_mm is -2", "not less than 0.001"),
+    "[piece]\ntube_radius_mm = 0": ("not less than 0.001",),
     "[piece]\ntube_radius_mm = inf": ("finite number",),
     "[piece]\ntube_radius_mm = nan": ("finite number",),
     "[piece]\ntube_radius_mm = true": ("tube_radius_mm is true",),
@@ -63,7 +63,7 @@ REFUSED = {
     "[piece]\nknots = 0": ("not less than 1",),
     "[piece]\ndepth = 'deep'": ('"auto"', '"flat"'),
     "[region]\nsize_mm = [1, 2]": ("size_mm is [1, 2]", "list"),
-    "[region]\nsize_mm = [1, 2, -3]": ("greater than 0",),
+    "[region]\nsize_mm = [1, 2, -3]": ("not less than 0.001",),
     "[region]\nkind = 'ball'": ('"box", "cylinder", "sphere" or "mesh"',),
     "[effects]\npenumbras = 'on'": ("[effects]", "'penumbras'", "Did you mean 'penumbra'?"),
     "[effects]\npenumbra = true": ("penumbra is true", '"auto", "on" or "off"'),
@@ -77,7 +77,7 @@ REFUSED = {
         "tilt the wall less",
     ),
     "[[views]]\nlight_leds = [21, 20]": ("light_leds is [21, 20]", "at most 400"),
-    "[[views]]\nwall_distance_mm = -1": ("wall_distance_mm is -1", "greater than 0"),
+    "[[views]]\nwall_distance_mm = -1": ("wall_distance_mm is -1", "not less than 0.001"),
     "[[views]]\nwall_tilt_deg = 90": ("less than 80",),
     "[placing]\nturn_deg = 11.0": ("not greater than 10",),
     "[[views]]\nname = '../x'": ("letters, digits",),
@@ -152,8 +152,8 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 # --- writing ---------------------------------------------------------------------------------
 
-number = st.floats(allow_nan=False, allow_infinity=False)
-positive = st.floats(min_value=0, exclude_min=True, allow_nan=False, allow_infinity=False)
+number = st.floats(-3600, 3600)
+positive = st.floats(1e-3, 1e5)
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 auto = st.just("auto")
 
@@ -196,7 +196,9 @@ scenes = st.builds(
         center_mm=vector(number),
         size_mm=auto | vector(positive),
     ),
-    material=st.builds(Material, name=text, density_g_cm3=positive, min_bend_radius_mm=auto),
+    material=st.builds(
+        Material, name=text, density_g_cm3=st.floats(1e-3, 25), min_bend_radius_mm=auto
+    ),
     printer=st.builds(Printer, name=text, build_volume_mm=vector(positive)),
     views=st.lists(view, min_size=1, max_size=3).map(tuple),
     accuracy=st.builds(

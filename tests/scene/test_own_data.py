@@ -74,7 +74,7 @@ def test_a_file_may_lie_anywhere(own: Path, tmp_path: Path) -> None:
         (PRINTER.replace("0.6", '"0.6 mm"'), r"nozzle_mm is \"0\.6 mm\".*Write nozzle_mm = 0\.6"),
         (
             PRINTER.replace("0.6", "-0.6"),
-            r"nozzle_mm is -0\.6, but must be a number greater than 0",
+            r"nozzle_mm is -0\.6, but must be a number not less than 0",
         ),
         (PRINTER.replace("300, 300, 400", "300, 300"), r"build_volume_mm"),
         (PRINTER + 'name = "x"\n', r"named after its file\. Leave name out"),

@@ -1,0 +1,104 @@
+"""Every kind of number that a scene holds, with its bounds: what lies beyond is a slip, or no part at all.
+
+A number is a number (whole ones too), never a text or a truth value that looks like one. The bounds are
+shown by docs/scene.schema.json.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, get_args
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import AfterValidator, BaseModel, Field, Strict, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
+
+__all__ = [
+    "MOST_MM",
+    "Angle",
+    "Coordinate",
+    "Count",
+    "Density",
+    "Extent",
+    "LampDistance",
+    "Length",
+    "Modulus",
+    "Number",
+    "Pixels",
+    "Ratio",
+    "Row",
+    "Shift",
+    "Side",
+    "Spread",
+    "TubeLength",
+    "Turn",
+    "Vector",
+    "Volume",
+    "WallRadius",
+    "Whole",
+    "why_out_of_bounds",
+]
+
+MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
+_MOST_MM = 1e7  # of coordinates, and of a tube's length
+_FAR_MM = 1e9  # of a lamp that stands for the sun, and of the radius of a wall that is all but flat
+_MOST_WHOLE = 10**9
+
+
+def _not_nothing(radius: float) -> float:
+    """Positive: hollow towards the light; negative: a column."""
+    if abs(radius) < LEAST_MM:
+        raise PydanticCustomError(
+            "radius", "a radius, not 0: positive of a hollow wall, negative of a column"
+        )
+    return radius
+
+
+Number = Annotated[float, Strict()]
+Length = Annotated[float, Strict(), Field(ge=LEAST_MM, le=MOST_MM)]
+Spread = Annotated[float, Strict(), Field(ge=0, le=MOST_MM)]  # a length that may be nothing
+LampDistance = Annotated[float, Strict(), Field(ge=LEAST_MM, le=_FAR_MM)]
+TubeLength = Annotated[float, Strict(), Field(ge=1, le=_MOST_MM)]
+Coordinate = Annotated[float, Strict(), Field(ge=-_MOST_MM, le=_MOST_MM)]
+Shift = Annotated[float, Strict(), Field(ge=-MOST_MM, le=MOST_MM)]
+WallRadius = Annotated[
+    float, Strict(), Field(ge=-_FAR_MM, le=_FAR_MM), AfterValidator(_not_nothing)
+]
+Angle = Annotated[float, Strict(), Field(ge=-90, le=90)]
+Turn = Annotated[float, Strict(), Field(ge=-3600, le=3600)]
+Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # of aerogel, of osmium
+Modulus = Annotated[float, Strict(), Field(ge=1e-3, le=2e6)]  # MPa
+Ratio = Annotated[
+    float, Strict(), Field(ge=0, le=1e6)
+]  # over the lamp's own light, and square metres
+Volume = Annotated[float, Strict(), Field(ge=0, le=1e9)]  # cm³
+Pixels = Annotated[float, Strict(), Field(gt=0, le=1024)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Extent = tuple[Length, Length, Length]
+Row = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+Count = Annotated[int, Strict(), Field(ge=1, le=1000)]
+Whole = Annotated[int, Strict(), Field(ge=0, le=_MOST_WHOLE)]
+Side = Annotated[int, Strict(), Field(ge=1, le=_MOST_WHOLE)]
+
+
+def why_out_of_bounds(model: type[BaseModel], key: str, value: Any) -> str | None:
+    """The bounds of a key, in words, where a number lies beyond them; None where it does not."""
+    field = model.model_fields[key]
+    # pydantic takes Strict, Ge, … off the field's own type, and leaves them in its branches
+    kind: Any = Annotated[(field.annotation, *field.metadata, None)]
+    try:
+        TypeAdapter(kind).validate_python(value)
+    except ValidationError:
+        words = {Ge: "from", Gt: "above", Le: "up to", Lt: "below"}
+        found = [(words[type(b)], getattr(b, type(b).__name__.lower())) for b in _bounds(kind)]
+        return " ".join(f"{word} {bound:.12g}" for word, bound in found)
+    return None
+
+
+def _bounds(kind: Any) -> Iterator[Any]:
+    """The bounds in an annotation, the lower one first."""
+    for part in get_args(kind):
+        for bound in getattr(part, "metadata", [part]):
+            if isinstance(bound, Ge | Gt | Le | Lt):
+                yield bound
+        yield from _bounds(part)
