@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +18,18 @@ from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.studio.pictures import StudioPicture
 
-__all__ = ["BUILDS", "Builds", "Record", "child_of", "describe_folder", "number", "plain_files"]
+__all__ = [
+    "BUILDS",
+    "Builds",
+    "Kind",
+    "Record",
+    "child_of",
+    "describe_folder",
+    "folder_after",
+    "number",
+    "plain_files",
+    "title_after",
+]
 
 BUILDS = "builds"
 _STARTS, _RECORDS = "starts", "records"
@@ -26,10 +38,11 @@ _LONGEST_TITLE = 80  # characters
 # of a build's folder, in the order in which a person wants them
 _SHOWN = (
     "part.3mf", "zoetrope.3mf", "part.stl", "zoetrope.stl", "part.glb", "part-colours.3mf", "coupon.3mf",
-    "setup.pdf", "report.html", "sequence.gif", "report.json", "scene.toml", "knots.json", "slicer.ini",
+    "setup.pdf", "report.html", "sequence.gif", "turn.gif", "report.json", "scene.toml", "knots.json",
+    "slicer.ini",
 )  # fmt: skip
 _ALSO = ("plate-", "part-", "setup-", "shadow-", "centre-lines")  # beginnings of further ones
-Setting = str | int | float | bool
+Kind = Literal["one", "views", "frames"]
 
 
 class Record(BaseModel):
@@ -39,8 +52,8 @@ class Record(BaseModel):
 
     title: str
     pictures: tuple[StudioPicture, ...] = ()
-    kind: Literal["one", "views", "frames"] = "one"
-    settings: dict[str, Setting] = {}
+    kind: Kind = "one"
+    settings: dict[str, str | int | float | bool] = {}
     phase: str = "running"
     sentence: str = ""
 
@@ -277,3 +290,19 @@ def _children(folder: Path) -> list[Path]:
             ]
     except (OSError, ValueError):
         return []
+
+
+def title_after(titles: Sequence[str], kind: Kind) -> str:
+    """A build's title, after its pictures."""
+    title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
+    return title if len(title) <= _LONGEST_TITLE else title[: _LONGEST_TITLE - 1] + "…"
+
+
+def folder_after(chosen: Sequence[str], kind: Kind) -> str:
+    """A build's folder, after its pictures."""
+    if kind == "frames":
+        return f"{chosen[0][:_LONGEST_TITLE]}-frames"
+    name = "-and-".join(chosen)
+    if len(name) > _LONGEST_TITLE:
+        name = f"{name[:_LONGEST_TITLE]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return name

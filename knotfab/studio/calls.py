@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from knotfab.studio.builds import Kind
 from knotfab.studio.pictures import keep_text
 from knotfab.studio.session import Studio
 
@@ -31,7 +32,7 @@ class _Text(Call):
 
     async def do(self, studio: Studio) -> dict[str, Any]:
         async with studio.adding:
-            font = str(studio.settings.get("font", "")) or None
+            font = str(studio.settings.values.get("font", "")) or None
             kept = await asyncio.to_thread(keep_text, self.text, studio.picture_folder, font)
             studio.add_picture(kept)
         return {"name": kept.name}
@@ -39,7 +40,7 @@ class _Text(Call):
 
 class _Choose(Call):
     names: Annotated[tuple[_Name, ...], Field(strict=False)]
-    kind: Literal["one", "views", "frames"] | None = None
+    kind: Kind | None = None
 
     async def do(self, studio: Studio) -> dict[str, Any]:
         studio.choose(self.names, self.kind)

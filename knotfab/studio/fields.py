@@ -141,7 +141,7 @@ FIELDS: dict[str, _Field] = {
     "knots": _Field("Knots", _choice("auto", "1")),
     "knot": _Field("Knot type", _choice(*_KNOTS)),
     "free": _Field("Pose and distances", _choice("view")),
-    "mount": _Field("Mount", _choice("auto", "wall", "stand", "none")),
+    "mount": _Field("Mount", _choice("auto", "wall", "stand", "hang", "none")),
     "printer": _Field("Printer", partial(_one_of, known=printers)),
     "material": _Field("Material", partial(_one_of, known=materials)),
     "accuracy": _Field("Accuracy", _choice("sketch", "draft", "standard", "fine")),

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 from knotfab.batch.tasks import list_arguments
 from knotfab.errors import InputError, KnotfabError
 from knotfab.files.whole import write_whole
-from knotfab.options import BuildOptions, options_from
-from knotfab.prepare import check_options, survey_pictures
+from knotfab.options import BuildOptions
+from knotfab.prepare import survey_pictures
 from knotfab.sequence.frames import MOST_FRAMES
 from knotfab.studio.broadcast import Broadcast
-from knotfab.studio.builds import Builds, Record, child_of
-from knotfab.studio.fields import DEFAULTS, FIELDS, READING, Value, in_page_words, read_field
+from knotfab.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
+from knotfab.studio.fields import DEFAULTS, FIELDS, Value, in_page_words
 from knotfab.studio.live_build import Event, LiveBuild, Spare
 from knotfab.studio.pictures import StudioPicture, thumbnail
+from knotfab.studio.settings import Settings
 
 __all__ = ["Studio"]
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
 _MOST_VIEWS = 4
-_LONGEST_NAME = 80  # characters of a build's folder
-_LONGEST_SHOWN = 60  # characters of what a wrong field holds
-Kind = Literal["one", "views", "frames"]
 
 
 class _Memory(BaseModel):
@@ -55,11 +52,7 @@ class Studio(Broadcast):
         self.pictures: dict[str, StudioPicture] = {}
         self.chosen: tuple[str, ...] = ()
         self.kind: Kind = "one"
-        self.settings: dict[str, Value] = dict(DEFAULTS)
-        self.readings: dict[str, dict[str, Value]] = {}  # of pictures that are not the first chosen
-        self.wrong: dict[
-            str, dict[str, str]
-        ] = {}  # fields, with what they hold and why that is wrong
+        self.settings = Settings()
         self.current = ""  # the build that is shown, and gone on from
         self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
         self.panels: list[bytes] = []
@@ -100,8 +93,8 @@ class Studio(Broadcast):
             "pictures": tray,
             "chosen": self.chosen,
             "kind": self.kind,
-            "settings": self.settings,
-            "wrong": self.wrong,
+            "settings": self.settings.values,
+            "wrong": self.settings.wrong,
             "preview": self.preview,
             "builds": self.builds.listed(),
             "current": self.current,
@@ -143,7 +136,7 @@ class Studio(Broadcast):
             raise InputError(
                 "the pictures", f"there are {len(names)}", f"Take up to {most} {kind}."
             )
-        self._swap_readings(names[:1])
+        self.settings.pass_on(self.chosen[:1], names[:1])
         self.chosen, self.kind = names, kind
         self.renew()
 
@@ -160,23 +153,12 @@ class Studio(Broadcast):
             )
         self.choose([other for other in self.chosen if other != name])
         del self.pictures[name]
-        self.readings.pop(name, None)
+        self.settings.readings.pop(name, None)
         if not self.builds.keeps(name) and not self.running:
             for path in (self.picture_folder / picture.file, thumbnail(self.picture_folder, name)):
                 with contextlib.suppress(OSError):
                     path.unlink(missing_ok=True)
         self.renew()
-
-    def _swap_readings(self, first: Sequence[str]) -> None:
-        """How a picture is read goes with it: keep that of the one that was first, take that of the next."""
-        if tuple(first) == self.chosen[:1] or not first:
-            return
-        kept = {key: self.settings.pop(key) for key in READING if key in self.settings}
-        for name in self.chosen[:1]:
-            self.readings[name] = kept
-        self.settings |= self.readings.get(first[0], {})
-        for key in READING:
-            self.wrong.pop(key, None)
 
     # ---- settings
 
@@ -186,51 +168,20 @@ class Studio(Broadcast):
         Raises:
             InputError: there is no such setting, or a value is wrong.
         """
-        for name, value in given.items():
-            if name not in FIELDS or not isinstance(value, Value | None):
-                raise InputError(
-                    f"the setting {name[:40]}", "there is none of that name", "Leave it out."
-                )
-        wanted = dict(self.settings)
-        for name, value in given.items():
-            self.wrong.pop(name, None)
-            try:
-                read = read_field(name, value)
-            except ValueError as error:
-                self._mark(name, value, str(error))
-                continue
-            wanted.pop(name, None)
-            if read is not None:
-                wanted[name] = read
-        before, self.settings = self.settings, wanted
-        self._check_together(given)
-        if wanted == before:
-            self.tell_state()  # of what is marked
-        else:
+        changed = self.settings.change(given)
+        self.settings.check(self._options(), next(reversed([*given]), "accuracy"), self.plain)
+        if changed:
             self.renew()
+        else:
+            self.tell_state()  # of what is marked
         for name in given:
-            if name in self.wrong:
-                raise InputError(FIELDS[name].label, self.wrong[name]["why"].rstrip("."), "")
-
-    def _check_together(self, given: Mapping[str, Any]) -> None:
-        """Mark the field that was changed last where each is right by itself and all together are not."""
-        for name in [name for name, mark in self.wrong.items() if mark.get("together")]:
-            del self.wrong[name]
-        try:
-            check_options(self._options())
-        except KnotfabError as error:
-            name = next(reversed([*given]), "accuracy")
-            self._mark(name, self.settings.get(name, ""), self.plain(str(error)), together=True)
-
-    def _mark(self, name: str, held: object, why: str, together: bool = False) -> None:
-        text = "" if held is None else str(held)[:_LONGEST_SHOWN]
-        self.wrong[name] = {"text": text, "why": why, **({"together": "yes"} if together else {})}
+            if name in self.settings.wrong:
+                why = self.settings.wrong[name]["why"].rstrip(".")
+                raise InputError(FIELDS[name].label, why, "")
 
     def _options(self) -> BuildOptions:
-        given: dict[str, Any] = dict(self.settings)
-        if not any(self.pictures[name].text for name in self.chosen):
-            given.pop("font", None)
-        return options_from({**given, "sequence": self.kind == "frames"})
+        text = any(self.pictures[name].text for name in self.chosen)
+        return self.settings.options(text, self.kind == "frames")
 
     # ---- the preview
 
@@ -278,23 +229,23 @@ class Studio(Broadcast):
             raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
         if not self.chosen:
             raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
-        if self.wrong:
-            fields = ", ".join(FIELDS[name].label for name in self.wrong)
+        if self.settings.wrong:
+            fields = ", ".join(FIELDS[name].label for name in self.settings.wrong)
             raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
         start = self.builds.start_of(self.current)
         if go_on and start is None:
             raise InputError("the build", "there are no knots to go on from", "Build it anew.")
         pictures = [self.pictures[name] for name in self.chosen]
         record = Record(
-            title=_title([picture.title for picture in pictures], self.kind),
+            title=title_after([picture.title for picture in pictures], self.kind),
             pictures=pictures,
             kind=self.kind,
-            settings=self.settings,
+            settings=dict(self.settings.values),
         )
         arguments = [*self._sources(), *list_arguments(self._options())]
         if go_on:
             arguments.append(f"--start={start}")
-        name = self.builds.begin(_folder_name(self.chosen, self.kind), record)
+        name = self.builds.begin(folder_after(self.chosen, self.kind), record)
         loop = asyncio.get_running_loop()
         out = self.builds.folder / name
         self.begin(out, self.builds.title_of(name))
@@ -335,11 +286,11 @@ class Studio(Broadcast):
                         f"the picture {picture.title}", "its file is gone", "Drop it again."
                     )
                 self.pictures.setdefault(picture.name, picture)
-            self._swap_readings([record.pictures[0].name])
-            self.chosen, self.kind = tuple(p.name for p in record.pictures), record.kind
-            self.settings = {key: v for key, v in record.settings.items() if key in FIELDS}
-            self.wrong.clear()
-            self._check_together({})
+            names = tuple(picture.name for picture in record.pictures)
+            self.settings.pass_on(self.chosen[:1], names[:1])
+            self.chosen, self.kind = names, record.kind
+            self.settings = Settings(record.settings, self.settings.readings)
+            self.settings.check(self._options(), "accuracy", self.plain)
         self.renew()
 
     def rename(self, name: str, title: str) -> None:
@@ -404,7 +355,7 @@ class Studio(Broadcast):
         """Write down what a restart shall find again; without room for that the studio goes on."""
         memory = _Memory(
             pictures=tuple(self.pictures.values()), chosen=self.chosen, kind=self.kind,
-            settings=self.settings, readings=self.readings, current=self.current,
+            settings=self.settings.values, readings=self.settings.readings, current=self.current,
         )  # fmt: skip
         with contextlib.suppress(InputError):
             write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
@@ -419,26 +370,9 @@ class Studio(Broadcast):
         self.pictures = {picture.name: picture for picture in held}
         self.chosen = tuple(name for name in memory.chosen if name in self.pictures)
         self.kind = memory.kind
-        self.settings = {key: value for key, value in memory.settings.items() if key in FIELDS}
-        self.readings = memory.readings
+        self.settings = Settings(memory.settings, memory.readings)
         if memory.current in self.builds.names():
             self._show(memory.current)
-
-
-def _title(titles: Sequence[str], kind: Kind) -> str:
-    """A build's title, after its pictures."""
-    title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
-    return title if len(title) <= _LONGEST_NAME else title[: _LONGEST_NAME - 1] + "…"
-
-
-def _folder_name(chosen: Sequence[str], kind: Kind) -> str:
-    """A build's folder, after its pictures."""
-    if kind == "frames":
-        return f"{chosen[0][:_LONGEST_NAME]}-frames"
-    name = "-and-".join(chosen)
-    if len(name) > _LONGEST_NAME:
-        name = f"{name[:_LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return name
 
 
 def _preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:

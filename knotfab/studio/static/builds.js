@@ -58,8 +58,9 @@ export function showResult(built, title, anew = false) {
   byId("files").replaceChildren(...links.slice(0, SHOWN));
   byId("more-files").replaceChildren(...links.slice(SHOWN));
   byId("more-files").parentElement.hidden = links.length <= SHOWN;
-  byId("moving").hidden = !built.files.includes("sequence.gif");
-  if (!byId("moving").hidden) byId("moving").src = `${here}/sequence.gif`;
+  const moving = ["sequence.gif", "turn.gif"].find((name) => built.files.includes(name));
+  byId("moving").hidden = !moving;
+  if (moving) byId("moving").src = `${here}/${moving}`;
   byId("report").hidden = !built.files.includes("report.html");
   if (!byId("report").hidden && (of !== here || anew)) byId("report").src = `${here}/report.html`;
   of = here;

@@ -23,7 +23,7 @@ const LISTS = {
     ["lamp_diameter", "range", { min: 0, max: 40, step: 1, usual: 5, unit: "mm" }],
   ],
   "print-fields": [
-    ["mount", "choice", { auto: "Auto", wall: "Wall", stand: "Stand", none: "None" }],
+    ["mount", "choice", { auto: "Auto", wall: "Wall", stand: "Stand", hang: "Hang", none: "None" }],
     ["accuracy", "choice", { sketch: "Sketch", draft: "Draft", standard: "Standard", fine: "Fine" }],
     ["printer", "menu", {}],
     ["material", "menu", {}],
@@ -123,7 +123,7 @@ export function showFields(state) {
     input.toggleAttribute("aria-invalid", Boolean(wrong));
     if (wrong) input.setAttribute("aria-invalid", "true");
     if (input === document.activeElement && input.type === "text" && !wrong) continue;
-    const value = wrong && !wrong.together ? wrong.text : state.settings[name];
+    const value = wrong ? wrong.text : state.settings[name];
     if (input.type === "checkbox") input.checked = Boolean(value);
     else input.value = value ?? "";
   }

@@ -49,10 +49,8 @@ function show(next) {
   if (!next.watching) showPanel(before, next);
   const { phase, name } = next.build;
   const changed = !before || before.build.phase !== phase || before.build.name !== name;
-  if (changed && phase === "running") {
-    if (before) stage.clear();
-    select("tab-live");
-  }
+  if (before && before.build.name !== name) stage.clear();
+  if (changed && phase === "running") select("tab-live");
   if (changed || phase === "running") byId("notes").replaceChildren(...(next.build.notes ?? []).map((text) => element("li", {}, text)));
   if (changed && next.build.result) {
     showResult(next.build.result, next.build.title, before?.build.phase === "running");
