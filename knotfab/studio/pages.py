@@ -20,6 +20,7 @@ from knotfab.studio.fields import FIELDS
 from knotfab.studio.guard import REPORT_POLICY
 from knotfab.studio.pictures import thumbnail
 from knotfab.target.fonts import list_families
+from knotfab.target.read import PICTURE_SUFFIXES
 
 __all__ = ["show_choices", "show_file", "show_page", "show_panel", "show_picture", "show_static"]
 
@@ -59,6 +60,7 @@ async def show_choices(_: Request) -> Response:
             "fonts": await asyncio.to_thread(list_families),
             "labels": {name: field.label for name, field in FIELDS.items()},
             "usual": Printer().name,
+            "suffixes": sorted(PICTURE_SUFFIXES),
         }
     )
 

@@ -13,7 +13,7 @@ from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
 from knotfab.target import raster, text
 from knotfab.target.data_uri import encode_image
-from knotfab.target.read import TEXT_PREFIX, name_picture
+from knotfab.target.read import MOVING, TEXT_PREFIX, name_picture
 from knotfab.target.svg.render import render_svg
 from knotfab.target.svg.xml import looks_like_svg
 
@@ -77,7 +77,8 @@ def keep_picture(data: bytes, file_name: str, folder: Path) -> StudioPicture:
         if raster.looks_like_raster(data):
             _check_pixels(data, what)
         image, kind = raster.decode(data, what)  # says what it is not
-        suffix, frames = raster.SUFFIXES[kind][0], raster.count_frames(data)
+        suffix = raster.SUFFIXES[kind][0]
+        frames = raster.count_frames(data) if kind in MOVING else 1
     path = _keep(data, name_picture(what), suffix, folder)
     title = Path(what).stem
     _keep_thumbnail(image, path)

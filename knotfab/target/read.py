@@ -27,6 +27,7 @@ from knotfab.target.svg.render import render_svg
 from knotfab.target.svg.xml import looks_like_svg
 
 __all__ = [
+    "MOVING",
     "PICTURE_SUFFIXES",
     "PLAIN",
     "TEXT_PREFIX",
@@ -44,7 +45,7 @@ _DRAWN = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 _MISSING = "Check the path, or write text:… for a word or a glyph."
-_MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
+MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
 _PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
 
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with what goes around it
@@ -260,7 +261,7 @@ def _take_target(
     data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool
 ) -> Target:
     image, kind = raster.decode(data, what)
-    frames = raster.count_frames(data) if kind in _MOVING else 1
+    frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)

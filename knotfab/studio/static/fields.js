@@ -50,6 +50,7 @@ const ranges = {};
 export async function buildFields() {
   const choices = await (await fetch("/api/choices")).json();
   labels = choices.labels;
+  byId("file").accept = choices.suffixes.join(",");
   for (const [place, fields] of Object.entries(LISTS)) byId(place).append(...fields.map(build));
   inputs.font = byId("font");
   inputs.font.addEventListener("change", () => set("font", inputs.font.value));
