@@ -17,7 +17,7 @@ from PIL import Image, ImageCms
 
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading, View
-from knotfab.target.masks import holes_of
+from knotfab.target.masks import holes_of, mask_iou, pieces_of
 from knotfab.target.read import Target, name_picture, read_bytes, read_target
 from knotfab_validators.files.picture import read_silhouette
 
@@ -494,6 +494,23 @@ def test_text_is_upright_and_reads_from_left_to_right() -> None:
     mask = read_target("text:L.").mask  # the stem is on the left, the foot below, the dot right
     assert mask[:, : mask.shape[1] // 2].sum() > mask[:, mask.shape[1] // 2 :].sum()
     assert mask[mask.shape[0] // 2 :].sum() > mask[: mask.shape[0] // 2].sum()
+
+
+@pytest.mark.slow
+def test_text_of_every_script_is_shaped() -> None:
+    hebrew = read_target(
+        "text:שלום"
+    ).mask  # its last letter alone has a hole, and stands at the left
+    _, columns = (holes_of(hebrew)[0] > 0).nonzero()
+    assert 0 < columns.mean() < 0.3 * hebrew.shape[1]
+    assert len(pieces_of(read_target("text:ممم").mask)[1]) == 1  # three letters in one stroke
+    placed, whole = (read_target(f"text:{e}").mask[:, :1300] for e in ("e\u0301", "é"))
+    assert mask_iou(placed, whole) > 0.97
+    mixed = read_target("text:א l").mask  # the first letter at the right, and the l at the left
+    assert mixed[:, : mixed.shape[1] // 4].sum() < mixed[:, -mixed.shape[1] // 2 :].sum()
+    rows, across = mixed.any(axis=1).nonzero()[0], mixed.any(axis=0).nonzero()[0]
+    gaps = [across[0], mixed.shape[1] - 1 - across[-1], rows[0], mixed.shape[0] - 1 - rows[-1]]
+    assert gaps == pytest.approx([0.06 * 2048] * 4, abs=2.5)
 
 
 @pytest.mark.slow

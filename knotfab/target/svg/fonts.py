@@ -51,6 +51,9 @@ def choose_fonts(root: Element, styles: Styles, what: str) -> tuple[str, ...] | 
             at = parents.get(at)
         if at is not None:
             asked.add(at)
+        if styles.of.get(element, {}).get("direction") == "rtl" and not len(element):
+            # the library takes every line to begin at the left
+            element.text = f"\u2067{element.text}\u2069"
     for element in root.iter():
         if "font-family" not in styles.of.get(element, {}):
             continue
