@@ -20,23 +20,26 @@ def validate(
     json: Flag = False,
     failures: Path | None = None,
     skip: Names = (),
+    unit: Literal["mm", "cm", "m", "in"] = "mm",
 ) -> int:
     """Measure written files again, with other code than the code that wrote them.
 
     Parameters
     ----------
     part
-        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file in mm.
+        A folder that a build wrote, or an STL, 3MF, OBJ or PLY file.
     knots
         The file of the centre lines, knots.json.
     scene
         The file of the scene, scene.toml.
     json
-        Print {"status", "checks", "views", "picture"} as JSON.
+        Print {"status", "conclusion", "size_mm", "notes", "checks", "views", "picture"} as JSON.
     failures
         The PNG that shows where checks failed; by default NAME-failures.png beside the part.
     skip
         Leave out these checks, such as shadow-render.
+    unit
+        Of the numbers in an STL, OBJ or PLY.
     """
     from knotfab.verify.verifier import Verifier, load_early
 
@@ -46,14 +49,18 @@ def validate(
 
         files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
         with Verifier(skipped) as verifier:
-            verdict = verifier.submit(files).result()
+            verdict = verifier.submit(files, unit=unit).result()
     if json:
         import json as codec
 
-        print(codec.dumps({k: verdict[k] for k in ("status", "checks", "views", "picture")}))
+        keys = ("status", "conclusion", "size_mm", "notes", "checks", "views", "picture")
+        print(codec.dumps({k: verdict[k] for k in keys}))
     else:
         from knotfab.cli.summary import UNABLE, print_checks
 
+        print(verdict["conclusion"])
+        for note in verdict["notes"]:
+            print(f"note: {note}")
         print_checks(verdict["checks"])
         if verdict["picture"] is not None:
             print(f"The places are marked in {verdict['picture']}")

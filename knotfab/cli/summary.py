@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 _MARKS = {
+    "info": "[dim]info[/]",
     "pass": "[green]pass[/]",
     "fail": "[red]FAIL[/]",
     "warn": "[yellow]warn[/]",
@@ -56,6 +57,8 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from knotfab_validators.conclusion import knot_in_words
+
     table = Table(box=None, pad_edge=False, show_header=True, header_style="dim")
     for column in ("", "check", "measured", "limit", "unit"):
         table.add_column(column)
@@ -63,9 +66,9 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
         if check["status"] == "skipped" and not check["required"]:
             continue
         table.add_row(
-            _MARKS[mark_of(check)],
+            _MARKS["info" if _is_informative(check) else mark_of(check)],
             escape(check["name"]),
-            escape(_value(check["measured"])),
+            escape(knot_in_words(_value(check["measured"]), "{1} ({0})")),
             escape(_value(check["limit"])),
             escape(check["unit"]),
         )
@@ -82,6 +85,11 @@ def print_checks(checks: Sequence[dict[str, Any]]) -> None:
     for why, names in reasons.items():
         line = f"  not run ({escape(why)}): {escape(', '.join(names))}"
         console.print(line, highlight=False, soft_wrap=True, style="dim")
+
+
+def _is_informative(check: Mapping[str, Any]) -> bool:
+    """Whether nobody asks the check to pass: it has no limit, or decides nothing and holds."""
+    return check["status"] == "pass" and (check["limit"] is None or not check["required"])
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:

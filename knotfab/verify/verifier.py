@@ -94,12 +94,20 @@ class Verifier:
     def __exit__(self, *_: object) -> None:
         self._workers.__exit__()
 
-    def submit(self, files: Files, skip: Collection[str] = ()) -> Answer:
-        """Hand over one piece's written files; `result` of what is returned waits for the verdict."""
+    def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
+        """Hand over one piece's written files; `result` of what is returned waits for the verdict.
+
+        Args:
+            unit: of a part whose file knows none.
+        """
         # lent ones may have begun in another folder
         name = str if self._lent is None else os.path.abspath
         request = {k: None if p is None else name(p) for k, p in asdict(files).items()}
-        every = {"skip": sorted(self._skip.union(skip)), "processes": min(2, count_jobs())}
+        every = {
+            "skip": sorted(self._skip.union(skip)),
+            "processes": min(2, count_jobs()),
+            "unit": unit,
+        }
         return Answer(self._workers.ask({**request, **every}))
 
 

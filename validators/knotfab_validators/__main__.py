@@ -5,9 +5,10 @@ graphics library that crashes takes only this process with it. A request without
 loaded, and compiled loops are kept for other processes.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
-"processes": 1, or 2 that share the work, "asked": whatever tells it from others}.
-Answer: {"status", "exit_code", "checks", "views", "picture", "seconds"}, or {"error": sentence} for
-bad files; and "asked", as it was.
+"processes": 1, or 2 that share the work, "unit": of a part whose file knows none ("mm"), "asked":
+whatever tells it from others}.
+Answer: {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
+or {"error": sentence} for bad files; and "asked", as it was.
 """
 
 from __future__ import annotations
@@ -122,7 +123,12 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
 
     paths = {k: request[k] for k in ("part", "knots", "scene", "pictures_dir", "failures")}
     try:
-        verdict = validate(**paths, skip=request["skip"], processes=request["processes"])
+        verdict = validate(
+            **paths,
+            skip=request["skip"],
+            processes=request["processes"],
+            unit=request.get("unit", "mm"),
+        )
     except BadFile as error:
         return {"error": str(error)}
     return {**verdict.to_dict(), "exit_code": verdict.exit_code, "seconds": verdict.seconds}

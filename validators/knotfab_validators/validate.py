@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Literal, TypeVar
 
 from knotfab_validators.check import Check, rescale, skip_check
 from knotfab_validators.clock import time_stage
+from knotfab_validators.conclusion import ask_unit, conclude, size_of
 from knotfab_validators.failure_picture import draw_failures
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.knots import read_knots
@@ -46,6 +48,7 @@ def validate(
     failures: FilePath | None = None,
     only: Half | None = None,
     processes: int = 1,
+    unit: str = "mm",
 ) -> Verdict:
     """Measure written files; whatever the given ones allow is checked, the rest is said to be not.
 
@@ -62,13 +65,15 @@ def validate(
         only: one half of the work, "geometry" or "shadows".
         processes: 2: a copy of this one begins with the geometry of a part in a scene while this one measures
             its shadows; whichever is done first goes on with what is left.
+        unit: of a part whose file knows none, one of `files.mesh.UNITS_MM`.
 
     Raises:
         BadFile: a file cannot be read, or the part reaches the light; one sentence says so.
     """
     seconds: dict[str, float] = {}
     with time_stage(seconds, "read"):
-        mesh = read_mesh(Path(part)) if part is not None else None
+        notes: list[str] = []
+        mesh = read_mesh(Path(part), unit, notes) if part is not None else None
         curves = read_knots(Path(knots)) if knots is not None else None
         setting = read_scene(Path(scene)) if scene is not None else None
         laid = read_plates(Path(scene).parent, setting) if scene and setting and mesh else []
@@ -119,7 +124,14 @@ def validate(
                 drawn = draw_failures(Path(failures), checks, printed, lines)
             except OSError as error:
                 raise BadFile(f"{failures}: cannot be written ({error.strerror})") from error
-    return verdict_of(checks, views, seconds, picture=str(failures) if drawn else None)
+    if mesh is not None and part is not None and (asked_unit := ask_unit(mesh, Path(part).name)):
+        notes.append(asked_unit)
+    return replace(
+        verdict_of(checks, views, seconds, picture=str(failures) if drawn else None),
+        conclusion=conclude(checks, printed, curves),
+        size_mm=None if printed is None else size_of(printed),
+        notes=tuple(notes),
+    )
 
 
 def _measure_apart(call: Callable[[], T] | None) -> Forked[T] | nullcontext[None]:

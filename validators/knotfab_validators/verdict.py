@@ -18,7 +18,9 @@ class Verdict:
 
     `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
     failed, 3 when one could not run on this machine. `views` has the keys of the report's views;
-    `seconds` says what each stage cost; `picture` is the file in which the failures were drawn.
+    `seconds` says what each stage cost; `picture` is the file in which the failures were drawn;
+    `conclusion` one line for a person, `size_mm` the part's extents, `notes` what its reader passed over
+    or asks.
     """
 
     status: str
@@ -27,11 +29,17 @@ class Verdict:
     views: tuple[dict[str, Any], ...]
     seconds: dict[str, float] = field(default_factory=dict)
     picture: str | None = None
+    conclusion: str = ""
+    size_mm: tuple[float, float, float] | None = None
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """{"status", "checks", "views"}, of values that JSON knows (no infinities); "picture" too."""
+        """Its fields but exit code and seconds, of values that JSON knows (no infinities)."""
         return {
             "status": self.status,
+            "conclusion": self.conclusion,
+            "size_mm": _plain(self.size_mm),
+            "notes": list(self.notes),
             "picture": self.picture,
             "checks": [_plain(asdict(check)) for check in self.checks],
             "views": [_plain(view) for view in self.views],

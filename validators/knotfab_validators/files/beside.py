@@ -5,9 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["find_3mf"]
+__all__ = ["find_3mf", "is_own"]
 
 PART = re.compile(r"part(-\d+)?")
+OWN = re.compile(r"part(-\d+)?|zoetrope")  # what a build writes as STL and as 3MF
+
+
+def is_own(part: Path) -> bool:
+    """Whether a build writes files of that name: then the 3MF beside it is the same part."""
+    return OWN.fullmatch(part.stem) is not None
 
 
 def find_3mf(part: Path) -> list[Path]:

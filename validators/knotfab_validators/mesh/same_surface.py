@@ -10,7 +10,7 @@ import numpy as np
 from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.check import Check, at_most, places, skip_check, spot, worst_apart
 from knotfab_validators.files.bad_file import BadFile
-from knotfab_validators.files.beside import find_3mf
+from knotfab_validators.files.beside import find_3mf, is_own
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import Mesh
 
@@ -53,7 +53,8 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     """`same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
 
     `measured` is the largest distance of a vertex from the other file's nearest, mm; words where the faces
-    differ between the same vertices, or where a file cannot be read. Skipped where there are none.
+    differ between the same vertices, or where a file cannot be read. Skipped where there are none. Required
+    of files that a build writes: a stranger's 3MF of the same name may be another part.
 
     Args:
         mesh: what the file `part` holds.
@@ -63,29 +64,31 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     beside = find_3mf(part)
     if not beside:
         return skip_check(NAME, f"there is no {part.stem}.3mf beside {part.name}")
-    worst, name = 0.0, beside[0].name
+    worst, name, own = 0.0, beside[0].name, is_own(part)
     for path in beside:
         try:
             other = read_mesh(path)
         except BadFile as error:
-            return Check(NAME, "fail", True, "not read", LIMIT_MM, "mm", str(error))
+            return Check(NAME, "fail", own, "not read", LIMIT_MM, "mm", str(error))
         found = compare_surfaces(mesh, other)
         if found.faces:
             said = f"{found.faces} faces differ"
             detail = f"{path.name} has other faces than the part between the same vertices"
             detail += f", such as at {spot(found.at[0])}"
-            return Check(NAME, "fail", True, said, LIMIT_MM, "mm", detail, places(found.at))
+            return Check(NAME, "fail", own, said, LIMIT_MM, "mm", detail, places(found.at))
         if found.away_mm > LIMIT_MM:
             detail = (
                 f"{path.name} is not the part's surface: a vertex of one of the two is so far from "
             )
             detail += f"all of the other's, at {spot(found.at[0])}"
-            return at_most(NAME, found.away_mm, LIMIT_MM, "mm", detail, at=found.at)
+            return at_most(NAME, found.away_mm, LIMIT_MM, "mm", detail, required=own, at=found.at)
         if found.away_mm >= worst:
             worst, name = found.away_mm, path.name
     names = " and ".join(path.name for path in beside)
     detail = f"{names} {'is' if len(beside) == 1 else 'are'} the part's surface, face by face; the "
-    return at_most(NAME, worst, LIMIT_MM, "mm", f"{detail}farthest vertex is in {name}")
+    return at_most(
+        NAME, worst, LIMIT_MM, "mm", f"{detail}farthest vertex is in {name}", required=own
+    )
 
 
 def _match(mesh: Mesh, other: Mesh) -> SurfaceDifference:
