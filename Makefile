@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table several-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -84,6 +84,10 @@ accuracy-table: system $(DONE)
 # run goes on where it was)
 feature-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.features --kept out/feature-table.json --write docs/features.md
+
+# named and drawn sets of two to four pictures in one part (about 15 min; an interrupted run goes on where it was)
+several-table: system $(DONE)
+	$(BIN)/python -m benchmarks.several_table --out out/several
 
 # what mounts on a wall and on a stand cost the same pictures (about 30 min)
 mount-table: system slicer $(DONE)

@@ -30,7 +30,7 @@ SECTIONS: dict[str, Section] = {
     "kind": Section("pictures of the paper's kind beside its published IoU", "paper.kind", 4),
     "searches": Section("inn, flow and both: IoU against seconds", "paper.search_compare", 6),
     "knots": Section("knots of the table tied into one picture", "studies.tied_knots", 5),
-    "views": Section("two and three views of one part", "paper.two_views", 8),
+    "views": Section("two and three views of one part", "benchmarks.several_table", 15),
     "viviani": Section("Viviani's curve from three sides", "paper.viviani", 3),
     "walk": Section("a sequence of twelve frames", "walk_cycle", 3),
     "film": Section("the film of a search", "search_film", 1, ("text:♞", "{out}.gif")),

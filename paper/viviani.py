@@ -15,6 +15,7 @@ import torch
 from PIL import Image
 
 from benchmarks.measurement import Stopwatch, run_study
+from benchmarks.several_table import draw_case
 from knotfab.arrays import Array
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
@@ -22,7 +23,6 @@ from knotfab.render.tensors import render
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
-from paper.two_views import draw_case
 
 RADIUS_MM = 2.0
 _FRAME_MM, _PIXELS = 160.0, 640
@@ -89,7 +89,7 @@ def main(
     print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
     print(f"{watch.wall_s:.0f} s ({watch.cpu_s:.0f} CPU s)")
     if picture:
-        draw_case(outcome, picture)
+        draw_case(outcome.folder, [v["name"] for v in outcome.report["views"]], picture)
 
 
 if __name__ == "__main__":

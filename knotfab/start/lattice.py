@@ -17,7 +17,16 @@ from knotfab.limits.region import tube_outside
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at
 
-__all__ = ["Cells", "Flags", "Lattice", "Sight", "draw_edges", "lattice_in", "sights_of"]
+__all__ = [
+    "NUDGED",
+    "Cells",
+    "Flags",
+    "Lattice",
+    "Sight",
+    "draw_edges",
+    "lattice_in",
+    "sights_of",
+]
 
 Cells = NDArray[np.int32]
 Flags = NDArray[np.bool_]
@@ -25,6 +34,9 @@ Flags = NDArray[np.bool_]
 
 _CELL = 0.35  # of the grids on which views are drawn, in tube radii
 _MARGIN = 0.25  # of the frame on each side
+_NUDGES = 3  # tries to move a node to where the tube fits better
+NUDGED = 0.25  # of the pitch, that a node may be moved: strands a pitch apart stay half of it apart
+_SHORTEST = 0.8  # of the pitch, of an edge between moved nodes
 _FAR = 10.0  # tube radii outside, of what stands out of the region
 
 
@@ -48,8 +60,20 @@ class Sight:
     def room(self, points: Array) -> Array:
         """How far inside the silhouette points are seen, mm where they stand (n,)."""
         seen, scale = self.look(points)
-        found = map_coordinates(self.depth, seen[:, ::-1].T, order=1, mode="nearest")
-        return np.asarray(found / scale)
+        return self._at(self.depth, seen) / scale
+
+    def inwards(self, points: Array) -> Array:
+        """(n, 3) unit steps from points to where they are seen further inside; 0 where there is no slope."""
+        seen, _ = self.look(points)
+        down, right = (self._at(np.asarray(g), seen) for g in np.gradient(self.depth))
+        away = seen[:, :, None] * self.projection[2, :3]
+        slope = self.projection[:2, :3] - away
+        step = right[:, None] * slope[:, 0] + down[:, None] * slope[:, 1]
+        return np.asarray(step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None])
+
+    def _at(self, field: Array, seen: Array) -> Array:
+        found = map_coordinates(field, seen[:, ::-1].T, order=1, mode="nearest")
+        return np.asarray(found)
 
 
 @dataclass(frozen=True)
@@ -173,6 +197,17 @@ def lattice_in(
     inner = np.asarray(((at >= low) & (at <= high)).all(1))
     nodes = pitch * (at + shift) @ axes
     room = measure(nodes)
+    for _ in range(_NUDGES):
+        # where the tube does not fit, nodes are moved to where it fits better
+        near = np.flatnonzero(inner & (room.min(0) < 1.0) & (room.min(0) > -1.0))
+        short = np.clip(1.0 - room[:, near], 0.0, None) * (0.5 * limits.radius)
+        steps = (s.inwards(nodes[near]) * by[:, None] for s, by in zip(sights, short, strict=True))
+        away = nodes[near] + sum(steps) - pitch * (at[near] + shift) @ axes
+        far = np.linalg.norm(away, axis=1) / (NUDGED * pitch)
+        moved = pitch * (at[near] + shift) @ axes + away / np.maximum(far, 1.0)[:, None]
+        there = measure(moved)
+        better = there.min(0) > room[:, near].min(0)
+        nodes[near[better]], room[:, near[better]] = moved[better], there[:, better]
     empty = Lattice(
         nodes,
         tuple(len(a) for a in around),
@@ -188,6 +223,8 @@ def lattice_in(
     opened = np.zeros((len(nodes), 3), dtype=bool)
     for axis, stride in enumerate(empty.strides.tolist()):
         first = np.flatnonzero(free[:-stride] & free[stride:])
+        length = np.linalg.norm(nodes[first + stride] - nodes[first], axis=1)
+        first = first[length > _SHORTEST * pitch]
         opened[first, axis] = measure(0.5 * (nodes[first] + nodes[first + stride])).min(0) > least
     return draw_edges(empty, opened.ravel(), sights, limits.radius)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import label
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -17,8 +16,9 @@ __all__ = ["edge_worth", "join_pieces", "seed_squares"]
 
 _LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
 _STEP = (
-    0.05  # of a bridge over a square in the hull, against one whose corners are a radius outside
+    0.02  # the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
 )
+_NECK = 0.5  # tube radii that a bridge's middle may be seen outside: a gap of twice that is one
 
 
 def edge_worth(lattice: Lattice, worth: Array) -> float:
@@ -46,15 +46,6 @@ def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
     return found
 
 
-def _hull_labels(lattice: Lattice, sights: Sequence[Sight]) -> Indices:
-    """(n,) the connected piece of the visual hull that each node lies in, at half the pitch; 0: none."""
-    shape = 2 * np.array(lattice.shape) - 1
-    at = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), -1).reshape(-1, 3)
-    points = lattice.nodes[0] + 0.5 * lattice.pitch * at @ lattice.axes
-    room = np.min([s.room(points) for s in sights], axis=0)
-    return np.asarray(label((room > 0).reshape(shape))[0][::2, ::2, ::2].ravel())
-
-
 def _corners(lattice: Lattice, squares: Indices) -> Indices:
     """(k, 4) the nodes of squares, one after the other."""
     one, two, three, _ = (lattice.ends(edges) for edges in squares.T)
@@ -68,49 +59,46 @@ def join_pieces(
 
     Args:
         radius: of the tube, mm.
-        knots: None: pieces are joined that one piece of the visual hull holds, too narrow between them for
-            the lattice; a number: the nearest, until so many are left.
+        knots: None: pieces are joined that the visual hull holds as one, too narrow between them for the
+            lattice; a number: the nearest, until so many are left, across gaps where nothing else is.
     """
     pieces = _pieces(lattice, worth)
     if len(pieces) < 2:
         return lattice
-    hull = np.zeros(len(lattice.nodes), int) if knots else _hull_labels(lattice, sights)
-    groups = [(np.unique(p), int(hull[p[0, 0] // 3])) for p in pieces]
+    groups = [np.unique(p) for p in pieces]
     count = 3 * len(lattice.nodes)
     between = np.repeat(lattice.inner, 3)
     for axis, stride in enumerate(lattice.strides.tolist()):
         between[axis::3] &= np.roll(lattice.inner, -stride)
     squares = lattice.squares(between)
-    corners = _corners(lattice, squares)
-    price = _STEP + lattice.spill[corners].mean(1)
-    one = np.repeat(count + np.arange(len(squares)), 4)
-    graph = csr_array(
-        (np.repeat(price, 4), (one, squares.ravel())), shape=(count + len(squares),) * 2
-    )
+    ends = np.stack(lattice.ends(squares))
+    middles = 0.5 * lattice.nodes[ends].sum(0)  # (k, 4, 3), of the squares' edges
+    centres = middles.mean(1, keepdims=True)
+    # a bridge leads from the middle of an edge to that of the square, and on
+    way = np.stack([middles + share * (centres - middles) for share in (0.0, 0.5, 1.0)])
+    room = np.stack([s.room(way.reshape(-1, 3)) for s in sights]).reshape(-1, *way.shape[:3])
+    outside = np.maximum(-room.min((0, 1)), 0.0) / radius
+    spill = lattice.spill[ends].mean((0, 2))[:, None]
+    price = _STEP + spill + np.where(outside < _NECK, 10.0 * outside, 100.0)
+    of = np.broadcast_to(count + np.arange(len(squares))[:, None], squares.shape)
+    kept = (outside < _NECK) | bool(knots)
+    graph = csr_array((price[kept], (of[kept], squares[kept])), shape=(count + len(squares),) * 2)
     opened = lattice.open.copy()
-    while len(groups) > (knots or 1):
-        alike = [
-            [g for g in groups if g[1] == name] for name in dict.fromkeys(g[1] for g in groups)
-        ]
-        several = next((a for a in alike if len(a) > 1), None)
-        if several is None:
-            break
-        mine = several[-1]
-        others = np.concatenate([edges for edges, _ in several[:-1]])
-        far_away, came, _ = dijkstra(graph, False, mine[0], return_predecessors=True, min_only=True)
-        place = int(others[far_away[others].argmin()])
-        if not np.isfinite(far_away[place]):
-            break
-        met = next(g for g in several[:-1] if place in g[0])
-        way = []
+    alone = 0
+    while len(groups) > max(1, (knots or 1) - alone):
+        mine = groups.pop()  # the smallest joins its nearest
+        others = np.concatenate(groups)
+        far, came, _ = dijkstra(graph, False, mine, return_predecessors=True, min_only=True)
+        place = int(others[far[others].argmin()])
+        if not np.isfinite(far[place]):
+            alone += 1
+            continue
+        met = next(k for k, group in enumerate(groups) if place in group)
         while came[place] >= 0:
             place = int(came[place])
             if place >= count:
-                way.append(squares[place - count])
-        bridge = np.unique(np.concatenate([np.zeros(0, int), *way]))
-        opened[bridge] = True
-        groups = [g for g in groups if g is not mine and g is not met]
-        groups.insert(0, (np.concatenate([met[0], mine[0], bridge]), mine[1]))
+                opened[squares[place - count]] = True
+        groups[met] = np.concatenate([groups[met], mine])
     return draw_edges(lattice, opened, sights, radius)
 
 

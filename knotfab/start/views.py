@@ -23,8 +23,8 @@ __all__ = ["start_between_views", "start_facing", "start_ious"]
 
 _SEEN_PX = 160
 _REACH = 1.2  # how far from the middle strands may go, against how far silhouettes reach
-_TURNS = (0.0, 22.5)  # degrees of the lattices that are tried, from where its edges face no view
-_SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.0, 0.5, 0.0), (0.5, 0.0, 0.5))  # of a pitch
+_TURNS = (0.0, 45.0)  # degrees of the lattices that are tried, from where its edges face no view
+_SHIFTS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))  # of a pitch
 _SPILL = 0.5  # tube radii that a ball of the tube may stand out of a silhouette
 _GROWN = (
     "grown from disjoint unit squares on a lattice, each move over an empty square: an isotopy, and so an "
@@ -57,7 +57,7 @@ def start_between_views(
     for axes, shift in _lattices(problem.views):
         lattice = lattice_in(sights, axes, shift, pitch, reach, limits, _SPILL)
         seen = np.zeros(len(worth))
-        seen[lattice.cells] = 1.0
+        seen[lattice.drawn_by(np.unique(lattice.squares(lattice.open)))] = 1.0
         drawn = float(np.add.reduceat(seen * worth, [s.first for s in sights]).min())
         if best is None or drawn > best[0]:
             best = drawn, lattice

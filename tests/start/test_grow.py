@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from questions import ask_views
+from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Point, box
 
 from knotfab.arrays import Array
@@ -12,13 +13,14 @@ from knotfab.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
-from knotfab.start.lattice import Lattice, lattice_in, sights_of
+from knotfab.start.lattice import NUDGED, Lattice, lattice_in, sights_of
 from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
 from knotfab.start.start import make_start
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import check_linking, knot_types
 
 RADIUS = 4.0
+DISC = MultiPolygon([Point(0, 0).buffer(38.0)])
 SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
 RING = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(0, 0).buffer(16.0))])
 APART = MultiPolygon([box(-30, -40, 30, -9), box(-30, 9, 30, 40)])
@@ -48,6 +50,25 @@ def test_a_grown_curve_is_a_simple_lattice_polygon_within_its_edges() -> None:
     assert np.isin(steps, lattice.strides).all()
     axis = (steps[:, None] == lattice.strides).argmax(1)
     assert lattice.open[3 * np.minimum(curve, np.roll(curve, -1)) + axis].all()
+
+
+def test_nodes_move_to_where_the_tube_fits_and_strands_stay_half_a_pitch_apart() -> None:
+    """What the proof asks of a lattice whose nodes were moved: each by a quarter of the pitch at most."""
+    problem = ask_views([RING, DISC], 0.0, 90.0)
+    lattice, worth = lattice_of(problem)
+    at = np.stack(np.unravel_index(np.arange(len(lattice.nodes)), lattice.shape), 1)
+    away = lattice.nodes / lattice.pitch - at
+    away = np.linalg.norm(away - np.median(away, axis=0), axis=1)
+    assert 0.1 < away.max() <= NUDGED + 1e-9
+    unit = edge_worth(lattice, worth)
+    (curve,) = grow_curves(lattice, worth, unit, seed_squares(lattice, worth, None), Growth())
+    points, ahead = lattice.nodes[curve], lattice.nodes[np.roll(curve, -1)]
+    along = np.linspace(0.0, 1.0, 9)[:, None, None]
+    near = cKDTree((points + along * (ahead - points)).reshape(-1, 3))
+    one, two = np.unique(
+        np.sort(near.query_pairs(0.5 * lattice.pitch, output_type="ndarray") % len(curve)), axis=0
+    ).T
+    assert (np.minimum(two - one, len(curve) + one - two) <= 1).all()
 
 
 def test_each_move_sweeps_a_square_that_no_curve_meets_and_counts_its_corners() -> None:
@@ -154,3 +175,14 @@ def test_a_start_repeats_to_the_last_bit() -> None:
     problem = ask_views([RING, SQUARE], 0.0, 90.0)
     one, two = (make_start(problem, RADIUS, HOW).curves[0] for _ in range(2))
     assert np.array_equal(one, two)
+
+
+def test_pieces_of_one_piece_of_the_hull_are_joined_within_it_and_never_across_a_gap() -> None:
+    """A slit narrower than the tube, closed at its top alone, in both pictures: bridges lie there."""
+    slit = MultiPolygon([box(-34, -40, 34, 40).difference(box(-3, -41, 3, 33))])
+    problem = ask_views([slit, slit], 0.0, 90.0)
+    (curve,) = make_start(problem, RADIUS, HOW).curves
+    for view in problem.views:
+        seen = curve @ view.axes.T
+        assert np.abs(seen[seen[:, 1] < 25.0, 0]).min() > 1.0
+        assert seen[:, 0].min() < -20.0 and seen[:, 0].max() > 20.0
