@@ -216,7 +216,8 @@ def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
         print(codec.dumps({**found.to_dict(), "picture": str(picture)}))
         return
     print(
-        f"{_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled."
+        f"{_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
+        f"{found.spilled:.1%} spilled."
     )
     if advice := advise(found):
         print(f"  {advice}")

@@ -26,3 +26,17 @@ def test_distance_of_bodies_against_all_pairs(seed: int) -> None:
     found = nearest_bodies(mesh)
     assert not isinstance(found, str)
     assert found[0] == pytest.approx(least, abs=1e-9)
+
+
+def test_a_thousand_copies_in_one_place_and_a_heap_of_faces_cost_no_more_than_they_may() -> None:
+    """Trees of boxes do not help where all boxes overlap: their work would grow with the square."""
+    rng = np.random.default_rng(0)
+    one = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [4, 0, 0], [3, 1, 0]])
+    copies = Mesh(one, np.tile([[0, 1, 2], [3, 4, 5]], (200_000, 1)))
+    found = nearest_bodies(copies)
+    assert not isinstance(found, str) and found[0] == pytest.approx(2.0)
+    points = rng.normal(size=(2 * 12_000, 3)) * 10
+    points[12_000:] += [0, 0, 1e-6]
+    chain = np.column_stack([np.arange(11_998), np.arange(11_998) + 1, np.arange(11_998) + 2])
+    heap = Mesh(points, np.concatenate([chain, chain + 12_000]))
+    assert "boxes that overlap" in str(nearest_bodies(heap))

@@ -10,7 +10,14 @@ from knotfab_validators.arrays import Array, Ints
 from knotfab_validators.compiled import compiled
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles
 
-__all__ = ["Opinions", "crossing_faces", "opinions", "overlapping_boxes", "self_intersections"]
+__all__ = [
+    "Opinions",
+    "crossing_faces",
+    "opinions",
+    "overlapping_boxes",
+    "self_intersections",
+    "tell_heap",
+]
 
 
 SAMPLES = (
@@ -46,8 +53,7 @@ def opinions(mesh: Mesh) -> Opinions:
     those are duplicates, and another check's.
     """
     boxes = overlapping_boxes(mesh)
-    if boxes > max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
-        why = f"some {boxes:.1g} pairs of faces have boxes that overlap"
+    if why := tell_heap(mesh, boxes):
         return Opinions(None, False, None, why)
     counted = boxes <= MOST_COUNTED
     pairs = self_intersections(mesh, first_only=not counted)
@@ -57,6 +63,18 @@ def opinions(mesh: Mesh) -> Opinions:
     except ImportError as error:
         return Opinions(pairs, counted, None, f"pymeshlab cannot be loaded here ({error})")
     return Opinions(pairs, counted, seen if asked is mesh else pairs[0][seen])
+
+
+def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
+    """Why a mesh is such a heap of faces that no tree of boxes helps; None where it is not.
+
+    Args:
+        boxes: about how many pairs of boxes overlap, where that is known.
+    """
+    boxes = overlapping_boxes(mesh) if boxes is None else boxes
+    if boxes <= max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
+        return None
+    return f"some {boxes:.1g} pairs of faces have boxes that overlap"
 
 
 def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:

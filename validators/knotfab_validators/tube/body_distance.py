@@ -7,6 +7,7 @@ import numpy as np
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.collision import collision_body, collision_distance
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
+from knotfab_validators.mesh.second_opinion import tell_heap
 
 __all__ = ["nearest_bodies"]
 
@@ -19,13 +20,19 @@ def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
 
     0 where two cross. By python-fcl's trees of boxes, whose triangle distances are exact; pairs of
     bodies are taken in the order of their bounding boxes' distance. Returns a sentence instead
-    where there is only one body, or more than 500.
+    where there is only one body, or more than 500, or the faces are such a heap that trees do not help.
     """
+    # faces that lie on each other are at one distance from everything
+    once = np.unique(np.sort(mesh.faces, axis=1), axis=0)
+    if len(once) < len(mesh.faces):
+        mesh = Mesh(mesh.vertices, once)
     label, count = number_bodies(mesh)
     if count == 1:
         return "the part is one body"
     if count > MOST_BODIES:
         return f"the part falls into {count} bodies, more than {MOST_BODIES}"
+    if why := tell_heap(mesh):
+        return why
     models, low, high = [], [], []
     for body in range(count):
         faces = mesh.faces[label[mesh.faces[:, 0]] == body]
