@@ -141,6 +141,7 @@ PIERCED = {
     "media": pierced(
         'class="a"', 'class="b"', f".a{{fill:{RED}}}{DARK}@media screen{{.b{{fill:#fff}}}}"
     ),
+    "sums": filled("rgb(calc(100 + 100) 0 0)", "rgb(calc(250 + 5) 255 calc(510 / 2))"),
     "nested rules": pierced(
         'class="a"', 'class="b"', f"svg{{.a{{fill:{RED}}}&amp; .b{{fill:#fff}}}}"
     ),
@@ -148,7 +149,7 @@ PIERCED = {
 PLACED = {
     "geometry in CSS": (page("<style>circle{cx:50px;cy:50px;r:45px}</style><circle/>"), DISC),
     "rem and calc": (
-        page('<path d="M0 50H100" style="stroke:#000;stroke-width:calc(1rem * 2)"/>'), 0.32
+        page('<path d="M0 50H100" style="stroke:#000;stroke-width:calc((1rem + .25in) * 2 - 48px)"/>'), 0.32
     ),
     "translate and rotate": (bar("transform:translate(50px,50px) rotate(30deg)", -20, -10), 0.08),
     "an origin": (bar("transform:rotate(.125turn);transform-origin:50% 50%"), 0.08),
@@ -233,6 +234,10 @@ TOLD = {
     "colour": (
         '<rect x="20" y="20" width="9" height="9" fill="device-cmyk(0 1 1 0)"/>',
         "device-cmyk",
+    ),
+    "sum": (
+        '<rect width="1" height="1" style="transform:translate(calc(1em - 1px - 9%))"/>',
+        "sum (calc)",
     ),
     "transform": ('<g style="transform:matrix(1)"/>', r"matrix\(1\)"),
     "font": (

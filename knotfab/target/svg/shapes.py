@@ -189,6 +189,13 @@ class _Placer:
                 for child in element
                 if local_name(child) not in ("defs", "style")
             )
+        if name == "use":
+            target = self._ids.get(element.get(f"{{{XLINK}}}href", "").removeprefix("#"))
+            at = (read_length(element.get(side, "0")) or 0.0 for side in ("x", "y"))
+            if target is None or local_name(target) in ("use", "g", "symbol"):
+                return False
+            moved = _read_list(target.get("transform", ""), self._box)
+            return self._trace(target, pen, matrix.translate(*at).transform(moved))
         data = _path_data(element, self._box)
         if data is None:
             return False

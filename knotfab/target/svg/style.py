@@ -6,8 +6,10 @@ the cascade is done here (selectors by cssselect2), and what it comes to is writ
 
 from __future__ import annotations
 
+import ast
+import operator
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -18,6 +20,7 @@ import tinycss2
 from knotfab.errors import InputError
 from knotfab.target.svg.clean import refuse_outside
 from knotfab.target.svg.colour import to_hex
+from knotfab.target.svg.size import read_length
 from knotfab.target.svg.xml import SVG, local_name
 
 __all__ = ["MOVING", "Styles", "compute_styles", "write_styles"]
@@ -56,6 +59,13 @@ _INHERITED = (
 )
 _APART = frozenset([*GEOMETRY, *MOVING, "vector-effect"])
 _URL = re.compile(r"url\(([^)]*)\)")
+_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+_LONGEST_SUM = 200  # characters of a calc()
 _BLOCKS = ("media", "supports", "layer", "container", "scope")
 _DEEPEST = 32  # variables that stand for variables
 _LONGEST = 100_000  # characters of a value, its variables written out
@@ -261,6 +271,11 @@ def _write_out(tokens: Tokens, variables: dict[str, Tokens], depth: int) -> Iter
 
 def _read_value(name: str, text: str, styles: Styles) -> str | None:
     """A value as the library knows it; None where there is none that it knows."""
+    if name != "d" and re.search(r"[\d.]rem\b|\b(?:calc|min|max|clamp)\(", text, re.I):
+        text = _read_lengths(text)
+        if re.search(r"\b(?:calc|min|max|clamp|unknown)\(", text, re.I):
+            styles.note(f"{name}: a sum (calc) of several units is left out")
+            return None
     word = text.lower()
     if word in ("unset", "revert", "revert-layer"):
         return "inherit" if name.startswith(_INHERITED) else None
@@ -269,8 +284,6 @@ def _read_value(name: str, text: str, styles: Styles) -> str | None:
     if name.startswith("background"):
         return to_hex(text)
     text = re.sub(r"""url\(\s*["']?([^"')]*?)["']?\s*\)""", r"url(\1)", text, flags=re.I)
-    if name not in MOVING and name != "d":
-        text = _read_lengths(text)
     shape = re.match(
         r"(circle|ellipse|inset|polygon|path|rect|xywh|shape|[a-z-]*gradient|image-set)\(", word
     )
@@ -296,21 +309,44 @@ def _read_paint(name: str, text: str, styles: Styles) -> str | None:
 
 
 def _read_lengths(text: str) -> str:
-    """Lengths in rem in px, and sums of numbers worked out."""
+    """Lengths in rem in px, and sums (calc) worked out where their units allow it."""
     text = re.sub(r"(?<![\w.])([\d.]+)rem\b", lambda m: f"{16 * float(m[1]):g}px", text)
-    return re.sub(r"calc\(\s*([\d.\s*/+-]+?)(px)?\s*([\d.\s*/+-]*)\)", _work_out, text)
+    for _ in range(_DEEPEST):  # the innermost first
+        text, changed = re.subn(r"\bcalc\(((?:[^()]|\([^()]*\))*)\)", _work_out, text, flags=re.I)
+        if not changed:
+            break
+    return text
 
 
 def _work_out(match: re.Match[str]) -> str:
-    """A product or quotient of numbers, one of them perhaps in px; other sums stay as they are."""
-    parts = re.split(r"\s*([*/])\s*", f"{match[1]}{match[3]}".strip())
+    """What a sum of numbers, of lengths in px, or of any one other unit comes to."""
+    units = set()
+
+    def bare(number: re.Match[str]) -> str:
+        unit = number[2].lower()
+        length = None if unit in ("", "em", "ex", "%") else read_length(number[0])
+        units.add(unit if length is None else "px")
+        return number[1] if length is None else repr(length)
+
+    sum_ = re.sub(r"(\d+\.?\d*|\.\d+)([a-z%]*)", bare, match[1], flags=re.I)
     try:
-        result = float(parts[0])
-        for sign, number in zip(parts[1::2], parts[2::2], strict=True):
-            result = result * float(number) if sign == "*" else result / float(number)
-    except (ValueError, ZeroDivisionError):
-        return match[0]
-    return f"{result:g}{match[2] or ''}"
+        if len(sum_) > _LONGEST_SUM or len(units - {""}) > 1:
+            raise ValueError
+        result = _evaluate(ast.parse(sum_.strip(), mode="eval").body)
+    except (ValueError, SyntaxError, ZeroDivisionError, KeyError):
+        return f"unknown({match[1]})"
+    return f"{result:.9g}{next(iter(units - {''}), '')}"
+
+
+def _evaluate(node: ast.expr) -> float:
+    """The value of an expression of numbers and + - * /; KeyError or ValueError where it is another."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return float(node.value)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        return -_evaluate(node.operand)
+    if isinstance(node, ast.BinOp):
+        return _OPERATORS[type(node.op)](_evaluate(node.left), _evaluate(node.right))
+    raise ValueError
 
 
 def _expand_font(text: str) -> dict[str, str]:
