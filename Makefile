@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table feature-table mount-table effects-table grace-table several-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table grace-table several-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -79,6 +79,10 @@ wheel-test: system
 # IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
 accuracy-table: system $(DONE)
 	$(BIN)/python -m benchmarks.accuracy_table
+
+# other projects' files below a folder (DIR=...): 3MF conformance suites, knots, pictures; a few seconds each
+outside-suites: system $(DONE)
+	$(BIN)/python -m benchmarks.outside_suites "$(DIR)"
 
 # every feature in every setting, built: one view, several, a free view, a sequence (about half an hour; an interrupted
 # run goes on where it was)
