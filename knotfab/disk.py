@@ -6,13 +6,13 @@ import contextlib
 import importlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from knotfab.errors import InputError, why_of
 
-__all__ = ["MOST_TEXT", "at_home", "hold", "locked", "read_file", "read_text"]
+__all__ = ["MOST_TEXT", "at_home", "hold", "locked", "own_folder", "read_file", "read_text"]
 
 _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
@@ -23,6 +23,21 @@ MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
 def at_home(path: str | Path) -> Path:
     """A path whose ~ stands for a home, unless a file of that very name is there, or nobody lives there."""
     return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
+
+
+def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
+    """A folder of the user's own: what `variable` in the environment says, else this system's usual one.
+
+    Args:
+        homeless: its path where nobody has a home; by default one in which nothing can be.
+    """
+    own = os.environ.get(variable)
+    if own:
+        return at_home(own)
+    try:
+        return usual("knotfab", appauthor=False)
+    except RuntimeError:  # no HOME, and no user
+        return Path(homeless) if homeless else Path(os.devnull, "knotfab")
 
 
 def read_file(

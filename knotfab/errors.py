@@ -125,6 +125,8 @@ def explain_error(error: Exception) -> KnotfabError | None:
         return InputError("the input", "something in it is nested too deep", "Make it simpler.")
     if isinstance(error, OSError):
         return _explain_os(error)
+    if isinstance(error, ValueError) and str(error).startswith("embedded null"):
+        return InputError("a path", "it holds a null character", "Check the call.")
     if isinstance(error, ImportError):
         return MachineError(
             f"the library {error.name or 'that is needed'}",

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from platformdirs import user_config_path
 from pydantic import ValidationError
 
-from knotfab.disk import at_home, read_text
+from knotfab.disk import at_home, own_folder, read_text
 from knotfab.errors import InputError
 from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.model import Material, Printer, Scene
@@ -46,8 +46,7 @@ _FOR_PEOPLE = ("title", "aliases")  # keys of a data file that are none of the m
 
 def data_folder() -> Path:
     """A person's own data: $KNOTFAB_DATA, else knotfab in this system's folder for settings."""
-    own = os.environ.get("KNOTFAB_DATA")
-    return at_home(own) if own else user_config_path("knotfab", appauthor=False)
+    return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
 
 
 def is_file_name(text: str) -> bool:

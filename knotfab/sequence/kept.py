@@ -24,7 +24,7 @@ from typing import Any
 from platformdirs import user_cache_path
 
 import knotfab
-from knotfab.disk import at_home
+from knotfab.disk import own_folder
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.target.read import Target
@@ -68,9 +68,7 @@ class KeptFrames:
 
 def keep_for(request: Request, targets: Sequence[Target]) -> KeptFrames:
     """What is kept of the sequence that is asked for; what is too old, of any, is removed."""
-    own = os.environ.get("KNOTFAB_CACHE")
-    whole = at_home(own) if own else user_cache_path("knotfab", appauthor=False)
-    folder = whole / "sequences"
+    folder = own_folder("KNOTFAB_CACHE", user_cache_path) / "sequences"
     with contextlib.suppress(OSError):
         for other in folder.iterdir():
             if other.stat().st_mtime < time.time() - 86400 * _DAYS:
