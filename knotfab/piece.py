@@ -22,6 +22,7 @@ from knotfab.mount.drill_template import write_drill_template
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
 from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
+from knotfab.preview.draw import draw_agreement
 from knotfab.progress import Progress
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.of_bounds import add_bounds
@@ -228,7 +229,10 @@ def report_piece(
         add_advice(report, made)
         tell_contrast(report)
         tell_walls(report)
-        add_bounds(report, made)
+        add_bounds(report, made, piece.targets)
+        for view, target, bound in zip(made.scene.views, piece.targets, made.bounds, strict=False):
+            if target.bending is not None:
+                folder.write(f"bent-{view.name}.png", draw_agreement(target, bound))
         add_posing(
             report,
             part,

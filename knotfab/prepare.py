@@ -33,6 +33,7 @@ from knotfab.sequence.require import require_sequence
 from knotfab.target.read import TEXT_PREFIX, Target, plain_name, read_targets
 
 if TYPE_CHECKING:
+    from knotfab.design.agree import Agreement
     from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
 
@@ -149,7 +150,8 @@ class _Call:
     base: Path | None
     targets: tuple[Target, ...]
     name: str
-    lines: tuple[str, ...] = ()  # what was done so that they agree
+    lines: tuple[str, ...] = ()  # what else a person is told
+    agreed: Agreement | None = None  # of several pictures
 
 
 def _read_call(
@@ -163,6 +165,7 @@ def _read_call(
     base = None if pictures else folder
     open_ = False
     lines: tuple[str, ...] = ()
+    agreed: Agreement | None = None
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
@@ -207,14 +210,14 @@ def _read_call(
 
             agreed = agree(scene, targets, azimuths_open=open_)
             require_agreed(agreed, scene)
-        scene, targets, lines = agreed.scene, agreed.targets, agreed.lines
+        scene, targets = agreed.scene, agreed.targets
     pieces, asked = targets[0].pieces, scene.piece.knots
     if len(targets) == 1 and isinstance(asked, int) and asked > pieces:
         is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
         lines = (*lines, f"--knots {asked}: the picture {is_}. A knot more would draw nothing.")
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
     name = plain_name("-".join(dict.fromkeys(names)), "picture")
-    return _Call(scene, sources, base, targets, name, lines)
+    return _Call(scene, sources, base, targets, name, lines, agreed)
 
 
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
@@ -227,7 +230,10 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     printed = {"printed": _prints(options, call.scene)}
     piece = call.scene.piece.model_copy(update=printed)
     scene = call.scene.model_copy(update={"piece": piece})
-    return survey(scene, call.targets, options.sequence, choose)
+    found = survey(scene, call.targets, options.sequence, choose)
+    if call.agreed is None:
+        return found
+    return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
 
 
 def _prints(options: BuildOptions, scene: Scene) -> bool:

@@ -121,6 +121,13 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
         if _worst(after) > _worst(bounds):
             framed, drawn, bounds = bent_scene, bent, after
             lines.append(tell_bending(drawn))
+    for target, bound in zip(targets, bounds, strict=True):
+        if not bound.covered.any():
+            raise SceneError(
+                f"picture {target.name}",
+                "the other pictures leave nothing of it: no part spills in none of the views",
+                "Use pictures that fill the same heights, other azimuths, or more bending (--bend)",
+            )
     if most > 0:
         lines += _tell_lacking(framed, targets, bounds, most)
     if framed.views == scene.views:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from shapely import MultiPolygon, Polygon
 
-from knotfab.arrays import Array
+from knotfab.arrays import Array, Mask
+from knotfab.design.hull import HullBound
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, ViewSurvey
 from knotfab.target.data_uri import encode_image
 from knotfab.target.opening import Loss
+from knotfab.target.read import Target
 from knotfab.target.silhouette import fit_size
 
-__all__ = ["Panel", "draw_panels", "draw_survey"]
+__all__ = ["Panel", "draw_agreement", "draw_panels", "draw_survey"]
 
 _PANEL = 360  # px
 _TEXT = 34  # px of the caption above each
@@ -35,7 +38,17 @@ class Panel(NamedTuple):
 
 def draw_survey(found: Survey) -> bytes:
     """A PNG: a row for each picture, with its silhouette and one panel for each radius."""
-    rows = [[_with_caption(panel) for panel in _row(seen)] for seen in found.views]
+    return _lay_out(_rows(found))
+
+
+def draw_agreement(target: Target, bound: HullBound) -> bytes:
+    """A PNG of one of several pictures: as it came, as it is bent, and what all leave of it."""
+    return _lay_out([_agreement(target, bound, _PANEL)])
+
+
+def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
+    """Rows of panels with their captions on one sheet, as a PNG."""
+    rows = [[_with_caption(panel) for panel in row] for row in panels]
     width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
     heights = [max(p.height for p in row) + _GAP for row in rows]
     sheet = Image.new("RGB", (width, _GAP + sum(heights)), _PAPER)
@@ -49,11 +62,39 @@ def draw_survey(found: Survey) -> bytes:
 
 def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
     """The panels of all pictures in their order, so many px on the longer side."""
-    return [panel for seen in found.views for panel in _row(seen, side_px)]
+    return [panel for row in _rows(found, side_px) for panel in row]
 
 
-def _row(seen: ViewSurvey, side_px: int = _PANEL) -> list[Panel]:
-    return [_panel(seen, radius, side_px) for radius in (None, *seen.losses)]
+def _rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
+    """The panels of each picture: it, what of it agrees with the others, and what tubes lose of that."""
+    bounds = found.bounds or (None,) * len(found.views)
+    return [
+        (_agreement(seen.target, bound, side_px) if bound else [_panel(seen, None, side_px)])
+        + [_panel(seen, radius, side_px) for radius in seen.losses]
+        for seen, bound in zip(found.views, bounds, strict=True)
+    ]
+
+
+def _agreement(target: Target, bound: HullBound, side_px: int) -> list[Panel]:
+    panels = [_mask_panel(f"{target.name[:30]}, as it came", target.asked, side_px)]
+    if (bent := target.bending) is not None:
+        said = f"as bent: {bent.rms:.1%} on average, {bent.most:.1%} at most"
+        panels.append(_mask_panel(said, target.mask, side_px))
+    lost = bound.wanted & ~bound.covered
+    said = f"what all leave of it: {bound.iou:.3f}"
+    return [*panels, _mask_panel(said, bound.covered, side_px, lost)]
+
+
+def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None) -> Panel:
+    """A mask in ink; what is `lost` in red."""
+    colours = np.where(mask[..., None], _INK, _PAPER)
+    if lost is not None:
+        colours = np.where(lost[..., None], _RED, colours)
+    picture = Image.fromarray(colours.astype(np.uint8))
+    picture = picture.resize(fit_size(*picture.size, side_px), Image.Resampling.LANCZOS)
+    ends = (0, 0, picture.width - 1, picture.height - 1)
+    ImageDraw.Draw(picture).rectangle(ends, outline=_FRAME)
+    return Panel(caption, picture)
 
 
 def _with_caption(panel: Panel) -> Image.Image:

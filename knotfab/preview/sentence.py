@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from typing import Any
 
 from knotfab.preview.survey import Survey, ViewSurvey
@@ -24,6 +25,7 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
         lines.append(_describe_silhouette(seen, exact))
         lines += [f"  Note: {note}." for note in seen.target.notes]
         lines.append(_describe_losses(seen, found))
+    lines += [f"  {line[0].upper()}{line[1:]}." for line in found.agreed]
     if found.refusal is None:
         return [*lines, _describe_piece(found)]
     return [*lines, f"  A build would refuse this: {found.refusal.why}. {found.refusal.remedy}"]
@@ -100,7 +102,8 @@ def _round(value: float) -> str:
 def list_figures(found: Survey) -> dict[str, Any]:
     """The survey as plain data: lengths in mm, places in px of the picture."""
     views = []
-    for seen in found.views:
+    bounds = found.bounds or (None,) * len(found.views)
+    for seen, bound in zip(found.views, bounds, strict=True):
         losses = [
             {
                 "tube_radius_mm": radius,
@@ -118,8 +121,11 @@ def list_figures(found: Survey) -> dict[str, Any]:
             }
             for radius, lost in seen.losses.items()
         ]
+        bent = seen.target.bending
         views.append(
             {
+                **({} if bound is None else {"bound": round(bound.iou, 4)}),
+                **({} if bent is None else {"bending": asdict(bent)}),
                 "picture": seen.target.name,
                 "silhouette": seen.target.rule,
                 "notes": list(seen.target.notes),

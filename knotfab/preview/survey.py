@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 from knotfab.arrays import Array, Mask
 from knotfab.design.candidates import line_radius
 from knotfab.design.frames import frame_view, framed_alike
+from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.errors import SceneError
@@ -100,6 +101,8 @@ class Survey:
     guess: Guess
     frames: int = 0  # of a sequence, of which `views` holds the one that is hardest to draw
     refusal: SceneError | None = None
+    bounds: tuple[HullBound, ...] = ()  # of several pictures: what they leave of each other
+    agreed: tuple[str, ...] = ()  # what was done so that they agree, a sentence each
 
 
 def survey(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from knotfab.design.agree import tell_bending
 from knotfab.design.contradictions import contradictions
 from knotfab.design.design import Design
+from knotfab.target.read import Target
 
 __all__ = ["add_bounds"]
 
 
-def add_bounds(report: dict[str, Any], made: Design) -> None:
+def add_bounds(report: dict[str, Any], made: Design, targets: Sequence[Target]) -> None:
     """Add each view's `bound`, the IoU that no part without spill can beat, and its contradictions.
 
     A design for one view has none: nothing contradicts a single picture.
@@ -24,4 +27,7 @@ def add_bounds(report: dict[str, Any], made: Design) -> None:
         if "bending" in view:
             view["drawn"] = files[view["name"]]
     report["settings"]["start_ious"] = list(made.start_ious)
-    report.setdefault("notes", []).extend(contradictions(made.scene.views, made.bounds))
+    notes = report.setdefault("notes", [])
+    if any(target.bending is not None for target in targets):
+        notes.append(f"The pictures are {tell_bending(targets)}.")
+    notes.extend(contradictions(made.scene.views, made.bounds))

@@ -180,6 +180,24 @@ def test_without_bending_nothing_bends_and_the_hopeless_is_refused() -> None:
     require_agreed(done, kept)
 
 
+def test_an_empty_hull_is_refused() -> None:
+    above, below = picture("above", (0.5, 0.2, 0.3, 0.1)), picture("below", (0.5, 0.8, 0.3, 0.1))
+    scene = spread_views(Scene(), "ab")
+    framed = scene.model_copy(
+        update={"views": tuple(v.model_copy(update={"frame_width_mm": 150.0}) for v in scene.views)}
+    )
+    off = framed.model_copy(update={"piece": scene.piece.model_copy(update={"bend": "off"})})
+    with pytest.raises(SceneError, match="picture above: the other pictures leave nothing of it"):
+        agree(off, (above, below))
+
+
+def test_one_picture_is_left_alone() -> None:
+    scene = Scene()
+    done = agree(scene, (EGG,))
+    assert done.scene is scene
+    assert done.targets[0] is EGG
+
+
 def test_views_along_one_line_and_too_many_are_refused() -> None:
     scene = spread_views(Scene(), "abcdefghijklmn"[:2])
     first, second = scene.views
