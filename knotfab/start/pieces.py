@@ -30,10 +30,10 @@ def edge_worth(lattice: Lattice, worth: Array) -> float:
 def _pieces(lattice: Lattice, worth: Array) -> list[Indices]:
     """The squares (k, 4) of each piece that draws what larger ones leave, those of the largest first."""
     squares = lattice.squares(lattice.open)
-    one, two = lattice.ends(np.unique(squares))
-    linked = csr_array((np.ones(len(one)), (one, two)), shape=(len(lattice.nodes),) * 2)
-    of_node = connected_components(linked, directed=False)[1]
-    piece = of_node[squares[:, 0] // 3] if len(squares) else np.zeros(0, int)
+    # from square to square a curve grows over the edge that they share
+    one, two = np.repeat(squares[:, 0], 3), squares[:, 1:].ravel()
+    linked = csr_array((np.ones(len(one)), (one, two)), shape=(len(lattice.open),) * 2)
+    piece = connected_components(linked, directed=False)[1][squares[:, 0]]
     names, sizes = np.unique(piece, return_counts=True)
     left, found = worth.copy(), []
     least = _LEAST * edge_worth(lattice, worth)

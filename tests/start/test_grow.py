@@ -13,7 +13,7 @@ from knotfab.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
-from knotfab.start.lattice import NUDGED, Lattice, lattice_in, sights_of
+from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
 from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
 from knotfab.start.start import make_start
 from knotfab_validators.geometry.curves import Curves
@@ -69,6 +69,30 @@ def test_nodes_move_to_where_the_tube_fits_and_strands_stay_half_a_pitch_apart()
         np.sort(near.query_pairs(0.5 * lattice.pitch, output_type="ndarray") % len(curve)), axis=0
     ).T
     assert (np.minimum(two - one, len(curve) + one - two) <= 1).all()
+
+
+def test_squares_that_share_but_a_node_are_two_pieces_until_they_are_joined() -> None:
+    """A curve grows from square to square over an edge: round a node alone it comes nowhere."""
+    lattice, worth = lattice_of(ask_views([SQUARE, SQUARE], 0.0, 90.0))
+    squares = lattice.squares(lattice.open)
+    first = squares[0]
+    node = lattice.ends(first[2:3])[1][0]  # the far corner
+    corners = np.stack([np.stack(lattice.ends(e)) for e in squares.T])
+    other = next(
+        s
+        for s, c in zip(squares, corners.T, strict=True)
+        if node in c and not np.isin(s, first).any()
+    )
+    opened = np.zeros_like(lattice.open)
+    opened[first] = opened[other] = True
+    sights, _ = sights_of(ask_views([SQUARE, SQUARE], 0.0, 90.0).views, RADIUS)
+    parted = draw_edges(lattice, opened, sights, RADIUS)
+    even = np.ones_like(worth)
+    assert len(seed_squares(parted, even, None)) == 2
+    joined = join_pieces(parted, sights, even, RADIUS, None)
+    (seed,) = seed_squares(joined, even, None)
+    (curve,) = grow_curves(joined, even, 1.0, [seed], Growth())
+    assert {*np.unique(lattice.ends(first))} | {*np.unique(lattice.ends(other))} <= {*curve}
 
 
 def test_each_move_sweeps_a_square_that_no_curve_meets_and_counts_its_corners() -> None:
