@@ -165,7 +165,8 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     corners = mesh.vertices[mesh.faces]
     middle = corners.mean(axis=1)
     bound = (OWN + SPACING) * radius
-    _, near = cKDTree(samples.point).query(middle, k=2, distance_upper_bound=bound)
+    tree = cKDTree(samples.point)
+    _, near = tree.query(middle, k=2, distance_upper_bound=bound)
     known = near < len(samples.point)
     near = np.where(known, near, 0)
     # a sample begins its piece of the curve: the nearest place may be on the piece before
@@ -173,7 +174,11 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     edge, distance, to_corner = nearest_edges(
         corners, middle, options, np.tile(known, 2), start, end
     )
-    own = (distance <= OWN * radius) & (to_corner <= OWN * radius)
+    own = distance <= OWN * radius
+    # a face longer than its edge has corners that other edges are nearer to
+    long = np.flatnonzero(own & (to_corner > OWN * radius))
+    away, _ = tree.query(corners[long].reshape(-1, 3))
+    own[long] = away.reshape(-1, 3).max(axis=1, initial=0.0) <= np.hypot(OWN, SPACING / 2) * radius
     order = np.flatnonzero(own)[np.argsort(edge[own], kind="stable")]
     reach = np.zeros(len(start))
     np.maximum.at(reach, edge[order], to_corner[order])
