@@ -366,3 +366,32 @@ def test_a_process_that_crashes_is_a_sentence(
     monkeypatch.setattr(subprocess, "run", crash)
     with pytest.raises(InputError, match="the library that draws SVG files fails on it"):
         read(tmp_path, page(SQUARE))
+
+
+NESTED = 2000
+ODD = {
+    "laughing variables": "<style>:root{--a0:red red;"
+    + "".join(f"--a{i + 1}:{f'var(--a{i}) ' * 10};" for i in range(30))
+    + "} rect{fill:var(--a30)}</style>",
+    "brackets": f'<rect style="fill:{"(" * NESTED}{")" * NESTED}"/>',
+    "selectors": f"<style>{':not(' * NESTED}a{')' * NESTED}{{fill:red}}</style>",
+    "no numbers": '<rect style="transform:rotate(1e999deg) scale(1e400);scale:a%" width="5" height="5"/>',
+    "no colours": '<rect fill="rgb(1e999 0 0)"/><rect fill="color-mix(in foo, red, blue)"/>'
+    '<rect fill="light-dark()"/><rect style="fill:url()"/>',
+    "no outline": '<g transform="scale(2 1)"><path d="M1 2 Q" stroke="red" '
+    'vector-effect="non-scaling-stroke"/></g>',
+    "itself": '<g id="a"><use href="#a"/><rect vector-effect="non-scaling-stroke"/></g>',
+    "nothing": '<g transform="scale(0)"><path d="M1 2L3 4" vector-effect="non-scaling-stroke"/></g>',
+    "many": "".join(f'<rect fill="x{i}"/>' for i in range(100)),
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_odd_values_end_in_a_drawing_or_a_sentence(tmp_path: Path, kind: str) -> None:
+    try:
+        target = read(tmp_path, page(ODD[kind] + SQUARE))
+    except InputError as refused:
+        assert "nested too deep" in str(refused) and kind in ("brackets", "selectors")
+    else:
+        assert target.mask.mean() == pytest.approx(0.36, abs=0.006)
+        assert len(target.notes) < 10 and all("\n" not in note for note in target.notes)

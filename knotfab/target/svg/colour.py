@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Any
 
 import tinycss2
@@ -21,6 +22,7 @@ _SYSTEM = {  # CSS Color 4, section 6.2, in a light scheme
 }  # fmt: skip
 
 
+@lru_cache(4096)
 def to_hex(text: str) -> str | None:
     """A colour as `#rrggbb` or `#rrggbbaa`, clipped to sRGB; the words that name none, as they are.
 
@@ -47,7 +49,7 @@ def _parse(text: str) -> Any:
 
     try:
         return Color(text)
-    except ValueError:
+    except (ValueError, ArithmeticError, TypeError):
         return None
 
 
@@ -82,7 +84,7 @@ def _mix(text: str) -> Any:
         mixed = colours[0].mix(
             colours[1], second / (first + second), space=_SPACES.get(*space.groups() * 2)
         )
-    except ValueError:
+    except (ValueError, KeyError):  # a space that there is not
         return None
     return mixed.set("alpha", mixed.alpha() * min(1.0, first + second))
 

@@ -63,7 +63,7 @@ def choose_fonts(root: Element, styles: Styles, what: str) -> tuple[str, ...] | 
             family, found = _choose(named)
             files.update(dict.fromkeys(found))
             first = named.split(",")[0].strip(" \"'")
-            if family.lower() != first.lower() and first.lower() not in _GENERIC:
+            if first and family.lower() != first.lower() and first.lower() not in _GENERIC:
                 styles.note(
                     f"its text is drawn in {family} instead of {first}, which this machine lacks "
                     "(turn it to paths in the editor to keep its look)"

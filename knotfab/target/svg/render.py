@@ -6,7 +6,7 @@ import struct
 from typing import Any
 from xml.etree.ElementTree import tostring
 
-from knotfab.errors import InputError
+from knotfab.errors import InputError, shown
 from knotfab.target.fonts import supplied_folder
 from knotfab.target.raster import LARGEST_SIDE, SMALLEST_SIDE
 from knotfab.target.svg.clean import clean
@@ -20,6 +20,7 @@ LONGER_SIDE = 2048
 
 Notes = dict[str, None]  # sentences, in their order
 
+_MOST_NOTES = 8
 _NESTED = 3  # drawings in each other, as pictures
 _FONTS = {
     "font_family": "DejaVu Sans",
@@ -45,7 +46,15 @@ def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...]]:
         InputError: anything but a harmless SVG that can be rendered; it names the element.
     """
     notes: Notes = {}
-    return _render(data, what, notes, _NESTED), tuple(notes)
+    try:
+        png = _render(data, what, notes, _NESTED)
+    except RecursionError as error:
+        raise InputError(
+            what, "its style sheet is nested too deep", "Save it as a plain SVG, or as a PNG."
+        ) from error
+    told = [" ".join(shown(note).split()) for note in notes]
+    more = len(told) - _MOST_NOTES
+    return png, (*told[:_MOST_NOTES], *([f"and {more} more of these"] if more > 0 else []))
 
 
 def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:

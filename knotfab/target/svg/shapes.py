@@ -61,8 +61,7 @@ class _Placer:
         wide, high = (read_length(root.get(side, "")) or 100.0 for side in ("width", "height"))
         shrink = longer_px / max(wide, high)
         wide, high = wide * shrink, high * shrink
-        numbers = [float(n) for n in _spread(root.get("viewBox", ""))]
-        box = _Box(*numbers) if len(numbers) == 4 else _Box(0.0, 0.0, wide, high)
+        box = _view_box(root) or _Box(0.0, 0.0, wide, high)
         scale = wide / box.width, high / box.height
         if root.get("preserveAspectRatio", "").strip() != "none":
             scale = (min(scale),) * 2
@@ -117,7 +116,7 @@ class _Placer:
         outer = matrix
         try:
             moved = self._transform(element, own, box)
-        except _Unreadable as unknown:
+        except (ValueError, ArithmeticError, TypeError) as unknown:
             self._styles.note(f"transform: {str(unknown)[:60]} is left out, which is not known")
             moved = None
         matrix = matrix.transform(moved or Identity)
@@ -125,7 +124,10 @@ class _Placer:
             matrix, box = _enter(element, matrix, box)
         strokes = inherited | {k: v for k, v in own.items() if k.startswith("stroke")}
         if own.get("vector-effect") == "non-scaling-stroke":
-            self._keep_stroke(element, own, strokes, matrix, outer, box)
+            try:
+                self._keep_stroke(element, own, strokes, matrix, outer, box)
+            except (ValueError, ArithmeticError, TypeError, AssertionError, IndexError, PenError):
+                self._styles.note("a stroke that does not scale is drawn as if it did")
         for child in list(element):
             self._visit(child, matrix, box, strokes)
 
@@ -264,6 +266,8 @@ def _as_function(name: str, value: str) -> str:
             raise _Unreadable(f"rotate: {value}")
         parts = angle
     if name == "scale":
+        if any(_NUMBER.fullmatch(p) is None for p in parts):
+            raise _Unreadable(f"scale: {value}")
         parts = [f"{float(p[:-1]) / 100:g}" if p.endswith("%") else p for p in parts]
     return f"{name}({' '.join(parts[:2])})"
 
@@ -311,7 +315,7 @@ def _read_function(name: str, arguments: str, box: _Box) -> Transform:
             values[k] = length
     try:
         return _KINDS[name](*values)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise _Unreadable(f"{name}({arguments})") from error
 
 
@@ -361,12 +365,19 @@ def _read_origin(text: str, box: _Box) -> tuple[float, float]:
     return box[0] + x, box[1] + y
 
 
+def _view_box(element: Element) -> _Box | None:
+    try:
+        numbers = [float(n) for n in element.get("viewBox", "").replace(",", " ").split()]
+    except ValueError:
+        return None
+    return _Box(*numbers) if len(numbers) == 4 and min(numbers[2:]) > 0 else None
+
+
 def _enter(element: Element, matrix: Transform, box: _Box) -> tuple[Transform, _Box]:
     """The units inside a nested <svg> or the like, by its viewBox."""
-    numbers = [float(n) for n in _spread(element.get("viewBox", ""))]
-    if len(numbers) != 4 or min(numbers[2:]) <= 0:
+    inner = _view_box(element)
+    if inner is None:
         return matrix, box
-    inner = _Box(*numbers)
     wide = read_length(element.get("width", "100%"), box[2]) or box[2]
     high = read_length(element.get("height", "100%"), box[3]) or box[3]
     across, down = wide / inner[2], high / inner[3]

@@ -11,6 +11,7 @@ import operator
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -198,7 +199,7 @@ def _visit(
         if pseudo is None:
             ranked += _rank(content, (1, specificity, order))
     style = element.attrib.pop("style", "")
-    ranked += _rank(tinycss2.parse_blocks_contents(style), (2,))
+    ranked += _rank(_parse_declarations(style), (2,))
     # the strongest first, and of equals the last
     ranked = [r for _, r in sorted(enumerate(ranked), key=lambda k: (k[1][0], k[0]), reverse=True)]
     own = dict(variables)
@@ -223,6 +224,11 @@ def _visit(
     styles.of[element] = chosen
     for child in wrapper.iter_children():
         _visit(child, matcher, own, styles)
+
+
+@lru_cache(1024)
+def _parse_declarations(style: str) -> Tokens:
+    return tuple(tinycss2.parse_blocks_contents(style))
 
 
 def _rank(content: Tokens, rank: tuple[Any, ...]) -> list[tuple[tuple[Any, ...], str, Tokens]]:
@@ -312,7 +318,9 @@ def _read_lengths(text: str) -> str:
     """Lengths in rem in px, and sums (calc) worked out where their units allow it."""
     text = re.sub(r"(?<![\w.])([\d.]+)rem\b", lambda m: f"{16 * float(m[1]):g}px", text)
     for _ in range(_DEEPEST):  # the innermost first
-        text, changed = re.subn(r"\bcalc\(((?:[^()]|\([^()]*\))*)\)", _work_out, text, flags=re.I)
+        text, changed = re.subn(
+            r"\bcalc\(((?:[^()]|(?<![a-z])\([^()]*\))*)\)", _work_out, text, flags=re.I
+        )
         if not changed:
             break
     return text
@@ -380,7 +388,7 @@ def write_styles(root: Element, styles: Styles, what: str) -> str | None:
         }
         for value in written.values():
             for link in _URL.findall(value):
-                if not link.startswith("#"):
+                if link and not link.startswith("#"):
                     refuse_outside(link, local_name(element), what)
         if written:
             element.set("style", ";".join(f"{k}:{v}" for k, v in written.items()))

@@ -40,7 +40,10 @@ _XML_ENTITIES = ("amp", "lt", "gt", "quot", "apos")
 def looks_like_svg(data: bytes) -> bool:
     """Whether the bytes begin as an XML text that soon opens an svg element."""
     if data.startswith(b"\x1f\x8b"):
-        data = zlib.decompressobj(31).decompress(data, 65536) if len(data) > 18 else b""
+        try:
+            data = zlib.decompressobj(31).decompress(data, 65536)
+        except zlib.error:
+            return False
     head = data[:4096].replace(b"\0", b"").lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n")
     return head.startswith(b"<") and bool(
         _ROOT.search(data[:65536].replace(b"\0", b"").decode("latin-1"))
@@ -176,22 +179,21 @@ def _clark(name: str) -> str:
 def _name_characters(text: str) -> str:
     """Write out HTML's names of characters (&nbsp;), which XML does not know."""
 
+    declared = {*_XML_ENTITIES, *re.findall(r"<!ENTITY\s+([^\s%]+)\s", text)}
+
     def write(match: re.Match[str]) -> str:
-        character = html5.get(f"{match[1]};")
-        declared = match[1] in _XML_ENTITIES or re.search(rf"<!ENTITY\s+{match[1]}\s", text)
-        return match[0] if character is None or declared else character
+        return match[0] if match[1] in declared else html5.get(f"{match[1]};", match[0])
 
     return _REFERENCE.sub(write, text)
 
 
 def _bind_prefixes(text: str) -> str:
     """Declare the prefixes that a text uses and does not declare, in its outermost element."""
-    used = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
     known = {"xlink": XLINK, "svg": SVG}
+    declared = {"xml", "xmlns", *re.findall(r"\sxmlns:([\w.-]+)\s*=", text)}
     new = "".join(
         f' xmlns:{p}="{known.get(p, f"urn:prefix:{p}")}"'
-        for p in sorted(used)
-        if not re.search(rf"\sxmlns:{re.escape(p)}\s*=", text)
+        for p in sorted(set(_PREFIX.findall(text)) - declared)
     )
     return _ROOT.sub(lambda match: match[0] + new, text, count=1)
 
