@@ -19,9 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageOps
+from PIL import Image, ImageDraw
 
 from benchmarks.measurement import run_study
+from knotfab.compare.rectify import homography
 from knotfab.mount.marks import CARD_MM, MARK_RADII_MM, card_middles
 from knotfab.scene.load import load_scene
 from knotfab.target.read import read_target
@@ -72,9 +73,13 @@ def take_photograph(folder: Path, path: Path) -> None:
         for radius, grey in zip(reversed(MARK_RADII_MM), (20, 235, 20), strict=True):
             draw.circle(middle, _PX_PER_MM * radius, fill=grey)
     wide, high = wall.size
-    aslant = (0, 0, 0.02 * wide, high, wide, 0.98 * high, 0.97 * wide, 0.03 * high)
-    photo = wall.transform(wall.size, Image.Transform.QUAD, aslant, Image.Resampling.BICUBIC)
-    photo = ImageOps.expand(photo, 40, 235)
+    square = np.array([[0.0, 0.0], [wide, 0.0], [wide, high], [0.0, high]])
+    aslant = square + np.array([[0, 0], [-0.03, 0.03], [0, -0.02], [0.02, 0]]) * wide
+    way = homography(aslant, square)
+    photo = wall.transform(
+        wall.size, Image.Transform.PERSPECTIVE, (way / way[2, 2]).ravel()[:8], Image.Resampling.BICUBIC,
+        fillcolor=235,
+    )  # fmt: skip
     noise = np.random.default_rng(1).normal(0, 3, photo.size[::-1])
     Image.fromarray((np.asarray(photo) + noise).clip(0, 255).astype(np.uint8)).save(path)
 
