@@ -52,7 +52,7 @@ def test_what_is_not_there_is_told_with_what_would_be_right(square: Path, tmp_pa
     (tmp_path / "scene.toml").write_text('[[views]]\npicture = "dog.png"\n')
     for given, remedy in (
         ({"pictures": ["nope.png"]}, "or write text:…"),
-        ({"pictures": ["https://example.org/cat.png"]}, "Download it first"),
+        ({"pictures": ["https://example.org/cat.png"]}, "Download the picture"),
         ({"scene": tmp_path / "scene.toml"}, "Lay it beside the scene"),
     ):
         with pytest.raises(InputError, match=remedy):

@@ -174,7 +174,7 @@ def read_bytes(
         what,
         "picture file",
         _PIXEL_BYTES * largest**2,
-        missing="Download it first, and name the file." if "://" in what else missing,
+        missing=missing,
         too_large=f"Scale the picture down to at most {largest} pixels on a side.",
     )
     if not data:
