@@ -32,13 +32,10 @@ TEMPLATE = "template.html.j2"
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
 # what a person makes of the shadow (docs/verdict.md), in a word and in a sentence
 VERDICTS = {
-    "faithful": (
-        "A faithful likeness.",
-        "Nobody would miss anything of the picture in its shadow.",
-    ),
+    "faithful": ("A faithful likeness.", "The shadow is the picture."),
     "good": (
         "A good likeness.",
-        "The shadow is the picture; who compares them finds small differences.",
+        "The shadow is the picture; who looks closely finds differences.",
     ),
     "coarse": (
         "Warning: coarse.",
@@ -49,10 +46,23 @@ VERDICTS = {
         "A person would hardly know the picture by its shadow.",
     ),
 }
+_NOTHING = "Nobody would miss anything of the picture in its shadow."
+_CLEAN = ("standard", "fine")  # accuracies that leave a shadow as clean as this says
 DIGITS = 4
 _LARGE_BYTES = 100_000  # of a picture, from which it is embedded as WebP
 _QUALITY = 85  # of that, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
+
+
+def _verdicts(report: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """`VERDICTS`; that nobody would miss anything is said only where nothing is, speck or tip."""
+    verdict = report.get("verdict") or {}
+    made = report.get("settings") or {}
+    clean = made.get("accuracy") in _CLEAN and not made.get("time_budget_s")
+    clean = clean and not verdict.get("lost")
+    if not clean or verdict.get("specks") or verdict.get("cut_tips"):
+        return VERDICTS
+    return {**VERDICTS, "faithful": (VERDICTS["faithful"][0], _NOTHING)}
 
 
 @dataclass(frozen=True)
@@ -133,7 +143,7 @@ def render_html(
         shown=None if shown is None else Markup(encode_for_script(shown)),
         script=Markup(script),
         digest=hash_script(script),
-        verdicts=VERDICTS,
+        verdicts=_verdicts(report),
     )
 
 

@@ -41,13 +41,13 @@ def draw(*discs: tuple[float, float, float], strokes: tuple[tuple[float, ...], .
     return np.asarray(image)
 
 
-def judge(shadow: Mask, target: Mask, outlined: Mask | None = None) -> Recognition:
+def judge(shadow: Mask, target: Mask, outlined: Mask | None = None, **scene: Any) -> Recognition:
     frame = working_frame(SIZE, SIZE)
     seen, wanted = padded_mask(shadow, frame), padded_mask(target, frame)
     geometry = view_geometry(PlainView(frame_width_mm=180.0), SIZE, SIZE)
     iou = overlap(seen, wanted).iou
     own = None if outlined is None else padded_mask(outlined, frame)
-    return recognise(seen, wanted, iou, 2 * RADIUS_PX, frame, geometry, outlined=own)
+    return recognise(seen, wanted, iou, 2 * RADIUS_PX, frame, geometry, outlined=own, **scene)
 
 
 SMALL, LARGE = (430, 400, 5), (420, 420, 40)
@@ -175,7 +175,7 @@ def test_the_dust_of_a_scan_is_no_outline() -> None:
 def test_the_leg_of_a_stand_is_no_outline_but_bridges_what_it_crosses() -> None:
     target = draw(LARGE)
     leg = draw(LARGE, strokes=((180, 299, 170, 480, 8),))
-    assert judge(leg, target).word == UNKNOWN  # as a tube that strays so far
+    assert judge(leg, target).word == "coarse"  # as a strand that strays so far
     found = judge(leg, target, target)
     assert found.word == "good" and found.outline_p95_radii < 0.1  # the leg takes of its IoU
     across = judge(draw(LARGE, strokes=((250, 250, 420, 420, 8),)), target, target)
@@ -211,7 +211,10 @@ def test_the_rules_grow_laxer_from_word_to_word() -> None:
         assert strict.iou > lax.iou and strict.outline_radii < lax.outline_radii
         assert strict.changed <= lax.changed and strict.lost_tubes <= lax.lost_tubes
         assert strict.shape >= lax.shape
-    assert rules[0].lost_tubes == rules[1].lost_tubes == 0.0
+        assert (
+            strict.specks < lax.specks and strict.speck_share < lax.speck_share
+        ) or lax is rules[-1]
+    assert rules[0].lost_tubes == 0.0
 
 
 def test_of_several_views_the_worst_counts() -> None:
@@ -278,3 +281,74 @@ def test_pieces_that_just_touch_are_good_and_not_faithful() -> None:
     found = judge(board, board)
     assert found.counts["touching"] > 0 and found.counts["broken_strokes"] == 0
     assert found.word == "good" and "touch" in found.reasons[0]
+
+
+def spotted(count: int, radius: float, slit: int = 0) -> Mask:
+    """A large disc with specks of light of this radius, px, and as many slits of this length."""
+    rng = np.random.default_rng(3)
+    image = Image.new("1", (SIZE, SIZE))
+    pen = ImageDraw.Draw(image)
+    pen.ellipse((56, 56, 456, 456), fill=1)
+    for a, b in zip(rng.uniform(0, 2 * np.pi, count), rng.uniform(0, 170, count), strict=True):
+        x, y = 256 + b * np.cos(a), 256 + b * np.sin(a)
+        pen.ellipse((x - radius, y - radius, x + radius + slit, y + radius), fill=0)
+    return np.asarray(image)
+
+
+def test_one_speck_never_lowers_the_word_and_fifty_do() -> None:
+    clean = spotted(0, 0)
+    for count, radius, word in ((1, 2, "faithful"), (50, 2, "good"), (200, 3, "coarse")):
+        found = judge(spotted(count, radius), clean, blur_px=5.7)
+        assert found.word == word
+        assert ("specks" in {loss["what"] for loss in found.lost}) == (count > 1)
+        assert count != 50 or "specks of light" in found.reasons[0]
+    assert judge(spotted(40, 1, slit=40), clean, blur_px=5.7).word != "faithful"
+    # a wide lamp washes out what a small one shows
+    assert judge(spotted(50, 2), clean, blur_px=60.0).word == "faithful"
+    assert judge(spotted(1, 2), spotted(1, 2)).counts["specks"] == 0  # the picture's own
+
+
+def test_more_damage_never_gives_a_better_word() -> None:
+    clean = spotted(0, 0)
+    words = [
+        WORDS.index(judge(spotted(n, 2.5), clean, blur_px=5.7).word) for n in (0, 1, 20, 80, 300)
+    ]
+    assert words == sorted(words) and words[-1] >= 2
+
+
+def test_a_stray_strand_is_coarse_and_half_a_picture_is_unknown() -> None:
+    target = draw(LARGE)
+    stray = draw(LARGE, strokes=((250, 250, 470, 100, 14),))
+    assert judge(stray, target).word == "coarse"
+    half = target & (np.indices(target.shape)[1] > 180)
+    assert judge(half, target).word == UNKNOWN
+
+
+def test_what_is_lost_comes_by_its_length_and_tips_are_among_it() -> None:
+    target = draw_star(100)
+    shadow = target.copy()
+    shadow[:115] = False
+    target = target | draw((430, 430, 5)) & (np.indices(target.shape)[0] > 400)
+    found = judge(shadow, target)
+    assert [loss["what"] for loss in found.lost] == ["tip", "piece"]
+    assert found.lost[0]["length_mm"] == pytest.approx(63 * 180 / SIZE, abs=3)
+    assert "mm long is cut off" in found.lost[0]["sentence"]
+    assert any(reason == "1 tip is cut off" for reason in found.reasons)
+
+
+def test_windows_are_one_line_and_no_text() -> None:
+    house = np.zeros((SIZE, SIZE), dtype=bool)
+    house[100:400, 60:450] = True
+    shadow = house.copy()
+    for k in range(8):
+        house[150:170, 80 + 34 * k : 98 + 34 * k] = False
+    (loss,) = judge(shadow, house).lost
+    assert loss["what"] == "hole" and "8 holes are filled" in loss["sentence"]
+
+
+def test_a_bridge_that_was_asked_for_is_no_loss() -> None:
+    apart = [(120, 420, 30), (240, 420, 30)]
+    bridged = draw(*apart, strokes=((120, 420, 240, 420, 14),))
+    assert judge(bridged, draw(*apart)).lost
+    found = judge(bridged, draw(*apart), bridged=1)
+    assert not found.lost and found.word in ("faithful", "good")

@@ -59,6 +59,7 @@ class Piece:
     clearance_mm: float
     printed: bool | None = None
     knot: str | None = None
+    knots: int | None = None
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,7 @@ def parse_scene(
             clearance_mm=piece.number("clearance_mm", 0.4, least=0),
             printed=piece.flag("printed", False) if "printed" in piece.data else None,
             knot=piece.word("knot", "") if "knot" in piece.data else None,
+            knots=_whole_of(piece.data.get("knots")),
         ),
         region=_region(region, folder),
         material=Material(
@@ -309,6 +311,11 @@ def parse_scene(
             tilt_deg=placing.number("tilt_deg", 0.0, least=0, most=10),
         ),
     )
+
+
+def _whole_of(value: object) -> int | None:
+    """A count that the scene settles; None where it is left open."""
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def _region(table: Table, folder: Path | None) -> Region:

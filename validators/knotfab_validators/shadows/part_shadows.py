@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab_validators.arrays import Array
+from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.files.bent import Bent, bend_silhouette
@@ -22,6 +22,7 @@ from knotfab_validators.shadows.bending_rule import judge_bending
 from knotfab_validators.shadows.cast import ShadowCaster
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
+from knotfab_validators.shadows.lamp import SceneLamp, lamp_size
 from knotfab_validators.shadows.layers import layer_shift_px, measure_layers, shows_layers
 from knotfab_validators.shadows.misplacement import (
     measure_misplacement,
@@ -34,6 +35,7 @@ from knotfab_validators.shadows.recognition import check_recognisable, recognise
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
 from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.tone import Tone, check_tone, measure_tone
+from knotfab_validators.shadows.topology import label_regions
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.shadows.wall import receive
@@ -42,6 +44,7 @@ __all__ = ["SKIP_RENDER", "verify_shadows"]
 
 
 MISPLACED_PX = 512  # losses of a few per cent are told apart as well
+SPECK_PX = 4.0  # half the length of a piece that no knot needs to draw
 SKIP_RENDER = "shadow-render"
 
 
@@ -134,6 +137,8 @@ def verify_shadows(
                         found.frame,
                         geometry,
                         outlined=found.of_tube,
+                        blur_px=_blur_px(view, found, radius, geometry),
+                        bridged=_count_bridged(scene.piece.knots, found.target),
                     )
                 recognised[view.name] = judged.to_dict()
                 if bent is not None:
@@ -234,6 +239,24 @@ def verify_shadows(
         known = skip_check(known.name, "drawn in greys: tone_error says how well")
         checks.append(check_tone(tones))
     return [*checks, known], views
+
+
+def _blur_px(
+    view: SceneLamp, found: VerifiedView, radius: float | None, geometry: ViewGeometry
+) -> float:
+    """The width of the penumbra that the lamp gives the middle of the piece, px of the compared grid."""
+    if found.tube_px is None or not radius:
+        return 0.0
+    fine_mm = geometry.resample(found.frame).pixel_mm
+    return lamp_size(view) * max(found.tube_px * fine_mm / radius - 1.0, 0.0) / fine_mm
+
+
+def _count_bridged(knots: int | None, target: Mask) -> int:
+    """How many gaps between pieces must be bridged for so few knots to draw them."""
+    if knots is None:
+        return 0
+    pieces = label_regions("piece", target, SPECK_PX)[1]
+    return max(len(pieces) - knots, 0)
 
 
 def _report(

@@ -16,6 +16,7 @@ from knotfab_validators.shadows.distance import depth_in
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outline_stretch import find_wrong_stretch
 from knotfab_validators.shadows.shapes import Shape, find_misshapen
+from knotfab_validators.shadows.specks import Specks, find_specks
 from knotfab_validators.shadows.text_rows import Row, find_rows
 from knotfab_validators.shadows.topology import (
     Box,
@@ -54,7 +55,10 @@ class Rule:
     for each piece and hole of the picture, at most, but for `spared` of them, `together`: all bridges across
     one hole count as one; `shape`, the likeness of each piece and hole by itself, at least; `misshapen`,
     those less alike than `SHAPE`, for each piece and hole of the picture, at most; `text`, whether rows of
-    small pieces may be lost.
+    small pieces may be lost; `specks` of light that are seen, and `speck_share`, their share of the picture's
+    area, at most; `hurt`, the share of the picture's area that is missing or spilled by more than a reach, at
+    most: where less is hurt, changes, shapes and a stray outline alone never make it worse than this word;
+    `lost_share`, the share of the picture's area in lost pieces and holes wider than `lost_tubes`, at most.
     """
 
     iou: float
@@ -68,21 +72,35 @@ class Rule:
     shape: float
     misshapen: float
     text: bool
+    specks: float = inf
+    speck_share: float = inf
+    hurt: float = 0.0
+    lost_share: float = 0.0
 
 
 # The one table: the first word whose rule a shadow keeps is its word. docs/verdict.md says why.
 RULES = {
-    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False),
-    "good": Rule(0.85, 1.2, inf, True, 0.0, 0.1, 2, False, 0.75, 0.05, False),
-    "coarse": Rule(0.6, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True),
+    "faithful": Rule(0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002),
+    "good": Rule(
+        0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.75, 0.05, False, 150, 0.02, lost_share=0.01
+    ),
+    "coarse": Rule(
+        0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22, lost_share=0.1
+    ),
 }
 UNKNOWN = "not recognisable"
 WORDS = (*RULES, UNKNOWN)  # the best first
 ENOUGH_PX = 6  # of the tube's radius: the scale at which pieces and holes are counted
+LOST_FEW = 0.02  # of all pieces and holes: one window of fifty
+LOST_PIECES, LOST_SHARE = (
+    0.4,
+    0.03,
+)  # of all pieces and holes, and of the area: more may not be lost together
 TEXT = 0.1  # changes for each piece of a row of text, above which it is no longer read
 TIP = 2.0  # radii of the tube's shadow: what reaches farther beyond the shadow is a tip that is cut off
 SHAPE = 0.9  # of a piece or hole by itself: the likeness below which it is out of shape
 SLIT = 2.0  # reaches: half the width of slits and pinholes that nobody sees
+SPECK = 3.0  # reaches: half the width of specks and slits of light that are counted one by one
 REACH = 0.25  # of the radius of the tube's shadow: an outline off by less changes no topology
 
 _COUNTS = {
@@ -95,6 +113,7 @@ _COUNTS = {
     "shape": "misshapen",
 }
 _SAID = {
+    "tip": ("tip is cut off", "tips are cut off"),
     "piece": ("piece is lost", "pieces are lost"),
     "hole": ("hole is filled", "holes are filled"),
     "gap": ("gap is bridged", "gaps are bridged"),
@@ -141,6 +160,8 @@ def recognise(
     frame: WorkingFrame,
     geometry: ViewGeometry,
     outlined: Mask | None = None,
+    blur_px: float = 0.0,
+    bridged: int = 0,
 ) -> Recognition:
     """What a person would miss of a picture in its shadow.
 
@@ -151,28 +172,37 @@ def recognise(
         frame: of the masks. geometry: the view, on the picture's own pixels.
         outlined: (H, W), the shadow whose outline is compared: without the legs on which it stands, which
             bridge and break what they cross, but are no fault of its outline. None: `shadow`.
+        blur_px: the width of the lamp's penumbra on the wall.
+        bridged: so many gaps, the narrowest, were to be bridged, and are no loss.
     """
+    scale = _Scale(frame, geometry, 2 * radius_px)
     step = max(1, int(radius_px / ENOUGH_PX))
     reach = REACH * radius_px / step
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
     own = seen if outlined is None else outlined[::step, ::step]
-    found = find_changes(seen, wanted, reach)
+    if bridged:  # the bridges that were asked for are no fault of the outline
+        own = own & (depth_in(~wanted) <= 2 * radius_px / step)
+    found = _not_asked(find_changes(seen, wanted, reach), bridged)
     misshapen = find_misshapen(own, wanted, reach, SHAPE, found)
     changes = [_enlarged(change, step) for change in (*found, *misshapen)]
     features = [_enlarged_box(box, step) for box in list_pieces(wanted, reach)]
-    rows = find_rows(features, max(frame.width, frame.height))
+    rows = find_rows(features, max(frame.width, frame.height), target)
     # what is lost is counted already, and specks and slits that nobody sees are no outlines
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
     off_px = step * find_wrong_stretch(close_slits(own, SLIT * reach), there).quantile_95_px
-    _, tips = label_regions("piece", there & (depth_in(~own) > TIP * radius_px / step), 0.0)
+    tips = [_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius_px / step)]
     touching = count_touching(wanted, reach)
-    scale = _Scale(frame, geometry, 2 * radius_px)
     in_rows = [[c for c in changes if _inside(_middle(c), row.box)] for row in rows]
-    text = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
+    in_row = [(row, inside) for row, inside in zip(rows, in_rows, strict=True) if inside]
+    text = [(row, inside) for row, inside in in_row if row.text]
+    windows = [(row, inside) for row, inside in in_row if not row.text]
     of_text = {id(c) for _, inside in text for c in inside}
-    single = sorted((c for c in changes if id(c) not in of_text), key=lambda c: -c.width_px)
+    of_rows = of_text | {id(c) for _, inside in windows for c in inside}
+    single = [c for c in changes if id(c) not in of_text]
+    area = max(int(wanted.sum()), 1)
+    specks = find_specks(own, wanted, SPECK * reach, reach, blur_px / step, step * scale.mm)
     counts = Counter[str](c.kind for c in changes)
-    drawn = sum(not any(_inside(box, row.box) for row in rows) for box in features)
+    drawn = sum(not any(_inside(box, row.box) for row in rows if row.text) for box in features)
     # where there is nothing but text, the text is the drawing
     torn = [c for c in (single if drawn else changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
@@ -181,26 +211,39 @@ def recognise(
         outline_radii=off_px / radius_px,
         tips=len(tips),
         touching=touching,
-        lost_tubes=max((c.width_px for c in single if _is_lost(c)), default=0.0) / (2 * radius_px),
+        lost=[
+            (c.width_px / (2 * radius_px), _area_of(c, target) / (area * step**2))
+            for c in single
+            if _is_lost(c)
+        ],
         changes=len(torn),
         apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
         features=max(drawn or len(features), 1),
         shape=min(shapes, default=1.0),
         misshapen=len(shapes),
         text=sum(len(inside) > TEXT * row.pieces for row, inside in text),
+        specks=specks.count,
+        speck_share=specks.area_mm2 / (area * (step * scale.mm) ** 2),
+        hurt=_hurt(own, wanted, reach) / area,
+        fine=sum(
+            _is_lost(c) and c.width_px < RULES["good"].lost_tubes * 2 * radius_px for c in torn
+        ),
     )
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
     better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
-    lost = [scale.record_text(row, inside) for row, inside in text]
-    lost += [scale.record(c) for c in single]
+    lost = [scale.record_row(row, inside) for row, inside in in_row]
+    lost += [scale.record(c) for c in (*tips, *(c for c in single if id(c) not in of_rows))]
+    if facts.specks_seen(RULES[WORDS[0]]):
+        lost.append(scale.record_specks(specks, step))
+    lost.sort(key=lambda record: -record["length_mm"])
     return Recognition(
         word=word,
         reasons=(
-            *_count_reasons(text, single),
+            *_count_reasons(text, [*tips, *single]),
             *(facts.against(better) if word != WORDS[0] else ()),
         ),
         counts={key: counts[kind] for kind, key in _COUNTS.items()}
-        | {"touching": touching, "cut_tips": len(tips)},
+        | {"touching": touching, "cut_tips": len(tips), "specks": specks.count},
         outline_p95_mm=off_px * scale.mm,
         outline_p95_radii=off_px / radius_px,
         lost=tuple(lost[:MOST_NAMED]),
@@ -222,7 +265,13 @@ def worst_verdict(views: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     )
     several = len(views) > 1
     lost = [{"view": of, **loss} for of, verdict in judged for loss in verdict["lost"]]
-    reasons = [f"{reason} (view {name})" if several else reason for reason in worst["reasons"]]
+    lost.sort(key=lambda loss: -loss.get("length_mm", 0.0))
+    told = [(name, worst), *(pair for pair in judged if pair[0] != name)]
+    reasons = [
+        f"{reason} (view {of})" if several else reason
+        for of, verdict in told
+        for reason in verdict["reasons"]
+    ]
     return {**worst, "reasons": reasons, "lost": lost}
 
 
@@ -248,32 +297,62 @@ class _Facts:
     outline_radii: float
     tips: int
     touching: int
-    lost_tubes: float
+    lost: Sequence[
+        tuple[float, float]
+    ]  # of each lost piece and hole: width in tubes, share of the area
     changes: int
     apart: int  # of these, all bridges across one hole as one
     features: int
     shape: float
     misshapen: int
     text: int
+    specks: int = 0
+    speck_share: float = 0.0
+    hurt: float = 0.0
+    fine: int = 0  # of the changes, lost pieces and holes far thinner than the tube
+
+    @property
+    def widest_lost(self) -> float:
+        """The width of the widest lost piece or hole, in widths of the tube."""
+        return max((width for width, _ in self.lost), default=0.0)
+
+    def specks_seen(self, rule: Rule) -> bool:
+        """Whether there are more specks of light than a rule allows."""
+        return self.specks > rule.specks or (
+            self.specks > 1 and self.speck_share > rule.speck_share
+        )
 
     def against(self, rule: Rule) -> list[str]:
         """What of a rule is not kept, a sentence each."""
         most = max(rule.changed * self.features, rule.spared)
         changes = self.apart if rule.together else self.changes
-        lost = self.lost_tubes >= rule.lost_tubes if rule.lost_tubes else self.lost_tubes > 0
+        changes -= self.fine if rule.lost_tubes else 0
+        wide = [one for one in self.lost if one[0] >= rule.lost_tubes]
+        share = sum(area for _, area in wide)
+        lost = bool(wide)
+        if rule.hurt:  # how much of the picture they are, and how many of its pieces
+            many = len(wide) > LOST_PIECES * self.features
+            lost = share > rule.lost_share or (many and share > LOST_SHARE)
+        elif rule.lost_share:
+            few = len(wide) <= LOST_FEW * self.features and share <= 0.5 * rule.lost_share
+            lost = not few or sum(area for _, area in self.lost) > rule.lost_share
+        much = self.hurt > rule.hurt or not rule.hurt
         said = {
             f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
             f"outline off by {self.outline_radii:.1f} tube radii, above {rule.outline_radii:g}": (
-                self.outline_radii > rule.outline_radii
+                self.outline_radii > rule.outline_radii and much
             ),
-            f"{self.tips} tips of {self.features} pieces and holes cut off": (
+            f"{_tell(self.tips, 'tip')} cut off, of {_tell(self.features, 'piece')} and holes": (
                 self.tips > rule.cut * self.features
             ),
-            f"pieces just touch at {self.touching} places, which no tube draws": (
+            f"{_tell(self.specks, 'speck')} of light within the shadow": self.specks_seen(rule),
+            f"pieces just touch at {_tell(self.touching, 'place')}, which no tube draws": (
                 self.touching > 0 and not rule.touching
             ),
-            f"lost pieces or holes up to {self.lost_tubes:.1f} tubes wide": lost,
-            f"{changes} changes to {self.features} pieces and holes": changes > most,
+            f"lost pieces or holes up to {self.widest_lost:.1f} tubes wide": lost,
+            f"{_tell(changes, 'change')} to {_tell(self.features, 'piece')} and holes": changes
+            > most
+            and much,
             f"a piece or hole {self.shape:.3f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
             f"{self.misshapen} of {self.features} pieces and holes drawn out of shape": (
@@ -284,8 +363,57 @@ class _Facts:
         return [sentence for sentence, holds in said.items() if holds]
 
 
+def _tell(number: int, noun: str) -> str:
+    """So many of them, as a person says it."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _not_asked(changes: Sequence[Change], bridged: int) -> list[Change]:
+    """The changes without so many bridged gaps, the narrowest, which the scene asked for."""
+    gaps = sorted((c for c in changes if c.kind == "gap"), key=lambda c: c.width_px)[:bridged]
+    return [c for c in changes if not any(c is gap for gap in gaps)]
+
+
+def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
+    """What reaches more than `least_px` beyond the shadow; the width is how far."""
+    away = depth_in(~own)
+    labels, found = label_regions("piece", there & (away > least_px), 0.0)
+    tips = []
+    for number, (left, top, right, bottom) in found:
+        inside = np.where(
+            labels[top:bottom, left:right] == number, away[top:bottom, left:right], 0.0
+        )
+        v, u = np.unravel_index(int(inside.argmax()), inside.shape)
+        box = (left, top, right, bottom)
+        tips.append(Change("tip", (float(u + left), float(v + top)), float(inside.max()), box))
+    return tips
+
+
+def _hurt(shadow: Mask, target: Mask, reach: float) -> float:
+    """Pixels that are missing or spilled farther than a reach from the outline that they miss."""
+    missing = target & (depth_in(~shadow) > reach)
+    return float((missing | (shadow & (depth_in(~target) > reach))).sum())
+
+
+def _area_of(change: Change, target: Mask) -> int:
+    """Pixels of a lost piece or hole in its box, at most."""
+    left, top, right, bottom = change.box
+    here = target[top:bottom, left:right]
+    return int(here.sum() if change.kind == "piece" else (~here).sum())
+
+
 def _is_lost(change: Change) -> bool:
     return change.kind in ("piece", "hole")
+
+
+def _length_px(change: Change) -> float:
+    """How long a person sees what was changed: a tip's reach, else the longer side of its box."""
+    left, top, right, bottom = change.box
+    return (
+        change.width_px
+        if change.kind == "tip"
+        else max(right - left, bottom - top, change.width_px)
+    )
 
 
 def _enlarged(change: Change, step: int) -> Change:
@@ -343,13 +471,18 @@ class _Scale:
 
     def record(self, change: Change) -> dict[str, Any]:
         """The report's record of one loss."""
-        what = _SAID[change.kind][0]
+        what = f"a {_SAID[change.kind][0]}"
         if isinstance(change, Shape):
-            what = f"{change.of} is drawn out of shape ({change.likeness:.2f} alike)"
-        return self._place(change.kind, change.where, change.width_px, f"a {what}")
+            what = f"a {change.of} is drawn out of shape ({change.likeness:.2f} alike)"
+        length = _length_px(change)
+        if change.kind == "tip":
+            what = f"a tip {length * self.mm:.0f} mm long is cut off"
+        elif change.kind == "stray" and length > change.width_px:
+            what = f"a strand sticks out by {length * self.mm:.0f} mm"
+        return self._place(change.kind, change.where, change.width_px, length, what)
 
-    def record_text(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:
-        """The report's record of what was lost of a row of text, in its place."""
+    def record_row(self, row: Row, inside: Sequence[Change]) -> dict[str, Any]:
+        """The report's record of what was lost of a row of text, or of windows, in its place."""
         left, top, right, bottom = row.box
         where = ((left + right) / 2, (top + bottom) / 2)
         counts = Counter[str](c.kind for c in inside)
@@ -359,10 +492,25 @@ class _Scale:
             if counts[kind]
         )
         width = float(np.median([c.width_px for c in inside]))
-        return self._place("text", where, width, f"of a row of text of {row.pieces} pieces {what}")
+        length = max(_length_px(c) for c in inside)
+        kind, said = counts.most_common(1)[0][0], f"of a row of {row.pieces} small shapes {what}"
+        if row.text:
+            kind, length = "text", right - left
+            said = f"of a row of text of {row.pieces} pieces {what}"
+        return self._place(kind, where, width, length, said)
+
+    def record_specks(self, specks: Specks, step: int) -> dict[str, Any]:
+        """The report's record of all specks of light, at the largest."""
+        u, v = (c * step for c in specks.at)
+        width = specks.largest_mm2**0.5 / self.mm
+        said = (
+            f"{_tell(specks.count, 'speck')} of light within the shadow, {specks.area_mm2:.0f} mm² together, "
+            f"the largest {specks.largest_mm2:.1f} mm²"
+        )
+        return self._place("specks", (u, v), width, width, said)
 
     def _place(
-        self, what: str, where: tuple[float, float], width: float, said: str
+        self, what: str, where: tuple[float, float], width: float, length: float, said: str
     ) -> dict[str, Any]:
         u, v = where[0] - self.frame.pad_x, where[1] - self.frame.pad_y
         g, f = self.geometry, self.frame
@@ -378,6 +526,7 @@ class _Scale:
             "at_px": at_px,
             "at_mm": at_mm,
             "size_mm": round(size, 2),
+            "length_mm": round(length * self.mm, 2),
             "size_px": round(width * g.width / f.width, 1),
             "needed_mm": round(needed, 2),
             "sentence": f"{said}, {at_mm[0]:.0f} mm from the left and {at_mm[1]:.0f} mm from the top "

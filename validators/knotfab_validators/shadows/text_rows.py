@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from knotfab_validators.arrays import Mask
 from knotfab_validators.shadows.topology import Box
 
 __all__ = ["Row", "find_rows"]
@@ -14,22 +15,26 @@ TALLEST = 1 / 16  # of the frame's longer side: larger ones are drawings of lett
 APART = 1.2  # heights between neighbours: the space between words
 ALIKE = 2.5  # how often the smaller height goes into the larger
 MOST = 2000  # small pieces: with more the picture is noise
+FILLED = 0.88  # of its box, that a window fills and few letters do
+WINDOWS = 0.7  # of a row's pieces that are so, from which on they are windows
 OVERLAP = 0.5  # of the smaller height that two neighbours share
 
 
 @dataclass(frozen=True)
 class Row:
-    """The box about a row, and how many pieces it has."""
+    """The box about a row, how many pieces it has, and whether these are letters, and not windows."""
 
     box: Box
     pieces: int
+    text: bool = True
 
 
-def find_rows(boxes: Sequence[Box], longer_px: float) -> list[Row]:
+def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = None) -> list[Row]:
     """The rows of three or more small pieces that stand side by side.
 
     Args:
         boxes: of the pieces of a picture. longer_px: the longer side of its frame.
+        picture: (H, W); where most pieces of a row fill their boxes, as windows do, it is no text.
     """
     small = sorted(b for b in boxes if b[3] - b[1] <= TALLEST * longer_px)
     if len(small) > MOST:
@@ -39,7 +44,17 @@ def find_rows(boxes: Sequence[Box], longer_px: float) -> list[Row]:
         beside = [row for row in rows if any(_neighbours(other, box) for other in row[-4:])]
         joined = [b for row in beside for b in row] + [box]
         rows = [row for row in rows if row not in beside] + [sorted(joined)]
-    return [Row(_around(row), len(row)) for row in rows if len(row) >= LEAST]
+    return [
+        Row(_around(row), len(row), _is_text(row, picture)) for row in rows if len(row) >= LEAST
+    ]
+
+
+def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
+    if picture is None:
+        return True
+    shares = [float(picture[top:bottom, left:right].mean()) for left, top, right, bottom in row]
+    full = sum(max(share, 1.0 - share) >= FILLED for share in shares)
+    return full < WINDOWS * len(row)
 
 
 def _neighbours(left: Box, right: Box) -> bool:

@@ -27,7 +27,7 @@ __all__ = [
     "without_lost",
 ]
 
-Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape"]
+Kind = Literal["piece", "hole", "gap", "stroke", "stray", "leak", "shape", "tip"]
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, in pixels, the last two exclusive."""
 
