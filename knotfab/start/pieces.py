@@ -60,7 +60,7 @@ def join_pieces(
     Args:
         radius: of the tube, mm.
         knots: None: pieces are joined that the visual hull holds as one, too narrow between them for the
-            lattice; a number: the nearest, until so many are left, across gaps where nothing else is.
+            lattice; a number: then the nearest also across gaps, until so many are left.
     """
     pieces = _pieces(lattice, worth)
     if len(pieces) < 2:
@@ -81,24 +81,27 @@ def join_pieces(
     spill = lattice.spill[ends].mean((0, 2))[:, None]
     price = _STEP + spill + np.where(outside < _NECK, 10.0 * outside, 100.0)
     of = np.broadcast_to(count + np.arange(len(squares))[:, None], squares.shape)
-    kept = (outside < _NECK) | bool(knots)
-    graph = csr_array((price[kept], (of[kept], squares[kept])), shape=(count + len(squares),) * 2)
     opened = lattice.open.copy()
-    alone = 0
-    while len(groups) > max(1, (knots or 1) - alone):
-        mine = groups.pop()  # the smallest joins its nearest
-        others = np.concatenate(groups)
-        far, came, _ = dijkstra(graph, False, mine, return_predecessors=True, min_only=True)
-        place = int(others[far[others].argmin()])
-        if not np.isfinite(far[place]):
-            alone += 1
-            continue
-        met = next(k for k, group in enumerate(groups) if place in group)
-        while came[place] >= 0:
-            place = int(came[place])
-            if place >= count:
-                opened[squares[place - count]] = True
-        groups[met] = np.concatenate([groups[met], mine])
+    # first within the hull, whatever number is asked for; then also across gaps, if there are more than that
+    for kept, until in ((outside < _NECK, 1), (outside < np.inf, knots or len(groups))):
+        arcs = (price[kept], (of[kept], squares[kept]))
+        graph = csr_array(arcs, shape=(count + len(squares),) * 2)
+        alone: list[Indices] = []
+        while len(groups) > max(1, until - len(alone)):
+            mine = groups.pop()  # the smallest joins its nearest
+            others = np.concatenate(groups)
+            far, came, _ = dijkstra(graph, False, mine, return_predecessors=True, min_only=True)
+            place = int(others[far[others].argmin()])
+            if not np.isfinite(far[place]):
+                alone.append(mine)
+                continue
+            met = next(k for k, group in enumerate(groups) if place in group)
+            while came[place] >= 0:
+                place = int(came[place])
+                if place >= count:
+                    opened[squares[place - count]] = True
+            groups[met] = np.concatenate([groups[met], mine])
+        groups += alone[::-1]
     return draw_edges(lattice, opened, sights, radius)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from questions import ask_views
@@ -25,6 +27,7 @@ SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
 RING = MultiPolygon([Point(0, 0).buffer(40.0).difference(Point(0, 0).buffer(16.0))])
 APART = MultiPolygon([box(-30, -40, 30, -9), box(-30, 9, 30, 40)])
 NECK = MultiPolygon([box(-30, -40, 30, -9).union(box(-2, -10, 2, 10)).union(box(-30, 9, 30, 40))])
+DOTS = MultiPolygon([Point(x, y).buffer(12.0) for x in (-22, 22) for y in (-22, 22)])
 HOW = SearchSettings()
 
 
@@ -195,10 +198,12 @@ def test_what_has_no_start_says_why(
         make_start(ask_views(pictures, 0.0, 90.0), RADIUS, HOW, knots)
 
 
-def test_a_start_repeats_to_the_last_bit() -> None:
-    problem = ask_views([RING, SQUARE], 0.0, 90.0)
-    one, two = (make_start(problem, RADIUS, HOW).curves[0] for _ in range(2))
-    assert np.array_equal(one, two)
+def test_a_start_repeats_to_the_last_bit_also_where_its_number_of_knots_is_given_then() -> None:
+    for second in (SQUARE, APART, DOTS):
+        problem = ask_views([RING, second], 0.0, 90.0)
+        one = make_start(problem, RADIUS, HOW).curves
+        two = make_start(problem, RADIUS, HOW, len(one)).curves
+        assert len(one) == len(two) and all(map(np.array_equal, one, two))
 
 
 def test_pieces_of_one_piece_of_the_hull_are_joined_within_it_and_never_across_a_gap() -> None:
@@ -210,3 +215,40 @@ def test_pieces_of_one_piece_of_the_hull_are_joined_within_it_and_never_across_a
         seen = curve @ view.axes.T
         assert np.abs(seen[seen[:, 1] < 25.0, 0]).min() > 1.0
         assert seen[:, 0].min() < -20.0 and seen[:, 0].max() > 20.0
+
+
+THIN = MultiPolygon([box(-3, -40, 3, 40)])
+
+
+@pytest.mark.parametrize(
+    ("pictures", "azimuths", "above", "curves", "least"),
+    [
+        ((DISC, SQUARE), (0.0, 20.0), 0.0, 1, 0.85),
+        ((DISC, DISC), (0.0, 180.0), 0.0, 1, 0.85),
+        ((DISC, SQUARE), (0.0, 0.0), 90.0, 1, 0.85),
+        ((DISC,) * 6, (0.0, 30.0, 60.0, 90.0, 120.0, 150.0), 0.0, 1, 0.85),
+        ((DOTS, SQUARE), (0.0, 90.0), 0.0, 4, 0.5),
+        ((THIN, SQUARE), (0.0, 90.0), 0.0, 1, 0.4),
+    ],
+    ids=[
+        "20 degrees apart",
+        "one line",
+        "from above",
+        "six views",
+        "many and one",
+        "thin and wide",
+    ],
+)
+def test_hard_sets_have_starts(
+    pictures: tuple[MultiPolygon, ...],
+    azimuths: tuple[float, ...],
+    above: float,
+    curves: int,
+    least: float,
+) -> None:
+    problem = ask_views(pictures, *azimuths)
+    last = problem.views[-1]
+    raised = replace(last, view=last.view.model_copy(update={"elevation_deg": above}))
+    start = make_start(replace(problem, views=(*problem.views[:-1], raised)), RADIUS, HOW)
+    assert len(start.curves) == curves and min(start.ious) > least
+    assert check_linking(curves_of(start)).status in ("pass", "skip")
