@@ -57,6 +57,7 @@ def main(picture: Path, out: Path, /) -> None:
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
         page = browser.new_page(viewport={"width": 1280, "height": 820})
+        page.set_default_timeout(300_000)
         page.goto(f"http://{host}/?token={TOKEN}")
         page.wait_for_selector("html[data-ready]", state="attached")
         draw(page, picture, out)

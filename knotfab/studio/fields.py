@@ -74,7 +74,10 @@ def _crop(text: str) -> Value:
 
 
 def _time(text: str) -> Value:
-    seconds = read_seconds(text)
+    try:
+        seconds = read_seconds(text)
+    except InputError as error:
+        raise InputError("", error.why, "Give a time such as 90 s or 1.5 min.") from None
     if not 2 <= seconds <= 7 * 86400:
         raise ValueError("Give a time from 2 s to a week.")
     return f"{seconds:g}s"

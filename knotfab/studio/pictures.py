@@ -106,7 +106,8 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
     path = _keep(content.encode(), name_picture(source), ".txt", folder)
     _keep_thumbnail(image, path)
     size = {"width": image.width, "height": image.height}
-    return StudioPicture(name=path.stem, title=content, file=path.name, text=content, **size)
+    title = "".join(c for c in content if c.isprintable())
+    return StudioPicture(name=path.stem, title=title, file=path.name, text=content, **size)
 
 
 def thumbnail(folder: Path, name: str) -> Path:

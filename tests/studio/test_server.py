@@ -128,6 +128,7 @@ def test_what_is_no_picture(client: TestClient, tmp_path: Path) -> None:
 
     refuse(hand_in(b"I am no picture.\n", "words.png"), 422, "words.png: it is not a picture")
     refuse(hand_in(b"", "empty.png"), 422, "empty")
+    refuse(hand_in(b"\x1f\x8b" + b"x" * 40, "packed.svgz"), 422, "packed.svgz: it is")
     refuse(hand_in(b"\x89PNG\r\n\x1a\n" + b"x" * LARGEST_BYTES, "huge.png"), 413, "more than 32 MB")
     wide = io.BytesIO()
     Image.new("1", (7000, 6000)).save(wide, "PNG")
@@ -344,6 +345,7 @@ def test_a_build_that_was_stopped_goes_on_from_its_knots(
         ({"width": "9" * 5000}, "no more than 60"),
         ({"wall_distance": 0}, "Piece to wall"),
         ({"lamp_distance": "3 parsec"}, "There is no unit parsec"),
+        ({"time_budget": "soon"}, "Give a time such as 90 s or 1.5 min."),
         ({"seed": "1.5"}, "a whole number from 0 to 2 147 483 647"),
         ({"threshold": "120 %"}, "between 0 and 1"),
         ({"crop": "1,2,3"}, "left, top, width and height"),
