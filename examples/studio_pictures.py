@@ -41,7 +41,9 @@ def draw(page: Page, picture: Path, out: Path) -> None:
 
 
 def _keep(page: Page, path: Path) -> None:
-    page.evaluate("scrollTo(0, 0)")
+    page.evaluate(
+        "() => document.querySelectorAll('#panel, #stage').forEach(e => e.scrollTo(0, 0))"
+    )
     page.wait_for_timeout(1000)
     page.screenshot(path=path)
     Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 from knotfab.batch.tasks import list_arguments
-from knotfab.errors import InputError, KnotfabError
+from knotfab.errors import InputError, KnotfabError, explain_error, keep_traceback
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
-from knotfab.prepare import survey_pictures
 from knotfab.sequence.frames import MOST_FRAMES
 from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
 from knotfab.studio.fields import DEFAULTS, FIELDS, Value, in_page_words
 from knotfab.studio.live_build import Event, LiveBuild, Spare
+from knotfab.studio.look import list_ways, preview
 from knotfab.studio.pictures import StudioPicture, thumbnail
 from knotfab.studio.settings import Settings
 
@@ -62,6 +62,7 @@ class Studio(Broadcast):
             asyncio.Lock()
         )  # pictures are added one after the other, so that each finds a name
         self._previews = 0
+        self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = (None, [], [])  # to read what
 
     async def open(self) -> None:
         """Find again what was left, and prepare a process for the first build."""
@@ -202,17 +203,29 @@ class Studio(Broadcast):
         if number != self._previews:
             return
         panels: list[bytes] = []
+        sources, options = self._sources(), self._options()
         try:
-            found, panels = await asyncio.to_thread(_preview, self._sources(), self._options())
-        except KnotfabError as error:
-            found = {"lines": [], "error": self.plain(str(error)), "panels": []}
-        except Exception as error:  # of a library, on a picture that nobody foresaw
-            why = f"This picture cannot be looked at ({type(error).__name__}): try another one."
-            found = {"lines": [], "error": why, "panels": []}
-        if number == self._previews:
-            found["lines"] = [self.plain(line) for line in found["lines"]]
-            self.preview, self.panels = {**found, "number": number}, panels
-            self.tell_state()
+            found, panels = await asyncio.to_thread(preview, sources, options)
+        except Exception as error:
+            told = explain_error(error) or keep_traceback(error)
+            found = {"lines": [], "error": self.plain(str(told)), "panels": []}
+        if number != self._previews:
+            return
+        found["lines"] = [self.plain(line) for line in found["lines"]]
+        self._show_preview({**found, "number": number}, panels)
+        values = dict(self.settings.values)
+        of = (self.chosen, *(values.get(key) for key in ("crop", "threshold", "invert")))
+        if of != self._ways[0] and found.get("unclear"):
+            with contextlib.suppress(KnotfabError):
+                ways, thumbnails = await asyncio.to_thread(list_ways, sources, options, values)
+                self._ways = (of, ways, thumbnails)
+        if of == self._ways[0] and number == self._previews:
+            shown = {**found, "number": number, "ways": self._ways[1]}
+            self._show_preview(shown, [*panels, *self._ways[2]])
+
+    def _show_preview(self, found: dict[str, Any], panels: list[bytes]) -> None:
+        self.preview, self.panels = found, panels
+        self.tell_state()
 
     def _sources(self) -> list[str]:
         return [self.pictures[name].source(self.picture_folder) for name in self.chosen]
@@ -373,16 +386,3 @@ class Studio(Broadcast):
         self.settings = Settings(memory.settings, memory.readings)
         if memory.current in self.builds.names():
             self._show(memory.current)
-
-
-def _preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, Any], list[bytes]]:
-    """The figures, and the pictures of what tubes lose, each with its caption."""
-    from knotfab.preview.draw import draw_panels
-    from knotfab.preview.sentence import list_figures
-    from knotfab.target.data_uri import encode_image
-
-    found = survey_pictures(sources, options)
-    drawn = draw_panels(found)
-    captions = [panel.caption for panel in drawn]
-    figures = {**list_figures(found), "error": "", "panels": captions}
-    return figures, [encode_image(panel.image, compress_level=6) for panel in drawn]

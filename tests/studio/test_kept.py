@@ -31,7 +31,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Builds and previews are played; the folder that keeps a line a run."""
     script, runs = write_player(tmp_path)
     monkeypatch.setattr("sys.executable", str(script))
-    monkeypatch.setattr(session, "_preview", lambda *_: ({"lines": [], "panels": []}, []))
+    monkeypatch.setattr(session, "preview", lambda *_: ({"lines": [], "panels": []}, []))
     return runs
 
 
@@ -260,3 +260,28 @@ def test_a_picture_is_removed_and_dropped_again(runs: Path, tmp_path: Path) -> N
         assert page.get("/pictures/white.png").status_code == 404
         assert not (tmp_path / "studio" / "pictures" / "white.png").exists()
         assert page.post("/api/pictures?name=white.png", content=data).json() == {"name": "white"}
+
+
+def test_ways_to_read_a_picture_fill_the_fields(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ways = [{"settings": {"ink": "dark", "specks": 40, "smooth": None}, "refused": False}]
+    unclear = {"lines": [], "panels": ["it"], "unclear": True}
+    monkeypatch.setattr(session, "preview", lambda *_: (dict(unclear), [b"panel"]))
+    monkeypatch.setattr(session, "list_ways", lambda *_: (ways, [b"thumbnail"]))
+    studio = Studio(tmp_path / "studio", warm=False)
+    app = make_app(studio, TOKEN, (HOST,))
+    with TestClient(app, base_url=f"http://{HOST}", headers={"origin": f"http://{HOST}"}) as page:
+        page.get(f"/?token={TOKEN}")
+        page.post("/api/text", content=json.dumps({"text": "photo"}))
+        until = time.monotonic() + 20
+        while not (shown := page.get("/api/state").json()["preview"]).get("ways"):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        assert page.get("/preview/0.png").content == b"panel"
+        assert page.get("/preview/1.png").content == b"thumbnail"
+        assert page.get("/preview/2.png").status_code == 404
+        answer = page.post("/api/settings", content=json.dumps(shown["ways"][0]["settings"]))
+        assert answer.status_code == 200
+        settings = page.get("/api/state").json()["settings"]
+        assert (settings["ink"], settings["specks"]) == ("dark", 40) and "smooth" not in settings

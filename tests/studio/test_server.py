@@ -31,7 +31,7 @@ from starlette.websockets import WebSocketDisconnect
 from knotfab.errors import InputError
 from knotfab.knots import read_start
 from knotfab.options import options_from
-from knotfab.studio import broadcast, server, session
+from knotfab.studio import broadcast, look, server, session
 from knotfab.studio.pictures import LARGEST_BYTES
 from knotfab.studio.server import make_app
 from knotfab.studio.session import Studio
@@ -46,7 +46,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     script, runs = write_player(tmp_path)
     monkeypatch.setattr("sys.executable", str(script))
     monkeypatch.setattr(
-        session, "_preview", lambda *_: ({"lines": [], "error": "", "panels": []}, [])
+        session, "preview", lambda *_: ({"lines": [], "error": "", "panels": []}, [])
     )
     return runs
 
@@ -432,7 +432,7 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
 
 
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
-    figures, panels = session._preview(["text:I"], options_from({"width": 150}))
+    figures, panels = look.preview(["text:I"], options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
     assert len(figures["panels"]) == len(panels) > 1 and "150 x" in figures["panels"][0]
     assert {max(Image.open(io.BytesIO(png)).size) for png in panels} == {720}

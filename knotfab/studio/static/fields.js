@@ -110,9 +110,14 @@ function fillMaterials(materials) {
   inputs.material.append(element("option", { value: "" }, "the printer's usual one"), group("Printed", materials.filter((m) => !wire(m))), group("Bent by hand, with a plan", materials.filter(wire)));
 }
 
-export function set(name, value) {
+export const set = (name, value) => setAll({ [name]: value });
+
+/* Settings in words. */
+export const told = (settings) => Object.entries(settings).filter(([, value]) => value !== null).map(([name, value]) => `${labels[name]}: ${[...(inputs[name].options ?? [])].find((o) => o.value === value)?.text ?? value}`).join(", ");
+
+export function setAll(settings) {
   // what is wrong comes back with the state, and is shown at the field
-  post("/api/settings", { [name]: value }).catch((error) => {
+  post("/api/settings", settings).catch((error) => {
     if (error.message.startsWith("The studio")) byId("setting-error").textContent = error.message;
   });
 }

@@ -63,7 +63,7 @@ function showPanel(before, next) {
   showPictures(next);
   showFields(next);
   showBuilds(next, select);
-  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.chosen]);
+  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.preview.ways?.length, one.chosen]);
   if (!before || seen(before) !== seen(next)) showPreview(next);
 }
 
