@@ -14,7 +14,7 @@ from knotfab.start.filling import Template
 __all__ = ["Guess", "guess_print"]
 
 # Fitted on builds of the project's own pictures (docs/silhouette.md has guesses beside the slicer's figures).
-_LENGTH, _LENGTH_FLAT = 1.6, 1.12  # of the tube over area / width
+_LENGTH, _LENGTH_FLAT = 1.45, 1.12  # of the tube over its flat start, or over area / width
 _HOURS, _OF_RADIUS_MM = 0.158, 1.77  # to a cm3 of a tube of this radius; thin ones take longer
 _HOURS_PLATE = 0.06
 _HOURS_AROUND = 0.007  # to a cm3 of the room between the strands, part of which supports fill
@@ -65,6 +65,6 @@ def guess_print(
     depth = 0.0 if flat else min(room, DEPTH_RATIO * max(size_mm))
     if not isinstance(scene.piece.depth, str):
         depth = scene.piece.depth
-    hours = _HOURS * np.sqrt(_OF_RADIUS_MM / radius_mm) * tube
+    hours = _HOURS * _OF_RADIUS_MM / radius_mm * tube
     hours += _HOURS_PLATE * plate + _HOURS_AROUND * area_mm2 * depth
     return Guess(float(mass), float(hours * 1e-3))
