@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import re
-from collections.abc import Callable
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from fontTools.misc.transform import Identity, Transform
@@ -18,29 +15,23 @@ from fontTools.svgLib.path import parse_path
 
 from knotfab.target.svg.size import read_length
 from knotfab.target.svg.style import MOVING, Styles
+from knotfab.target.svg.transforms import (
+    NUMBER,
+    Box,
+    UnreadableError,
+    as_function,
+    read_list,
+    read_origin,
+    spread,
+)
 from knotfab.target.svg.xml import SVG, XLINK, local_name
 
 __all__ = ["place"]
 
 
-class _Box(NamedTuple):
-    left: float
-    top: float
-    width: float
-    height: float
-
-
-_FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
-_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)([a-z%]*)", re.I)
-_ANGLES = {"": 180.0, "deg": 180.0, "grad": 200.0, "rad": math.pi, "turn": 0.5}
-_SIDES = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
 _UNEVEN = 1.01  # a stroke stretched by less is as wide to every side
 _CALLS = frozenset([*MOVING, "vector-effect"])
 _COPIES = 10_000  # elements that references may be written out to
-
-
-class _Unreadable(ValueError):
-    """A value that is not understood."""
 
 
 def place(root: Element, styles: Styles, longer_px: float) -> None:
@@ -61,7 +52,7 @@ class _Placer:
         wide, high = (read_length(root.get(side, "")) or 100.0 for side in ("width", "height"))
         shrink = longer_px / max(wide, high)
         wide, high = wide * shrink, high * shrink
-        box = _view_box(root) or _Box(0.0, 0.0, wide, high)
+        box = _view_box(root) or Box(0.0, 0.0, wide, high)
         scale = wide / box.width, high / box.height
         if root.get("preserveAspectRatio", "").strip() != "none":
             scale = (min(scale),) * 2
@@ -109,7 +100,7 @@ class _Placer:
             self._write_out_uses(copied, (*within, target))
 
     def _visit(
-        self, element: Element, matrix: Transform, box: _Box, inherited: dict[str, str]
+        self, element: Element, matrix: Transform, box: Box, inherited: dict[str, str]
     ) -> None:
         """Write an element's own transform and stroke; `matrix` leads from its parent's units to CSS px."""
         own = self._styles.of.get(element, {})
@@ -131,7 +122,7 @@ class _Placer:
         for child in list(element):
             self._visit(child, matrix, box, strokes)
 
-    def _transform(self, element: Element, own: dict[str, str], box: _Box) -> Transform | None:
+    def _transform(self, element: Element, own: dict[str, str], box: Box) -> Transform | None:
         """The transform of an element, which it then carries as a matrix where CSS had a word in it.
 
         CSS Transforms 1 and 2: about the origin, `translate`, `rotate`, `scale`, then `transform`.
@@ -142,8 +133,8 @@ class _Placer:
             name: own[name] for name in ("translate", "rotate", "scale", "transform") if name in own
         }
         if not said and not (origin and attribute):
-            return _read_list(attribute, box) if attribute.strip() else None
-        place = _Box(0.0, 0.0, *box[2:])
+            return read_list(attribute, box) if attribute.strip() else None
+        place = Box(0.0, 0.0, *box[2:])
         if own.get("transform-box", "view-box") != "view-box":
             place = self._bounds(element, own)
         elif element is self._root:
@@ -151,11 +142,11 @@ class _Placer:
         matrix = Identity
         for name, value in said.items():
             if value.strip().lower() != "none":
-                text = value if name == "transform" else _as_function(name, value)
-                matrix = matrix.transform(_read_list(text, place))
+                text = value if name == "transform" else as_function(name, value)
+                matrix = matrix.transform(read_list(text, place))
         if "transform" not in said:
-            matrix = matrix.transform(_read_list(attribute, box))
-        x, y = _read_origin(origin, place)
+            matrix = matrix.transform(read_list(attribute, box))
+        x, y = read_origin(origin, place)
         matrix = Identity.translate(x, y).transform(matrix).translate(-x, -y)
         written = f"matrix({' '.join(f'{v:.9g}' for v in matrix)})"
         if element is not self._root:
@@ -166,11 +157,11 @@ class _Placer:
         element[:] = [group]
         return None
 
-    def _bounds(self, element: Element, own: dict[str, str]) -> _Box:
+    def _bounds(self, element: Element, own: dict[str, str]) -> Box:
         """The box of what an element draws, in its own units, with its stroke where that counts."""
         pen = BoundsPen(None)
         if not self._trace(element, pen, Identity) or pen.bounds is None:
-            raise _Unreadable(f"{own['transform-box']} of <{local_name(element)}>")
+            raise UnreadableError(f"{own['transform-box']} of <{local_name(element)}>")
         left, top, right, bottom = pen.bounds
         grown = 0.0
         if (
@@ -178,7 +169,7 @@ class _Placer:
             and own.get("stroke", "none") != "none"
         ):
             grown = (read_length(own.get("stroke-width", "1")) or 0.0) / 2
-        return _Box(left - grown, top - grown, right - left + 2 * grown, bottom - top + 2 * grown)
+        return Box(left - grown, top - grown, right - left + 2 * grown, bottom - top + 2 * grown)
 
     def _trace(self, element: Element, pen: AbstractPen, matrix: Transform) -> bool:
         """Draw an element and those in it with a pen; False where one has no outline that is known."""
@@ -186,7 +177,7 @@ class _Placer:
         if name in ("g", "a", "svg"):
             return all(
                 self._trace(
-                    child, pen, matrix.transform(_read_list(child.get("transform", ""), self._box))
+                    child, pen, matrix.transform(read_list(child.get("transform", ""), self._box))
                 )
                 for child in element
                 if local_name(child) not in ("defs", "style")
@@ -196,7 +187,7 @@ class _Placer:
             at = (read_length(element.get(side, "0")) or 0.0 for side in ("x", "y"))
             if target is None or local_name(target) in ("use", "g", "symbol"):
                 return False
-            moved = _read_list(target.get("transform", ""), self._box)
+            moved = read_list(target.get("transform", ""), self._box)
             return self._trace(target, pen, matrix.translate(*at).transform(moved))
         data = _path_data(element, self._box)
         if data is None:
@@ -209,7 +200,7 @@ class _Placer:
 
     def _keep_stroke(
         self, element: Element, own: dict[str, str], strokes: dict[str, str],
-        matrix: Transform, outer: Transform, box: _Box,
+        matrix: Transform, outer: Transform, box: Box,
     ) -> None:  # fmt: skip
         """Give a stroke the width, in units of its element, that it has in CSS px."""
         xx, xy, yx, yy = matrix[:4]
@@ -226,13 +217,13 @@ class _Placer:
         )
         for key in ("stroke-dasharray", "stroke-dashoffset"):
             if key in strokes:
-                own[key] = _NUMBER.sub(
+                own[key] = NUMBER.sub(
                     lambda m: f"{(read_length(m[0]) or 0) / scale:.9g}", strokes[key]
                 )
 
     def _stroke_apart(
         self, element: Element, own: dict[str, str], strokes: dict[str, str],
-        matrix: Transform, outer: Transform, box: _Box,
+        matrix: Transform, outer: Transform, box: Box,
     ) -> None:  # fmt: skip
         """Where it is stretched: draw the stroke as a path of its own, in px, over the filled shape."""
         pen = SVGPathPen(None, ntos=lambda v: f"{v:.6g}")
@@ -256,124 +247,15 @@ class _Placer:
             del own[key]
 
 
-def _as_function(name: str, value: str) -> str:
-    """A property such as `rotate: z 30deg` as the function of the same name."""
-    parts = value.replace(",", " ").split()
-    if name == "rotate" and len(parts) > 1:
-        axis = " ".join(p for p in parts if not p.lower().endswith(tuple(_ANGLES)[1:]))
-        angle = [p for p in parts if p not in axis.split()]
-        if axis.lower() not in ("z", "0 0 1") or len(angle) != 1:
-            raise _Unreadable(f"rotate: {value}")
-        parts = angle
-    if name == "scale":
-        if any(_NUMBER.fullmatch(p) is None for p in parts):
-            raise _Unreadable(f"scale: {value}")
-        parts = [f"{float(p[:-1]) / 100:g}" if p.endswith("%") else p for p in parts]
-    return f"{name}({' '.join(parts[:2])})"
-
-
-def _read_list(text: str, box: _Box) -> Transform:
-    """The matrix of a list of transform functions, of SVG or CSS.
-
-    Raises:
-        _Unreadable: a function or an argument is not known.
-    """
-    matrix, at = Identity, 0
-    text = re.sub(r"/\*.*?\*/", " ", text, flags=re.S).strip().rstrip(",")
-    if text.lower() in ("none", "inherit"):
-        return matrix
-    while at < len(text):
-        found = _FUNCTION.match(text, at)
-        if found is None:
-            raise _Unreadable(text[at:])
-        at = found.end()
-        matrix = matrix.transform(_read_function(found[1].lower(), found[2], box))
-        at += len(text[at:]) - len(text[at:].lstrip())
-    return matrix
-
-
-def _read_function(name: str, arguments: str, box: _Box) -> Transform:
-    words = arguments.replace(",", " ").split() or _spread(arguments)
-    if any(_NUMBER.fullmatch(w) is None for w in words):  # numbers may follow each other unparted
-        words = _spread(arguments)
-    values = [0.0] * len(words)
-    for k, word in enumerate(words):
-        number, unit = _NUMBER.fullmatch(word).groups()  # type: ignore[union-attr]
-        if name.startswith(("rotate", "skew")) and k < (1 if name == "rotate" else 2):
-            if unit.lower() not in _ANGLES:
-                raise _Unreadable(f"{name}({arguments})")
-            values[k] = float(number) / _ANGLES[unit.lower()] * math.pi
-        else:
-            whole = box[3] if name == "translatey" or k == 1 else box[2]
-            length = (
-                0.01 * float(number)
-                if unit == "%" and "scale" in name
-                else read_length(word, whole)
-            )
-            if length is None:
-                raise _Unreadable(f"{name}({arguments})")
-            values[k] = length
-    try:
-        return _KINDS[name](*values)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise _Unreadable(f"{name}({arguments})") from error
-
-
-def _spread(text: str) -> list[str]:
-    """Numbers that follow each other unparted, as in 1-2.5.5."""
-    if _NUMBER.sub("", text).strip(" ,\t\r\n"):
-        raise _Unreadable(text)
-    return [m[0] for m in _NUMBER.finditer(text)]
-
-
-_KINDS: dict[str, Callable[..., Transform]] = {
-    "matrix": lambda a, b, c, d, e, f: Transform(a, b, c, d, e, f),
-    "matrix3d": lambda *v: Transform(v[0], v[1], v[4], v[5], v[12], v[13]),
-    "translate": lambda x, y=0.0: Identity.translate(x, y),
-    "translatex": lambda x: Identity.translate(x, 0),
-    "translatey": lambda y: Identity.translate(0, y),
-    "translate3d": lambda x, y, z: Identity.translate(x, y),
-    "translatez": lambda z: Identity,
-    "scale": lambda x, y=None: Identity.scale(x, x if y is None else y),
-    "scalex": lambda x: Identity.scale(x, 1),
-    "scaley": lambda y: Identity.scale(1, y),
-    "scale3d": lambda x, y, z: Identity.scale(x, y),
-    "scalez": lambda z: Identity,
-    "rotate": lambda a, x=0.0, y=0.0: Identity.translate(x, y).rotate(a).translate(-x, -y),
-    "rotatez": lambda a: Identity.rotate(a),
-    "rotatex": lambda a: Identity.scale(1, math.cos(a)),
-    "rotatey": lambda a: Identity.scale(math.cos(a), 1),
-    "skew": lambda a, b=0.0: Transform(1, math.tan(b), math.tan(a), 1, 0, 0),
-    "skewx": lambda a: Identity.skew(a, 0),
-    "skewy": lambda a: Identity.skew(0, a),
-    "perspective": lambda d: Identity,
-}
-
-
-def _read_origin(text: str, box: _Box) -> tuple[float, float]:
-    words = text.lower().split()[:2] or ["0", "0"]
-    if len(words) == 1:
-        words.append("center")
-    if words[0] in ("top", "bottom") or words[1] in ("left", "right"):
-        words.reverse()
-    x, y = (
-        read_length(_SIDES.get(word, word), whole)
-        for word, whole in zip(words, box[2:], strict=True)
-    )
-    if x is None or y is None:
-        raise _Unreadable(f"transform-origin: {text}")
-    return box[0] + x, box[1] + y
-
-
-def _view_box(element: Element) -> _Box | None:
+def _view_box(element: Element) -> Box | None:
     try:
         numbers = [float(n) for n in element.get("viewBox", "").replace(",", " ").split()]
     except ValueError:
         return None
-    return _Box(*numbers) if len(numbers) == 4 and min(numbers[2:]) > 0 else None
+    return Box(*numbers) if len(numbers) == 4 and min(numbers[2:]) > 0 else None
 
 
-def _enter(element: Element, matrix: Transform, box: _Box) -> tuple[Transform, _Box]:
+def _enter(element: Element, matrix: Transform, box: Box) -> tuple[Transform, Box]:
     """The units inside a nested <svg> or the like, by its viewBox."""
     inner = _view_box(element)
     if inner is None:
@@ -386,13 +268,13 @@ def _enter(element: Element, matrix: Transform, box: _Box) -> tuple[Transform, _
     return matrix.scale(across, down), inner
 
 
-def _path_data(element: Element, box: _Box) -> str | None:
+def _path_data(element: Element, box: Box) -> str | None:
     """The outline of a basic shape or path as path data; None where it has none."""
     name = local_name(element)
     if name == "path":
         return element.get("d", "")
     if name in ("polygon", "polyline"):
-        points = " ".join(_spread(element.get("points", "")))
+        points = " ".join(spread(element.get("points", "")))
         return f"M{points}{'Z' if name == 'polygon' else ''}" if points else ""
 
     def get(key: str, usual: float = 0.0) -> float:
