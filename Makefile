@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table grace-table several-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
+.PHONY: demo test test-quick wheel-test lint accuracy-table outside-suites feature-table mount-table effects-table grace-table several-table bending-table tied-knots paper-table paper-ablations renderer-table validator-table verdict-table mutations frontier budgets scaling hard-cases worst-cases batch-throughput system slicer browser viewer studio-table pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -88,6 +88,10 @@ outside-suites: system $(DONE)
 # run goes on where it was)
 feature-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.features --kept out/feature-table.json --write docs/features.md
+
+# how far pictures are bent until they agree, with no search (about 2 min)
+bending-table: $(DONE)
+	$(BIN)/python -m benchmarks.bending_table --out out/bending
 
 # named and drawn sets of two to four pictures in one part (about 15 min; an interrupted run goes on where it was)
 several-table: system $(DONE)

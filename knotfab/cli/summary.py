@@ -144,7 +144,9 @@ def _tell_views(report: dict[str, Any], verbose: bool) -> list[str]:
     lines = []
     for view, key, share in zip(views, keys, alike, strict=True):
         said = f"{share} alike" + (" in the frame" if key == "iou_frame" else "")
-        if view.get("bound", 0.0) > view[key]:
+        if "bending" in view:
+            said += f", {_share(view['iou_drawn'])} with it as bent"
+        if view.get("bound", 0.0) > view.get("iou_drawn", view[key]):
             said += f" (at most {_share(view['bound'])} without spill)"
         read = view["legibility"].get("45")
         said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")

@@ -51,6 +51,7 @@ _TURNS_DEG = (16.0, 8.0)
 _APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
 _SHIFTS = (0.03, 0.015)  # of the frame's height
 _SLACK = 0.0008  # of a bound: what a coarse measure may be off
+_SAID = 0.001  # of a bound: what nobody needs to be told
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
         after = _bounds_of(bent_scene, bent)
         if _worst(after) > _worst(bounds):
             framed, drawn, bounds = bent_scene, bent, after
-            lines.append(tell_bending(drawn))
+            lines.append(tell_bending(drawn, bounds))
     for target, bound in zip(targets, bounds, strict=True):
         if not bound.covered.any():
             raise SceneError(
@@ -163,15 +164,18 @@ def apply_bending(view: View, target: Target) -> Target:
     )
 
 
-def tell_bending(targets: Sequence[Target]) -> str:
-    """By how much pictures are bent, in a sentence."""
+def tell_bending(targets: Sequence[Target], bounds: Sequence[HullBound]) -> str:
+    """By how much pictures are bent, and what for, in a sentence."""
     bendings = [t.bending for t in targets if t.bending is not None]
     rms = float(np.sqrt(np.mean([b.rms**2 for b in bendings])))
     words = {2: "both", 3: "all three", 4: "all four"}
     who = words.get(len(targets), f"all {len(targets)}")
     most = max(b.most for b in bendings)
+    digits = 0 if most >= 0.02 else 1
+    better = "" if _worst(bounds) >= AGREED - _SAID else " better"
     return (
-        f"bent by {100 * rms:.1f} % on average and {100 * most:.0f} % at most, so that {who} agree"
+        f"bent by {100 * rms:.1f} % on average and {100 * most:.{digits}f} % at most, so that {who} "
+        f"agree{better}"
     )
 
 
@@ -379,5 +383,5 @@ def _tell_lacking(
         f"no room for {1 - bound.iou:.1%} of it: allow more (--bend {min(0.3, round(1.6 * most, 2)):g}), or "
         "use another picture"
         for target, bound in zip(targets, bounds, strict=True)
-        if bound.iou < AGREED - 0.001
+        if bound.iou < AGREED - _SAID
     ]

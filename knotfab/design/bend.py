@@ -32,7 +32,8 @@ _LESS = 0.95
 _PACE = 0.004  # of the height: the length of a step
 _PLACE = 0.12  # of the height: moving all by this costs as much as stretching all by one
 _STIFF = 2.0  # times: strokes and round holes
-_SLOPE = 0.45  # of the field, along either side, from which on it is held back; two of .7 may fold
+_SLOPE = 0.45  # of the field, along either side, from which on it is held back
+_STEEPEST = 0.69  # of either side: with two of .7 some step might vanish
 _FOLD = 3.0
 _THIN = 0.07  # of the height: what is narrower is a stroke
 _HOLE = 0.02  # of its square: smaller holes are small
@@ -153,6 +154,18 @@ class Tension:
                 gradient[k][tuple(last)] += pulled
         return total, gradient
 
+    def without_folds(self, points: Array) -> Array:
+        """The points, those of a picture scaled down where its field might fold, or nearly."""
+        steepest = [
+            max(
+                np.linalg.norm(np.diff(p, axis=axis), axis=2).max() / step
+                for axis, step in enumerate(steps)
+            )
+            for p, steps in zip(points, self.steps, strict=True)
+        ]
+        shares = np.minimum(1.0, _STEEPEST / np.maximum(steepest, 1e-12))
+        return np.asarray(points * shares[:, None, None, None])
+
 
 def bend_pictures(
     cameras: Sequence[Camera],
@@ -185,6 +198,7 @@ def bend_pictures(
             points *= np.minimum(1.0, most / np.maximum(np.linalg.norm(points, axis=3), 1e-12))[
                 ..., None
             ]
+        points = tension.without_folds(points)
         if enough(points):
             while enough(_LESS * points):  # the last weight was a little too small
                 points = _LESS * points

@@ -29,5 +29,5 @@ def add_bounds(report: dict[str, Any], made: Design, targets: Sequence[Target]) 
     report["settings"]["start_ious"] = list(made.start_ious)
     notes = report.setdefault("notes", [])
     if any(target.bending is not None for target in targets):
-        notes.append(f"The pictures are {tell_bending(targets)}.")
+        notes.append(f"The pictures are {tell_bending(targets, made.bounds)}.")
     notes.extend(contradictions(made.scene.views, made.bounds))
