@@ -73,7 +73,7 @@ def guard_streams() -> None:
             stream.flush()
             patient = io.BufferedWriter(_Patient(number, "wb", closefd=False))
             guarded = io.TextIOWrapper(
-                patient, stream.encoding, _ERRORS, line_buffering=stream.line_buffering
+                patient, stream.encoding, _ERRORS, line_buffering=number == 2
             )
             setattr(sys, name, guarded)
 

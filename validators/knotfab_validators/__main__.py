@@ -50,10 +50,10 @@ def _measure_triangle() -> tuple[ViewGeometry, Mesh]:
 
     from knotfab_validators.files.number_rows import cut_rows
     from knotfab_validators.geometry.curves import Curves
+    from knotfab_validators.geometry.heap import overlapping_boxes
     from knotfab_validators.geometry.mesh import merge_equal
     from knotfab_validators.geometry.surface import flat_faces
     from knotfab_validators.geometry.triangles import triangle_triangle
-    from knotfab_validators.mesh.second_opinion import overlapping_boxes
     from knotfab_validators.shadows.cast import ShadowCaster
     from knotfab_validators.shadows.distance import depth_in
     from knotfab_validators.shadows.layers import layered_mask

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from damaged_rings import CIRCLE, by_name, curves, ring
 
+from knotfab_validators.geometry.heap import overlapping_boxes
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh import second_opinion
-from knotfab_validators.mesh.second_opinion import opinions, overlapping_boxes
+from knotfab_validators.mesh.second_opinion import opinions
 from knotfab_validators.mesh.surface_checks import check_mesh
 
 # pairs of faces without a corner in common, about the triangle (0, 0, 0), (4, 0, 0), (0, 4, 0)

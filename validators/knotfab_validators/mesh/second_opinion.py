@@ -6,25 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab_validators.arrays import Array, Ints
-from knotfab_validators.compiled import compiled
-from knotfab_validators.geometry.mesh import Mesh, bound_triangles
+from knotfab_validators.arrays import Ints
+from knotfab_validators.geometry.heap import overlapping_boxes, tell_heap
+from knotfab_validators.geometry.mesh import Mesh
 
 __all__ = [
     "Opinions",
     "crossing_faces",
     "opinions",
-    "overlapping_boxes",
     "self_intersections",
-    "tell_heap",
 ]
 
 
-SAMPLES = (
-    6  # faces of each of some sizes whose boxes are compared with all others: how much work it is
-)
-MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are tested, or as many as
-MOST_A_FACE = 100  # times the number of faces: a good part has some 10 to 40 a face
 MOST_COUNTED = 5_000_000  # with more of them the first crossing is enough
 
 
@@ -65,18 +58,6 @@ def opinions(mesh: Mesh) -> Opinions:
     return Opinions(pairs, counted, seen if asked is mesh else pairs[0][seen])
 
 
-def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
-    """Why a mesh is such a heap of faces that no tree of boxes helps; None where it is not.
-
-    Args:
-        boxes: about how many pairs of boxes overlap, where that is known.
-    """
-    boxes = overlapping_boxes(mesh) if boxes is None else boxes
-    if boxes <= max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
-        return None
-    return f"some {boxes:.1g} pairs of faces have boxes that overlap"
-
-
 def self_intersections(mesh: Mesh, first_only: bool = False) -> Ints:
     """Pairs (k, 2) of faces that meet elsewhere than in what they share, by exact predicates."""
     from igl import predicates
@@ -109,37 +90,3 @@ def crossing_faces(mesh: Mesh) -> Ints:
     if found.selected_face_number() == 0:
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero(np.asarray(found.face_selection_array()))
-
-
-@compiled
-def _count_met(low: Array, high: Array, face: int) -> int:
-    """How many boxes, from low to high (m, 3), meet that of one face, itself among them."""
-    met = 0
-    for k in range(len(low)):
-        apart = False
-        for axis in range(3):
-            apart |= low[k, axis] > high[face, axis] or high[k, axis] < low[face, axis]
-        met += not apart
-    return met
-
-
-def overlapping_boxes(mesh: Mesh) -> float:
-    """About how many pairs of faces have bounding boxes that overlap, from a few faces of every size.
-
-    A few long faces aslant may have more overlaps than all others together: by size the faces are told
-    apart in layers, each 16 times as many as the one before.
-    """
-    low, high = bound_triangles(*mesh.vertices[mesh.faces].swapaxes(0, 1))
-    count = len(mesh.faces)
-    order = np.argsort(-np.linalg.norm(high - low, axis=1), kind="stable")
-    draw = np.random.default_rng(0)
-    total, first = 0.0, 0
-    while first < count:
-        layer = order[first : max(SAMPLES, 16 * first)]
-        met = 0
-        chosen = draw.permutation(layer)[:SAMPLES]
-        for face in chosen:
-            met += _count_met(low, high, int(face)) - 1
-        total += met / len(chosen) * len(layer)
-        first += len(layer)
-    return total / 2

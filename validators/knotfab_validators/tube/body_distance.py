@@ -6,8 +6,8 @@ import numpy as np
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.collision import collision_body, collision_distance
+from knotfab_validators.geometry.heap import tell_heap
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
-from knotfab_validators.mesh.second_opinion import tell_heap
 
 __all__ = ["nearest_bodies"]
 
