@@ -51,6 +51,7 @@ _TURNS_DEG = (16.0, 8.0)
 _APART_DEG = 0.6  # of an equal share of half a turn: the least between two lines of sight
 _SHIFTS = (0.03, 0.015)  # of the frame's height
 _SLACK = 0.0008  # of a bound: what a coarse measure may be off
+_ADDED = 0.003  # likewise, of one that is known
 _SAID = 0.001  # of a bound: what nobody needs to be told
 
 
@@ -117,7 +118,7 @@ def agree(scene: Scene, targets: Sequence[Target], *, azimuths_open: bool = Fals
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
     most = _most_bent(scene)
     if _worst(bounds) < AGREED and most > 0:
-        bent_scene, bent = _bend(framed, targets, drawn, most)
+        bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
         after = _bounds_of(bent_scene, bent)
         if _worst(after) > _worst(bounds):
             framed, drawn, bounds = bent_scene, bent, after
@@ -345,17 +346,28 @@ def _least_apart(views: Sequence[View]) -> float:
 
 
 def _bend(
-    scene: Scene, targets: tuple[Target, ...], drawn: Sequence[Target], most: float
+    scene: Scene,
+    targets: tuple[Target, ...],
+    drawn: Sequence[Target],
+    bounds: Sequence[HullBound],
+    most: float,
 ) -> tuple[Scene, tuple[Target, ...]]:
-    """The scene with its pictures bent, and they as bent; `drawn`: as before that, maybe mirrored."""
+    """The scene with its pictures bent, and they as bent; `drawn`, `bounds`: as before that."""
     from knotfab.design.bend import bend_pictures
 
     views = _framed(scene, targets)
     masks = _coarse(drawn, _CHECK_PX)
 
+    # coarser silhouettes have coarser gaps: what that adds to a bound is asked in addition
+    added = [
+        float(np.clip(coarse.iou - fine.iou, 0.0, _ADDED))
+        for coarse, fine in zip(_bounds_of(scene, targets, masks), bounds, strict=True)
+    ]
+
     def enough(points: Array) -> bool:
         bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
-        return _worst(_bounds_of(scene, targets, bent)) >= AGREED + _SLACK
+        found = _bounds_of(scene, targets, bent)
+        return all(b.iou >= AGREED + _SLACK + a for b, a in zip(found, added, strict=True))
 
     cameras = cameras_of(views, targets)
     points = bend_pictures(cameras, [t.mask for t in drawn], reach_of(views), most, enough)

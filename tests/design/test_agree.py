@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from knotfab.design import bend
 from knotfab.design.agree import (
@@ -16,7 +18,11 @@ from knotfab.design.agree import (
 )
 from knotfab.design.bend import Tension
 from knotfab.design.frames import frame_view, framed_alike, spread_views
+from knotfab.design.hull import HullBound
 from knotfab.errors import InputError, SceneError
+from knotfab.options import BuildOptions
+from knotfab.preview.draw import draw_agreement
+from knotfab.read_options import read_scene
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Scene
@@ -226,3 +232,32 @@ def test_a_mirrored_picture_is_said_and_is_never_text() -> None:
     assert any(line == "mirrored, which changes the picture: right" for line in done.lines)
     text = agree(scene, [replace(t, is_text=True) for t in (left, right, middle)])
     assert all(t.bending is None for t in text.targets)
+
+
+def test_a_picture_shows_what_came_what_is_bent_and_what_is_left() -> None:
+    shift = np.full((ROWS, COLUMNS, 2), 0.01)
+    view = (
+        spread_views(Scene(), "ab").views[0].model_copy(update={"bend_points": write_points(shift)})
+    )
+    bent = apply_bending(view, EGG)
+    bound = HullBound(bent.mask & ~PARTED.mask, bent.mask, 0.5, np.zeros(3), np.zeros(3))
+    widths = []
+    for target in (EGG, bent):
+        sheet = Image.open(BytesIO(draw_agreement(target, bound)))
+        widths.append(sheet.width)
+        red = np.asarray(sheet).astype(int)
+        assert ((red[..., 0] > 180) & (red[..., 1] < 60)).any()  # what the others leave no room for
+    assert widths[1] > 1.3 * widths[0]  # a panel more
+
+
+@pytest.mark.parametrize("text", ["2", "0.31", "-0.1", "nan", "inf", "much"])
+def test_no_share_of_a_height_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"--bend .* is no share of a picture's height up to 0.3"):
+        read_scene(BuildOptions(bend=text))
+
+
+@pytest.mark.parametrize(
+    ("text", "key"), [("auto", "auto"), ("off", "off"), ("0", "off"), ("0.05", 0.05)]
+)
+def test_a_share_of_a_height_is_a_key(text: str, key: float | str) -> None:
+    assert read_scene(BuildOptions(bend=text))[0].piece.bend == key
