@@ -25,6 +25,8 @@ from knotfab.target.silhouette import trace_polygon
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 
 _NOTHING = 0.5  # IoU below which there is no picture
+_POOR = 0.72  # IoU of the best start for several views below which a thinner tube is tried
+_THINNER = 0.75  # how much thinner, against the thinnest so far
 _WORKERS = 2  # radii side by side; their outcome does not depend on it
 _LONGER = 1.4  # times its template: a knot of some depth; a knight, a bicycle: 1.42 to 1.46
 _FEW = 4  # depth profiles, where only a place for a knot is looked for
@@ -193,6 +195,10 @@ def choose_radius(
 
         with ThreadPoolExecutor(_WORKERS) as pool:
             list(pool.map(begin, few))
+        thinner = max(thinnest, _THINNER * min(found))
+        if max(found.values()) < _POOR and thinner < min(found):
+            scores[thinner] = trials.score(thinner)
+            begin(thinner)
     top = max(found.values())
     if top == 0 and trials.failures:
         raise next(iter(trials.failures.values()))

@@ -11,13 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from questions import ask_views
+from shapely import MultiPolygon, Point
 
 from knotfab.design import radius as module
 from knotfab.design.budget import Budget
 from knotfab.design.candidates import line_radius, line_width
 from knotfab.design.question import Question, ask
-from knotfab.design.radius import choose_radius
+from knotfab.design.radius import _Trials, choose_radius
 from knotfab.errors import SceneError
+from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.scene.settings import PRESETS
 from knotfab.target.read import read_target
@@ -126,3 +129,21 @@ def test_the_tube_along_a_line_is_no_thinner_than_asked(
     asked = round(radius, 2)
     again = line_radius(view.model_copy(update={"thicken_mm": line_width(view, asked)}))
     assert asked <= again < asked + 2e-3
+
+
+@pytest.mark.parametrize(("start", "thinner"), [(0.6, True), (0.9, False)])
+def test_where_several_views_have_but_a_poor_start_a_thinner_tube_is_tried(
+    start: float, thinner: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disc = MultiPolygon([Point(0, 0).buffer(40.0)])
+    asked = Question(resolve(Scene()), ask_views([disc] * 3, 0.0, 60.0, 120.0))
+    begun: list[float] = []
+
+    def begin(_: _Trials, radius: float) -> float:
+        begun.append(radius)
+        return start if len(begun) == 1 else 0.8
+
+    monkeypatch.setattr(_Trials, "begin", begin)
+    choice = choose_radius(asked, DRAFT)
+    assert len(begun) == 1 + thinner and choice.radius_mm == begun[-1] == min(begun)
+    assert [trial.radius_mm for trial in choice.trials] == sorted(begun)
