@@ -14,7 +14,7 @@ from knotfab.start.lattice import Lattice, Sight, draw_edges
 __all__ = ["edge_worth", "join_pieces", "seed_squares"]
 
 
-_LEAST = 4.0  # edges' worth that only this piece draws, or it gets no curve
+_LEAST = 2.0  # edges' worth that only this piece draws, or it gets no curve
 _STEP = (
     0.02  # the price of a bridge over a square in the hull, where 1 is over one seen wholly outside
 )
