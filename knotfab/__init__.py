@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from knotfab.knots import Knot, Knots
     from knotfab.part.assemble import Part
     from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.progress import Event
     from knotfab.request import Outcome
     from knotfab.scene.model import ResolvedScene, Scene
     from knotfab.target.read import Target
@@ -60,6 +61,7 @@ _MODULES = {
     "knotfab.knots": ("Knot", "Knots"),
     "knotfab.part.assemble": ("Part",),
     "knotfab.problem": ("Problem", "SearchResult", "Start"),
+    "knotfab.progress": ("Event",),
     "knotfab.request": ("Outcome",),
     "knotfab.scene.model": ("ResolvedScene", "Scene"),
     "knotfab.target.read": ("Target",),
@@ -68,6 +70,7 @@ _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "Design",
+    "Event",
     "InputError",
     "Knot",
     "KnotfabError",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.errors import InputError
-from knotfab.progress import Progress
+from knotfab.progress import Event, Progress
 from knotfab.scene.model import Reading, Scene
 from knotfab.target.read import Target, read_target
 
@@ -47,7 +47,11 @@ Source = str | Path | Any  # a file, text:…, a picture of PIL, or an array
 
 
 def build(
-    pictures: Source | Sequence[Source] = (), out: str | Path | None = None, **options: Any
+    pictures: Source | Sequence[Source] = (),
+    out: str | Path | None = None,
+    *,
+    progress: Callable[[Event], object] | None = None,
+    **options: Any,
 ) -> Outcome:
     """Turn a picture, or several, into a verified part: what `knotfab build` does.
 
@@ -56,6 +60,8 @@ def build(
             bytes or truth values (True is drawn); several are several views of one part, or with
             `sequence=True` frames of one moving knot; none: those that the scene names.
         out: the folder to write; by default knotfab-out/NAME, after the picture.
+        progress: called with each thing that happens, from any thread. What it raises ends the build as an
+            error does: it is raised here, and nothing stays half-written.
         options: those of the command line by their names, with `_` for `-` (`print_=True` for `--print`):
             `mount="wall"`, `accuracy="draft"`, `tube_radius=2.5`, `time_budget=30`.
 
@@ -78,15 +84,20 @@ def build(
     words = [f"{key}={value!r}" for key, value in options.items()]
     shown = [str(s) if isinstance(s, str | Path) else f"<{type(s).__name__}>" for s in sources]
     command = f"knotfab.build({', '.join([repr(shown), repr(out and str(out)), *words])})"
-    progress = Progress("quiet")
-    with load_early(given.skip, keep=True), TemporaryDirectory() as folder:
+    with (
+        load_early(given.skip, keep=True),
+        TemporaryDirectory() as folder,
+        Progress("quiet", heard=progress) as told,
+    ):
         files = [
             _file_of(s, Path(folder) / f"picture-{n}.png") for n, s in enumerate(sources, start=1)
         ]
-        request = prepare_build(files, given, command, progress)
+        request = prepare_build(files, given, command, told)
         from knotfab.pipeline import run_build
 
-        return run_build(request, progress)
+        outcome = run_build(request, told)
+        told.tell("end", exit_code=outcome.exit_code, folder=str(outcome.folder))
+    return outcome
 
 
 def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> Target:

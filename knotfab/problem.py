@@ -14,6 +14,7 @@ from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
+from knotfab.notebook import InNotebook
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch
@@ -104,8 +105,8 @@ class DepthChoice:
     extent_mm: float | None
 
 
-@dataclass(frozen=True)
-class Start:
+@dataclass(frozen=True, repr=False)
+class Start(InNotebook):
     """Closed polylines [(n, 3) mm] of known type, and why it is known.
 
     `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
@@ -172,8 +173,8 @@ class CertificateLog:
         self.least_margin_mm = min(self.least_margin_mm, margin_mm)
 
 
-@dataclass
-class SearchResult:
+@dataclass(repr=False)
+class SearchResult(InNotebook):
     """Knots in scene coordinates, how they came about, and how it ended.
 
     Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal, TextIO
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from knotfab.knots import Knots
     from knotfab.scene.model import ResolvedView
 
-__all__ = ["Mode", "Progress", "process_age"]
+__all__ = ["Event", "Mode", "Progress", "process_age"]
 
 Mode = Literal["auto", "quiet", "verbose"]
 # the views, the knots as they stand, and the columns and rows that there are: lines of a terminal
@@ -35,6 +36,26 @@ _LEAST_COLUMNS, _LEAST_ROWS = 24, 8  # of a picture on a terminal
 _MOST_COLUMNS, _MOST_ROWS = 96, 24
 _AT_LEAST = 0.1  # of a stage's usual time is still to come, however long it has run
 _LATE_S = 2.0  # so long after its usual time a stage takes longer than usual
+
+
+@dataclass(frozen=True)
+class Event:
+    """A thing that happens in a build: what `--events` writes as a line, and how far the whole is by then."""
+
+    name: str
+    """stage, progress, scene, knots, standing, say or end."""
+    stage: str
+    """The one that runs, or the last that did."""
+    share: float
+    """How much of the whole is done, 0 to 1; it never falls."""
+    seconds: float
+    """Since the beginning."""
+    left_s: float | None
+    """Seconds that the rest will take; None where that is not known."""
+    late: bool
+    """The stage has run longer than it usually does."""
+    data: Mapping[str, Any]
+    """What the line holds besides (docs/studio.md)."""
 
 
 class Progress:
@@ -55,6 +76,8 @@ class Progress:
         events: where a line of JSON goes for each thing that happens (docs/studio.md lists them).
         began: `time.perf_counter()` at the beginning of what `total` counts; now by default.
         draw: draws the knots below the bar, where a terminal has room for them; None: nothing does.
+        heard: called with each event, from whichever thread it comes about in, one at a time. What it raises
+            ends the build as any error does: the event after the one that failed raises it again.
     """
 
     def __init__(
@@ -64,11 +87,15 @@ class Progress:
         events: TextIO | None = None,
         began: float | None = None,
         draw: Draw | None = None,
+        heard: Callable[[Event], object] | None = None,
     ) -> None:
         self.mode: Mode = mode
         self.timings: dict[str, float] = {}
         self._stream = sys.stderr if stream is None else stream
         self._events: list[IO[str]] = [] if events is None else [events]
+        self._heard = heard
+        self._raised: BaseException | None = None  # by that
+        self._last = ""  # stage that began
         self._draw_knots = draw
         self._views: Sequence[ResolvedView] = ()
         self._picture = ""  # below the bar
@@ -114,7 +141,7 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-        if self._standing is not None:
+        if self._standing is not None and self._raised is None:
             self.tell("standing", start=self._standing().dump_start())
 
     def listen(self, events: IO[str]) -> None:
@@ -133,7 +160,7 @@ class Progress:
         """
         begin = time.perf_counter()
         self._stages.append((name, begin))
-        self._fraction = None
+        self._fraction, self._last = None, name
         self._draw(name, "")
         self.tell("stage", name=name, seconds=round(self.total, 2), left_s=self._left())
         try:
@@ -169,7 +196,7 @@ class Progress:
         name, fraction = self._stages[-1][0], min(max(fraction, 0.0), 1.0)
         self._fraction = fraction if even else None
         self._draw(name, None if iou is None else f"IoU {iou:.3f}")
-        if self._events and self._is_due("progress"):
+        if self._heeded and self._is_due("progress"):
             share, left = self._whole()
             told = {"stage": name, "fraction": round(fraction, 4), "share": round(share, 4)}
             seen = None if iou is None else round(iou, 4)
@@ -178,7 +205,12 @@ class Progress:
     @property
     def watched(self) -> bool:
         """Whether anybody sees what `update` says: a search need not measure it for nobody."""
-        return self._bar is not None or bool(self._events)
+        return self._bar is not None or self._heeded
+
+    @property
+    def _heeded(self) -> bool:
+        """Whether events go anywhere."""
+        return bool(self._events) or self._heard is not None
 
     def set_scene(
         self,
@@ -188,7 +220,7 @@ class Progress:
     ) -> None:
         """Say what the knots are drawn with: the views, and their silhouettes as data URIs."""
         self._views = views
-        if self._events:
+        if self._heeded:
             told = [view.model_dump(mode="json") for view in views]
             self.tell("scene", views=told, pictures=pictures(), radius_mm=radius_mm)
 
@@ -201,7 +233,7 @@ class Progress:
         if self._views and (room := self._room()) and self._is_due("picture", _DRAWN_S):
             assert self._draw_knots is not None
             self._picture = self._draw_knots(self._views, knots(), *room)
-        if not self._events:
+        if not self._heeded:
             return
         if certified:
             self._standing = knots
@@ -226,7 +258,9 @@ class Progress:
         return free if free[0] >= _LEAST_COLUMNS and free[1] >= _LEAST_ROWS else None
 
     def tell(self, event: str, **data: Any) -> None:
-        """Write an event; one that nobody reads any more is no error."""
+        """Tell an event to whom it may concern; a file that nobody reads any more is no error."""
+        if self._heard is not None:
+            self._call(self._heard, event, data)
         if not self._events:
             return
         line = json.dumps({"event": event, **data}) + "\n"
@@ -237,6 +271,18 @@ class Progress:
                     events.flush()
                 except (OSError, ValueError):  # ValueError: it is closed
                     self._events.remove(events)
+
+    def _call(self, heard: Callable[[Event], object], name: str, data: Mapping[str, Any]) -> None:
+        with self._lock:
+            if self._raised is not None:
+                raise self._raised
+            share, left = self._whole() if name != "end" else (1.0, 0.0)
+            event = Event(name, self._last, share, round(self.total, 2), left, self._late, data)
+            try:
+                heard(event)
+            except BaseException as error:
+                self._raised = error
+                raise
 
     def say(self, text: str) -> None:
         """A plain line that a person must see before the end, once; nothing where quiet."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from knotfab.design.budget import Budget
 from knotfab.errors import MachineError
+from knotfab.notebook import InNotebook
 from knotfab.scene.model import Scene
 from knotfab.target.read import Target
 
@@ -58,8 +59,8 @@ class Request:
         )
 
 
-@dataclass(frozen=True)
-class Outcome:
+@dataclass(frozen=True, repr=False)
+class Outcome(InNotebook):
     """Exit code by the contract, the report, and the folder that was written."""
 
     exit_code: int

@@ -16,7 +16,17 @@ from examples.api_page import PAGE, api_page
 from knotfab.options import BuildOptions, options_from
 
 PUBLIC = [
-    *("Design", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome", "Part"),
+    *(
+        "Design",
+        "Event",
+        "InputError",
+        "Knot",
+        "KnotfabError",
+        "Knots",
+        "MachineError",
+        "Outcome",
+        "Part",
+    ),
     *(
         "Problem",
         "Question",
@@ -103,4 +113,22 @@ def test_a_wrong_key_is_told_in_a_sentence() -> None:
 
 
 def test_a_result_is_short_to_look_at(tmp_path: Path) -> None:
-    assert len(repr(knotfab.Outcome(0, {"checks": ["x"] * 1000}, tmp_path))) < 200
+    shown = repr(knotfab.Outcome(0, {"checks": ["x"] * 1000}, tmp_path))
+    assert len(shown) < 200 and str(tmp_path) in shown
+
+
+def test_what_a_callable_raises_ends_a_build_and_leaves_nothing(tmp_path: Path) -> None:
+    """Whatever it raises, and though an error of its kind is handled elsewhere in a build."""
+    for error in (ZeroDivisionError, KeyboardInterrupt, lambda: knotfab.SceneError("a", "b", "c")):
+        heard: list[knotfab.Event] = []
+
+        def fail(event: knotfab.Event, error=error, heard=heard) -> None:  # type: ignore[no-untyped-def]
+            heard.append(event)
+            if event.stage == "question":  # the folder is open by now
+                raise error()
+
+        with pytest.raises((ZeroDivisionError, KeyboardInterrupt, knotfab.SceneError)) as raised:
+            knotfab.build("text:I", tmp_path / "out", progress=fail, accuracy="sketch")
+        assert isinstance(raised.value, type(error()))
+        assert [event.stage for event in heard][-1] == "question" and heard[0].stage == "picture"
+        assert not (tmp_path / "out").exists()

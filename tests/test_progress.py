@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from knotfab.knots import Knot, Knots
-from knotfab.progress import Mode, Progress
+from knotfab.progress import Event, Mode, Progress
 from knotfab.scene.model import ResolvedView
 
 
@@ -260,3 +260,30 @@ def test_every_reader_of_the_events_is_told_until_it_goes_away() -> None:
         "two",
         "three",
     ]
+
+
+def test_a_callable_hears_what_is_written_and_ends_the_work_by_raising() -> None:
+    heard: list[Event] = []
+    written = io.StringIO()
+    with Progress("quiet", events=written, heard=heard.append) as progress:
+        progress.plan({"search": 4.0, "part": 1.0})
+        with progress.stage("search"):
+            progress.update(0.5, iou=0.9)
+        with progress.stage("part"):
+            progress.say("a word")
+    lines = [json.loads(line) for line in written.getvalue().splitlines()]
+    assert [{"event": event.name, **event.data} for event in heard] == lines
+    assert [event.stage for event in heard] == ["search", "search", "part", "part"]
+    shares = [event.share for event in heard]
+    assert shares == sorted(shares) and shares[-1] > 0 and heard[1].left_s is not None
+
+    class Stop(BaseException):
+        pass
+
+    def stop(event: Event) -> None:
+        raise Stop(event.name)
+
+    with Progress("quiet", heard=stop) as progress:
+        for name in ("say", "stage"):  # what swallowed the first is told again, and called no more
+            with pytest.raises(Stop, match="say"):
+                progress.tell(name)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knotfab.knots import count_in_words
+from knotfab.report.in_words import last_line, tell_piece, tell_share, tell_views
 from knotfab.verify.checks import mark_of
 
 if TYPE_CHECKING:
@@ -110,9 +110,9 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     )
     for reason in (report["verdict"] or {"reasons": ()})["reasons"]:
         console.print(f"  {escape(reason)}")
-    for line in _tell_views(report, verbose):
+    for line in tell_views(report, verbose):
         console.print(f"  {escape(line)}")
-    console.print(f"  {_tell_piece(report)}")
+    console.print(f"  {tell_piece(report)}")
     if verbose:
         radius = report["settings"]["tube_radius_mm"]
         console.print(f"  tube radius {radius:.3f} mm{_graceful(report['knots'])}")
@@ -125,61 +125,7 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
         print_checks([c for c in report["checks"] if c["status"] != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
-    console.print(f"  {_last_line(report)}open {escape(str(outcome.folder))}/report.html")
-
-
-def _tell_views(report: dict[str, Any], verbose: bool) -> list[str]:
-    """How alike each view's shadow and picture are, and how far it can be read; of a sequence in one line."""
-    views = report["views"]
-    standing = report["print"].get("mount", {}).get("kind") == "stand"
-    # what the desk hides below the frame is no fault of the picture
-    keys = [
-        "iou_frame" if standing and view.get("iou_frame") is not None else "iou" for view in views
-    ]
-    alike = [_share(view[key]) for view, key in zip(views, keys, strict=True)]
-    if "parts" in report["print"] and not verbose:
-        worst = min(range(len(views)), key=lambda k: views[k]["iou"])
-        best = max(range(len(views)), key=lambda k: views[k]["iou"])
-        return [f"{alike[worst]} (frame {worst + 1}) to {alike[best]} alike (frame {best + 1})"]
-    lines = []
-    for view, key, share in zip(views, keys, alike, strict=True):
-        said = f"{share} alike" + (" in the frame" if key == "iou_frame" else "")
-        if "bending" in view:
-            said += f", {_share(view['iou_drawn'])} with it as bent"
-        if view.get("bound", 0.0) > view.get("iou_drawn", view[key]):
-            said += f" (at most {_share(view['bound'])} without spill)"
-        read = view["legibility"].get("45")
-        said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")
-        name = f"{view['name']}: " if len(views) > 1 else ""
-        lines.append(name + said + (f"; IoU {view[key]:.4f}" if verbose else ""))
-    return lines
-
-
-def _share(share: float) -> str:
-    """A share in percent with a decimal, which it is not rounded up to the whole by."""
-    return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
-
-
-def _tell_piece(report: dict[str, Any]) -> str:
-    """Its size, its weight, its knots and how thick they are."""
-    piece, knots = report["print"], report["knots"]
-    size = " × ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
-    weight = f"{piece['mass_g']:.0f} g"
-    if (filament := piece.get("filament_g")) and (supports := piece.get("support_g")):
-        weight = f"{filament - supports:.0f} g, with supports {filament:.0f} g of filament"
-    made = f"{size} mm, {weight}" if piece["mass_g"] else "no part"
-    count = count_in_words(len(knots) // piece.get("parts", 1))
-    if "parts" in piece:  # a sequence: the same knots in all of them
-        count += f" in {piece['parts']} frames"
-    return f"{made}; {count} of a tube {2 * report['settings']['tube_radius_mm']:.1f} mm thick"
-
-
-def _misplaced(view: dict[str, Any]) -> str:
-    """What a person sees of a view where lamp or piece are off the worst way."""
-    from knotfab.report.of_effects import tell_move
-
-    worst = (view.get("misplacement") or {}).get("worst")
-    return f"; {worst['fitted']:.0%} with {tell_move(worst, view)}" if worst is not None else ""
+    console.print(f"  {last_line(report)}open {escape(str(outcome.folder))}/report.html")
 
 
 def _graceful(knots: list[dict[str, Any]]) -> str:
@@ -193,21 +139,6 @@ def _graceful(knots: list[dict[str, Any]]) -> str:
     return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
-def _last_line(report: dict[str, Any]) -> str:
-    """The verdict, hours, grams and supports, as far as they are known."""
-    piece, said = report["print"], []
-    if report["verdict"] is not None:
-        said.append(report["verdict"]["word"])
-    if piece.get("time_s") is not None:
-        said.append(f"{piece['time_s'] / 3600:.1f} h")
-    mass = piece.get("filament_g") or piece["mass_g"]
-    if mass:
-        said.append(f"{mass:.0f} g")
-    if piece.get("support_share") is not None:
-        said.append(f"{100 * piece['support_share']:.0f}% of it supports")
-    return ", ".join(said) + ": " if said else ""
-
-
 def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
     """How like the picture the photographed shadow is, where not, and what to do, or all of it as JSON."""
     import json as codec
@@ -218,7 +149,7 @@ def print_comparison(found: Comparison, picture: Path, json: bool) -> None:
         print(codec.dumps({**found.to_dict(), "picture": str(picture)}))
         return
     print(
-        f"{_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
+        f"{tell_share(found.iou)} alike: {found.missing:.1%} of the picture is missing, "
         f"{found.spilled:.1%} spilled."
     )
     if advice := advise(found):

@@ -20,6 +20,7 @@ from knotfab.design.suit import suit
 from knotfab.errors import SceneError
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
+from knotfab.notebook import InNotebook
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.progress import Progress
 from knotfab.scene.model import (
@@ -60,8 +61,8 @@ START_FILE = "start.json"
 _FRONT = 0.2  # of the way to the light that a piece of unknown depth is taken to reach
 
 
-@dataclass(frozen=True)
-class Design:
+@dataclass(frozen=True, repr=False)
+class Design(InNotebook):
     """A finished search: knots in scene coordinates, and the scene with every value resolved.
 
     Where the pictures' own filling could not meet a limit, `unmet` says which and where, and the result is

@@ -19,6 +19,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.errors import InputError
+from knotfab.notebook import InNotebook
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of, cameras_of
@@ -36,8 +37,8 @@ from knotfab.target.strokes import trace_strokes
 __all__ = ["Question", "ask", "silhouette_polygon"]
 
 
-@dataclass(frozen=True)
-class Question:
+@dataclass(frozen=True, repr=False)
+class Question(InNotebook):
     """A problem, the scene it comes from with printer and material filled in, and each view's bound.
 
     `bounds` say what several pictures leave of each other; there are none of one. `likeness`: the IoU of

@@ -16,6 +16,7 @@ from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted, mount_piece
+from knotfab.notebook import InNotebook
 from knotfab.part.clean import clean_body
 from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
@@ -32,8 +33,8 @@ BESIDE_SHARE = 0.05  # of the printer: a small one is used to its edge
 _ANY_SIZE = (1e6, 1e6, 1e6)
 
 
-@dataclass(frozen=True)
-class Part:
+@dataclass(frozen=True, repr=False)
+class Part(InNotebook):
     """The piece: `bodies` in print pose, and what they were made of.
 
     `plates`: what is printed, where the printer does not hold the whole.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ STEEP = 0.999  # share of the way that is vertical, where "up" is no direction a
 def draw_part(
     vertices: Array,
     faces: NDArray[np.integer[Any]],
-    path: Path,
+    path: Path | IO[bytes],
     eyes: Array,
     panel_px: int = PANEL_PX,
 ) -> None:
@@ -52,7 +52,7 @@ def draw_part(
     panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
     strip = Image.fromarray(np.concatenate(panels, axis=1))
     size = (panel_px * len(panels), panel_px)
-    strip.resize(size, Image.Resampling.BOX).save(path, compress_level=6)
+    strip.resize(size, Image.Resampling.BOX).save(path, "PNG", compress_level=6)
 
 
 def place_eyes(views: Sequence[ResolvedView]) -> Array:

@@ -17,6 +17,7 @@ from PIL import Image
 
 from knotfab.disk import at_home, read_file
 from knotfab.errors import InputError, shown
+from knotfab.notebook import InNotebook
 from knotfab.scene.model import Box, Reading
 from knotfab.target import raster, text
 from knotfab.target.bending import Bending
@@ -52,8 +53,8 @@ _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with wh
 _CRUMB = 0.01  # of the ink: what is less is no piece of its own
 
 
-@dataclass(frozen=True)
-class Target:
+@dataclass(frozen=True, repr=False)
+class Target(InNotebook):
     """A picture and its silhouette.
 
     `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says

@@ -1,0 +1,37 @@
+"""What a notebook shows of a result: `_repr_html_`; and a `repr` that stays short whatever it holds."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import fields
+from typing import Any
+
+__all__ = ["InNotebook"]
+
+_LONGEST = 80  # characters of a value
+
+
+class InNotebook:
+    """Base of the dataclasses (`repr=False`) that the public functions return."""
+
+    def _repr_html_(self) -> str | None:
+        # by its name, for it stands above what it shows
+        page = importlib.import_module("knotfab.report.notebook")
+        shown: str | None = page.show(self)
+        return shown
+
+    def __repr__(self) -> str:
+        told = [f"{f.name}={_short(getattr(self, f.name))}" for f in fields(self) if f.repr]  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(told)})"
+
+
+def _short(value: Any) -> str:
+    """A plain value, cut; an array by its shape, a collection by its length, others by their kind."""
+    if hasattr(value, "shape"):
+        return f"<{'×'.join(map(str, value.shape))} {value.dtype}>"
+    if value is None or isinstance(value, str | int | float | os.PathLike):
+        text = repr(os.fspath(value) if isinstance(value, os.PathLike) else value)
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    name = type(value).__name__
+    return f"<{name} of {len(value)}>" if hasattr(value, "__len__") else f"<{name}>"

@@ -1,0 +1,93 @@
+"""What a report says in a few lines: on a terminal, in a notebook, to a program that asked for the build."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from knotfab.knots import count_in_words
+from knotfab.report.of_effects import tell_move
+from knotfab.verify.checks import list_unmet
+
+__all__ = ["conclude", "last_line", "tell_piece", "tell_share", "tell_views"]
+
+
+def conclude(report: Mapping[str, Any]) -> list[str]:
+    """How good the piece is, what did not pass, what a person would miss, and what must not be missed."""
+    verdict = report["verdict"] or {"reasons": (), "lost": ()}
+    unmet = [
+        f"{check['name']} {'did not run' if check['status'] == 'skipped' else 'failed'}: {check['detail']}"
+        for check in list_unmet(report["checks"])
+    ]
+    lost = [loss["sentence"] for loss in verdict.get("lost", ())]
+    step = [report["next_step"]["sentence"]] if "next_step" in report else []
+    reasons = [r for r in verdict["reasons"] if not any(one.startswith(r) for one in lost)]
+    said = [*unmet, *reasons, *tell_views(report), tell_piece(report)]
+    return [*said, *lost, *report.get("notes", []), *step]
+
+
+def tell_views(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
+    """How alike each view's shadow and picture are, and how far it can be read; of a sequence in one line."""
+    views = report["views"]
+    standing = report["print"].get("mount", {}).get("kind") == "stand"
+    # what the desk hides below the frame is no fault of the picture
+    keys = [
+        "iou_frame" if standing and view.get("iou_frame") is not None else "iou" for view in views
+    ]
+    alike = [tell_share(view[key]) for view, key in zip(views, keys, strict=True)]
+    if "parts" in report["print"] and not verbose:
+        worst = min(range(len(views)), key=lambda k: views[k]["iou"])
+        best = max(range(len(views)), key=lambda k: views[k]["iou"])
+        return [f"{alike[worst]} (frame {worst + 1}) to {alike[best]} alike (frame {best + 1})"]
+    lines = []
+    for view, key, share in zip(views, keys, alike, strict=True):
+        said = f"{share} alike" + (" in the frame" if key == "iou_frame" else "")
+        if "bending" in view:
+            said += f", {tell_share(view['iou_drawn'])} with it as bent"
+        if view.get("bound", 0.0) > view.get("iou_drawn", view[key]):
+            said += f" (at most {tell_share(view['bound'])} without spill)"
+        read = view["legibility"].get("45")
+        said += _misplaced(view) + ("" if read is None else f"; from 45° aside {read:.0%} readable")
+        name = f"{view['name']}: " if len(views) > 1 else ""
+        lines.append(name + said + (f"; IoU {view[key]:.4f}" if verbose else ""))
+    return lines
+
+
+def tell_share(share: float) -> str:
+    """A share in percent with a decimal, which it is not rounded up to the whole by."""
+    return "100%" if share == 1 else f"{min(100 * share, 99.9):.1f}%"
+
+
+def tell_piece(report: Mapping[str, Any]) -> str:
+    """Its size, its weight, its knots and how thick they are."""
+    piece, knots = report["print"], report["knots"]
+    size = " × ".join(f"{s:.0f}" for s in piece["bounding_box_mm"] or ())
+    weight = f"{piece['mass_g']:.0f} g"
+    if (filament := piece.get("filament_g")) and (supports := piece.get("support_g")):
+        weight = f"{filament - supports:.0f} g, with supports {filament:.0f} g of filament"
+    made = f"{size} mm, {weight}" if piece["mass_g"] else "no part"
+    count = count_in_words(len(knots) // piece.get("parts", 1))
+    if "parts" in piece:  # a sequence: the same knots in all of them
+        count += f" in {piece['parts']} frames"
+    return f"{made}; {count} of a tube {2 * report['settings']['tube_radius_mm']:.1f} mm thick"
+
+
+def last_line(report: Mapping[str, Any]) -> str:
+    """The verdict, hours, grams and supports, as far as they are known."""
+    piece, said = report["print"], []
+    if report["verdict"] is not None:
+        said.append(report["verdict"]["word"])
+    if piece.get("time_s") is not None:
+        said.append(f"{piece['time_s'] / 3600:.1f} h")
+    mass = piece.get("filament_g") or piece["mass_g"]
+    if mass:
+        said.append(f"{mass:.0f} g")
+    if piece.get("support_share") is not None:
+        said.append(f"{100 * piece['support_share']:.0f}% of it supports")
+    return ", ".join(said) + ": " if said else ""
+
+
+def _misplaced(view: Mapping[str, Any]) -> str:
+    """What a person sees of a view where lamp or piece are off the worst way."""
+    worst = (view.get("misplacement") or {}).get("worst")
+    return f"; {worst['fitted']:.0%} with {tell_move(worst, view)}" if worst is not None else ""

@@ -1,0 +1,149 @@
+"""What a notebook shows of a build or a stage: words and pictures, all of it in the piece of page itself."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from functools import singledispatch
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from knotfab.arrays import Array
+from knotfab.design.design import Design
+from knotfab.design.question import Question
+from knotfab.errors import SceneError, spelled
+from knotfab.geometry.meshes import Mesh, join_meshes
+from knotfab.geometry.tube import sweep
+from knotfab.knots import Knots, count_in_words
+from knotfab.part.assemble import Part
+from knotfab.problem import SearchResult, Start
+from knotfab.report.in_words import conclude
+from knotfab.report.pictures import draw_part, find_pictures, place_eyes
+from knotfab.report.report_html import VERDICTS, make_environment
+from knotfab.request import Outcome
+from knotfab.scene.model import ResolvedView
+from knotfab.target.data_uri import image_uri, silhouette_uri
+from knotfab.target.read import Target
+
+__all__ = ["show"]
+
+_MOST = 1_000_000  # characters of pictures
+_PANEL_PX, _SIDES = 240, 16
+_START_PX = 360
+_SEEN = "from the light of each view, then turned about the vertical"
+_ROLES = ("moving", "compare", "part")
+Pictures = Sequence[tuple[str, str]]  # data URI and caption
+
+
+@singledispatch
+def show(result: object) -> str | None:
+    """The piece of a page for a result of a public function; None for others, which show their `repr`."""
+    return None
+
+
+@show.register
+def _(result: Outcome) -> str:
+    report = result.report
+    word = (report["verdict"] or {}).get("word", "")
+    passed = "Verified." if result.exit_code == 0 else "Not ready."
+    title = f"{passed} {' '.join(VERDICTS.get(word, ()))}"
+    found, room, pictures = find_pictures(result.folder), _MOST, []
+    for picture in sorted(
+        (p for p in found if p.role in _ROLES), key=lambda p: _ROLES.index(p.role)
+    ):
+        try:
+            uri = picture.data_uri
+        except OSError:  # the folder is another build's by now
+            continue
+        if (room := room - len(uri)) < 0:
+            break
+        pictures.append((uri, picture.caption or picture.role))
+    return _page(title, [*conclude(report), f"All of it: {result.folder}/report.html"], pictures)
+
+
+@show.register
+def _(target: Target) -> str:
+    said = [f"{target.width} × {target.height} px, {target.pieces} piece(s)", *target.notes]
+    return _page(
+        f"{target.name}: {target.rule}", said, [(silhouette_uri(target.mask), "what is drawn")]
+    )
+
+
+@show.register
+def _(question: Question) -> str:
+    problem = question.problem
+    said = [f"clearance {problem.clearance:.2f} mm, knots of type {problem.knot}"]
+    drawn = [(silhouette_uri(v.mask), f"{v.view.name}: what is drawn") for v in problem.views]
+    return _page("What a search is asked", said, drawn)
+
+
+@show.register
+def _(start: Start) -> str:
+    points = np.concatenate(start.curves)[:, :2]
+    low, scale = (
+        points.min(axis=0),
+        (_START_PX - 2) / max(float(np.ptp(points, axis=0).max()), 1e-9),
+    )
+    wide, high = np.ptp(points, axis=0) * scale + 2
+    sheet = Image.new("L", (int(wide) + 1, int(high) + 1), 255)
+    for curve in start.curves:
+        at = (np.concatenate([curve, curve[:1]])[:, :2] - low) * scale + 1
+        ImageDraw.Draw(sheet).line([(x, high - y) for x, y in at], fill=60)
+    count = f"{len(start.curves)} closed curve(s) to start from"
+    return _page(count, [start.why], [(image_uri(sheet), "along z")])
+
+
+@show.register
+def _(found: SearchResult) -> str:
+    ious = ", ".join(f"{iou:.4f}" for iou in found.ious)
+    said = [f"IoU {ious}, as the search sees it", *found.feasibility.violations]
+    title = "Every limit holds" if found.feasible else "A limit is broken"
+    return _page(title, [*said, _tell_knots(found.knots)], _draw_knots(found.knots, found.views))
+
+
+@show.register
+def _(design: Design) -> str:
+    bound = [price.sentence for price in design.binding]
+    unmet = [] if design.unmet is None else design.unmet.violations
+    said = [_tell_knots(design.knots), *unmet, *bound]
+    return _page("A design", said, _draw_knots(design.knots, design.scene.views))
+
+
+@show.register
+def _(part: Part) -> str:
+    scene, (vertices, faces) = part.mounted.scene, join_meshes(part.bodies)
+    pose = part.pose.matrix
+    seen = vertices @ pose[:3, :3].T + pose[:3, 3]
+    size = " × ".join(f"{side:.0f}" for side in np.ptp(vertices, axis=0))
+    mount = "no mount" if part.mounted.holder is None else f"mount: {scene.mount.kind}"
+    return _page(
+        "A part", [f"{size} mm as it is printed, {mount}"], _draw((seen, faces), scene.views)
+    )
+
+
+def _page(title: str, lines: Sequence[str], pictures: Pictures) -> str:
+    template = make_environment(Path(__file__).parent).get_template("notebook.html.j2")
+    return spelled(template.render(title=title, lines=lines, pictures=pictures))
+
+
+def _tell_knots(knots: Knots) -> str:
+    return f"{count_in_words(len(knots.knots))} of a tube {2 * knots.radius_mm:.1f} mm thick"
+
+
+def _draw_knots(knots: Knots, views: Sequence[ResolvedView]) -> Pictures:
+    """The tubes; none where a knot bends tighter than they can."""
+    try:
+        tubes = [sweep(knot.points, knots.radius_mm, _SIDES) for knot in knots.knots]
+    except SceneError:
+        return []
+    return _draw(join_meshes(tubes), views)
+
+
+def _draw(mesh: Mesh, views: Sequence[ResolvedView]) -> Pictures:
+    """A mesh in scene coordinates, from four sides."""
+    eyes: Array = place_eyes(views)
+    with io.BytesIO() as file:
+        draw_part(*mesh, file, eyes, _PANEL_PX)
+        return [(image_uri(Image.open(file), "webp", quality=85), _SEEN)]
