@@ -279,6 +279,9 @@ class BuildOptions(PictureOptions):
     a build always does."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
+    also: Annotated[Names, Parameter(group=OUTPUT)] = ()
+    """Also write files for other tools: svg, dxf, or both (svg,dxf). Centre lines for cutters and plotters,
+    and with svg the outlines of the shadows."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
     """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
@@ -312,7 +315,7 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             raise InputError(
                 f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
             )
-        if key in ("skip", "effect") and isinstance(value, str):
+        if key in ("also", "skip", "effect") and isinstance(value, str):
             value = (value,)
         elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)

@@ -19,6 +19,7 @@ from knotfab.files.threemf import read_back_strict
 from knotfab.knots import Knots
 from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.drill_template import write_drill_template
+from knotfab.part.also import write_also
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
 from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
@@ -155,6 +156,7 @@ def write_piece(
     answer = verifier.submit(files).result
     with progress.stage("part"):
         write_model(folder, part, scene, suffix)
+        write_also(folder, part, scene, targets, request.also, suffix)
     return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening, slicer)
 
 

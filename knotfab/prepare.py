@@ -22,7 +22,7 @@ from knotfab.design.walls import flatten_targets
 from knotfab.errors import InputError
 from knotfab.options import ALL_OUT, BuildOptions
 from knotfab.progress import Progress
-from knotfab.read_options import read_scene, read_seconds, read_skips
+from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
@@ -52,7 +52,7 @@ def prepare_build(
     Raises:
         InputError: an option, the scene or a picture is wrong.
     """
-    skipped = read_skips(options.skip)
+    skipped, also = read_skips(options.skip), read_also(options.also)
     if options.no_loop and not options.sequence:
         raise InputError(
             "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
@@ -91,6 +91,7 @@ def prepare_build(
         time_budget_s=budget,
         command=command,
         colours=options.colours,
+        also=also,
         sequence=options.sequence,
         targets=call.targets,
         preview=(*describe(found, exact=options.verbose), *call.lines),
@@ -104,6 +105,7 @@ def check_options(options: BuildOptions) -> None:
         InputError: naming the option.
     """
     read_skips(options.skip)
+    read_also(options.also)
     if options.time_budget is not None:
         read_seconds(options.time_budget)
     check_names(read_scene(options)[0])

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
@@ -19,8 +19,9 @@ from knotfab.scene.model import MOST_BEND, Piece, Scene, Switch, Switches, View
 from knotfab.scene.settings import OF_NO_PRESET, search_settings
 from knotfab.verify.checks import CHECKS
 
-__all__ = ["read_scene", "read_seconds", "read_skips"]
+__all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 
+Format = Literal["svg", "dxf"]
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
 _MOST_S = 100 * 86400.0
 _SECONDS = {"": 1.0}
@@ -79,6 +80,19 @@ def read_skips(names: Collection[str]) -> frozenset[str]:
                 f"--skip {name}", "there is no such check", f"Known: {', '.join(CHECKS)}."
             )
     return frozenset(names)
+
+
+def read_also(texts: Collection[str]) -> frozenset[str]:
+    """The formats of `--also`, commas between them.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    names = frozenset(name.strip().lower() for text in texts for name in text.split(","))
+    for name in sorted(names - set(get_args(Format))):
+        known = ", ".join(get_args(Format))
+        raise InputError(f"--also {name}", "there is no such format", f"Known: {known}.")
+    return names
 
 
 def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:

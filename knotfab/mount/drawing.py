@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Sheets", "draw_sheets", "write_setup"]
+__all__ = ["Sheets", "draw_sheets", "shadow_outlines", "write_setup"]
 
 Misplacement = Mapping[str, Any] | None
 
@@ -270,7 +270,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
         ends = np.append(ends, [[0.0, desk]], axis=0)
     to = fit_scale(ends, FRONT)
     below = None if desk is None else float(to(np.array([0.0, desk]))[1])
-    fill(axes, [to(p) for p in _shadow(mounted, place)], SHADOW, below)
+    fill(axes, [to(p) for p in shadow_outlines(mounted, place)], SHADOW, below)
     for size, width in ((place.plate_mm, 0.8), (place.frame_mm, 0.5)):
         if size is not None:
             at = to(np.array([-size[0] / 2, -size[1] / 2]))
@@ -368,25 +368,15 @@ def _marks(axes: Axes, mounted: Mounted, place: Placement, to: Scaled) -> None:
         )
 
 
-def _shadow(mounted: Mounted, place: Placement) -> list[Array]:
+def shadow_outlines(mounted: Mounted, place: Placement, within_mm: float = 0.05) -> list[Array]:
     """The outlines (n, 2) of the shadow on the wall, right and up from the frame's middle, mm."""
     from manifold3d import CrossSection
 
-    lamp = place.wall @ (place.lamp - place.middle)
     flat = CrossSection()
     onto_wall = np.column_stack([place.wall, -place.wall @ place.middle])
     for body in mounted.solids:
         # a plate's face is the wall
         solid = body.transform(onto_wall).trim_by_plane([0.0, 0.0, 1.0], 0.01)
-
-        def cast(points: Array) -> Array:
-            reach = lamp[2] / (lamp[2] - points[:, 2:])
-            moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
-            return np.column_stack([moved, points[:, 2] * reach[:, 0]])
-
-        flat += solid.warp_batch(cast).project()
-    found = [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.05).to_polygons()]
-    if place.round is None:
-        return found
-    middle = place.wall[:2] @ (place.middle - place.round.foot)
-    return [place.round.unroll(p + middle) - middle for p in found]
+        flat += solid.warp_batch(place.throw).project()
+    found = [np.asarray(p, dtype=np.float64) for p in flat.simplify(within_mm).to_polygons()]
+    return [place.lay_flat(p) for p in found]

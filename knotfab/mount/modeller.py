@@ -1,4 +1,4 @@
-"""The solids that mounts are made of, by a process of their own while a build lasts."""
+"""The solids that mounts and STEP are made of, by a process of their own while a build lasts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from knotfab.errors import MachineError
 from knotfab.geometry.meshes import Mesh
 from knotfab.pool import Crash, Workers
 
-__all__ = ["keep_modeller", "model"]
+__all__ = ["ask", "keep_modeller", "model"]
 
 _In = ParamSpec("_In")
 # -P: modules come from the installation, never from the folder one happens to be in
@@ -62,7 +62,13 @@ def keep_modeller(early: bool) -> Iterator[None]:
 
 
 def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
-    """The mesh of a fixture, a function of `knotfab_fixtures`: by the process that is kept, or else here.
+    """The mesh of a fixture, a function of `knotfab_fixtures`: as `ask` has it."""
+    vertices, faces = ask(fixture, *sizes, **named)
+    return np.array(vertices), np.array(faces, dtype=np.int32)
+
+
+def ask(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
+    """What a function of `knotfab_fixtures` returns, as JSON: by the process that is kept, or else here.
 
     Raises:
         MachineError: the process ended instead.
@@ -83,9 +89,9 @@ def model(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -
         raise MachineError(
             "the solid modeller (cadquery)",
             f"its process ended with exit code {crash.code}: {crash.said.rstrip('.')}",
-            "Leave the mount out (--mount none), or install cadquery anew; knotfab doctor says what this "
-            "machine lacks",
+            "Leave mount and STEP out (--mount none), or install cadquery anew; knotfab doctor says what "
+            "this machine lacks",
         ) from None
     if "error" in answer:
         raise ValueError(answer["error"])
-    return np.array(answer["vertices"]), np.array(answer["faces"], dtype=np.int32)
+    return answer["answer"]

@@ -80,6 +80,24 @@ class Placement:
         """(..., 3) scene -> (..., 2) right and up from the frame's middle, square to the wall."""
         return np.asarray((points - self.middle) @ self.wall[:2].T)
 
+    def throw(self, points: Array) -> Array:
+        """(n, 3) in the wall's axes about `middle`, as the light throws them: the last stays a height."""
+        lamp = self.wall @ (self.lamp - self.middle)
+        reach = lamp[2] / (lamp[2] - points[:, 2:])
+        moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
+        return np.column_stack([moved, points[:, 2] * reach[:, 0]])
+
+    def lay_flat(self, thrown: Array) -> Array:
+        """(n, 2) on the flat wall -> where the light meets a round one, along it, mm."""
+        if self.round is None:
+            return thrown
+        middle = self.wall[:2] @ (self.middle - self.round.foot)
+        return np.asarray(self.round.unroll(thrown + middle) - middle)
+
+    def cast(self, points: Array) -> Array:
+        """(n, 3) scene -> (n, 2) of their shadow, right and up from the frame's middle along the wall, mm."""
+        return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
+
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
     """The placement of a mounted piece's lamp, by the scene alone; `view`: whose wall may be round."""

@@ -43,6 +43,11 @@ FILES = (
     (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
     (r"bending-templates-\w+(-\d+)?\.pdf", "the wire at full size: print it at 100 %"),
     (r"bends(-\d+)*\.csv", "the wire's bends, one a line"),
+    (
+        r"centre-lines(-\d+)?\.(dxf|svg)",
+        "the centre lines in the shadow, at full size: a layer a knot",
+    ),
+    (r"shadow-[^./]+\.svg", "the shadow's outline at full size, for cutters"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
     (r"turn\.gif", "the shadow while the piece turns under one lamp"),
