@@ -160,6 +160,7 @@ PREVIEW_EXAMPLES = """Examples:
 knotfab preview logo.svg
 knotfab preview badge.png --ink red --width 240
 knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
+knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
 ```
 """
 
@@ -177,6 +178,12 @@ class PictureOptions:
     """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
     crop: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
+    subject: Annotated[str | None, Parameter(group=_PICTURE)] = None
+    """Of a photograph: draw what can be cut out of a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px."""
+    keep: Annotated[Names, Parameter(group=_PICTURE)] = ()
+    """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
+    drop: Annotated[Names, Parameter(group=_PICTURE)] = ()
+    """With --subject: a disc that does not belong to it, X,Y,RADIUS in px; may be repeated."""
     keep_largest: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
     """Draw only so many pieces of the picture, the largest."""
     specks: Annotated[Whole | None, Parameter(group=_PICTURE)] = None
@@ -315,7 +322,7 @@ def options_from(given: Mapping[str, Any]) -> BuildOptions:
             raise InputError(
                 f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
             )
-        if key in ("also", "skip", "effect") and isinstance(value, str):
+        if key in ("also", "skip", "effect", "keep", "drop") and isinstance(value, str):
             value = (value,)
         elif types[key] == str | None and value is not None and not isinstance(value, bool):
             value = str(value)

@@ -162,6 +162,7 @@ def _view_keys(options: BuildOptions) -> dict[str, Any]:
         "ink": None if options.ink is None else _ink(options.ink),
         "threshold": options.threshold,
         "crop_px": None if options.crop is None else _crop(options.crop),
+        **_subject(options),
         "keep_largest": options.keep_largest,
         "speck_px": options.specks,
         "smooth_px": options.smooth,
@@ -241,16 +242,44 @@ def _crop(text: str) -> Any:
     plain = text.strip().lower()
     if plain in ("auto", "none"):
         return plain
-    numbers = [part.strip() for part in plain.strip("()[]").split(",")]
-    if len(numbers) == 4 and all(re.fullmatch("[0-9]{1,9}", n) for n in numbers):
-        left, top, width, height = map(int, numbers)
-        if width > 0 and height > 0:
-            return left, top, width, height
+    if box := _whole_px(plain, 4, 2):
+        return box
     raise InputError(
         f"--crop {text}",
         "it is no part of a picture",
         "Use auto, or LEFT,TOP,WIDTH,HEIGHT in whole px, such as --crop 20,40,600,400.",
     )
+
+
+def _whole_px(text: str, count: int, sizes: int) -> tuple[int, ...]:
+    """So many whole px, the last of them sizes above 0; () where the text is not that."""
+    parts = [part.strip() for part in text.strip().strip("()[]").split(",")]
+    if len(parts) != count or not all(re.fullmatch("[0-9]{1,6}", part) for part in parts):
+        return ()
+    numbers = tuple(map(int, parts))
+    return numbers if min(numbers[-sizes:]) > 0 else ()
+
+
+def _subject(options: BuildOptions) -> dict[str, Any]:
+    """The rectangle about a subject and the discs that correct its cut, made anew; {} without any."""
+    found: dict[str, Any] = {"subject_mask": ""}
+    if options.subject is not None:
+        found |= {"subject_px": _whole_px(options.subject, 4, 2), "keep_px": (), "drop_px": ()}
+    for name, discs in (("keep", options.keep), ("drop", options.drop)):
+        if discs:
+            found[f"{name}_px"] = tuple(_whole_px(disc, 3, 1) for disc in discs)
+    if found.get("subject_px") == ():
+        raise InputError(
+            f"--subject {options.subject}",
+            "it is no rectangle",
+            "Use LEFT,TOP,WIDTH,HEIGHT in whole px of the picture, such as --subject 20,40,600,400.",
+        )
+    for name, discs in (("keep", options.keep), ("drop", options.drop)):
+        for disc, read in zip(discs, found.get(f"{name}_px", ()), strict=False):
+            if not read:
+                remedy = f"Use X,Y,RADIUS in whole px of the picture, such as --{name} 320,240,12."
+                raise InputError(f"--{name} {disc}", "it is no disc", remedy)
+    return found if len(found) > 1 else {}
 
 
 def _piece_keys(options: BuildOptions) -> dict[str, Any]:

@@ -305,6 +305,7 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         "title": target.name,
         "crop_px": target.crop_px or view.crop_px,
         "ink": target.ink or view.ink,
+        "subject_mask": view.subject_picture if target.subject_png else "",
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }

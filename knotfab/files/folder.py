@@ -29,7 +29,7 @@ _OWN = re.compile(
     r"|region\.stl|start\.json|bends(-\d+)*\.csv|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)"
     r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./]+\.svg"
-    r"|(shadow|compare|soft|drawn)-[^./]+\.png|picture-[^./]+\.\w+"
+    r"|(shadow|compare|soft|drawn|subject)-[^./]+\.png|picture-[^./]+\.\w+"
 )
 
 

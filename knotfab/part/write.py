@@ -112,6 +112,8 @@ def _write_scene(
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)
+        if target.subject_png:
+            folder.write(view.subject_picture, target.subject_png)
         if view.tone == "lines":
             folder.write(view.lines_picture, target.drawing_png())
         elif target.bending is not None:

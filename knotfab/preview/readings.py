@@ -14,17 +14,20 @@ from PIL import Image, ImageDraw, ImageFont
 
 from knotfab.arrays import Mask
 from knotfab.design.frames import frame_view, widen_targets
+from knotfab.disk import at_home
 from knotfab.errors import InputError, SceneError
 from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab.scene.model import Scene, View
+from knotfab.target import raster
 from knotfab.target.data_uri import encode_image
 from knotfab.target.masks import holes_of, mask_iou, pieces_of, sample_mask
-from knotfab.target.read import Target, read_target
+from knotfab.target.read import Target, read_bytes, read_target
 from knotfab.target.silhouette import fit_size
+from knotfab.target.subject import middle_box
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
 
@@ -38,7 +41,9 @@ _OPTIONS = {
     "speck_px": "--specks",
     "smooth_px": "--smooth",
     "keep_largest": "--keep-largest",
+    "subject_px": "--subject",
 }
+_PHOTO = 100  # colours of four bits a channel, that a photograph has at least
 _MILD = 0.9  # of the score, for each step of cleaning
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # of the frame, of what is likely to be meant
 _PANEL, _TEXT, _GAP, _COLUMNS = 300, 68, 14, 3  # px of the sheet
@@ -64,7 +69,10 @@ class TriedReading:
     def options(self) -> str:
         """The options of `knotfab build` and `knotfab preview` that give this reading."""
         named = (
-            (_OPTIONS[key], f"{v:g}" if isinstance(v, float) else str(v))
+            (
+                _OPTIONS[key],
+                f"{v:g}" if isinstance(v, float) else str(v).strip("()").replace(" ", ""),
+            )
             for key, v in self.keys.items()
         )
         return shlex.join(word for pair in named for word in pair)
@@ -93,13 +101,24 @@ def is_unclear(found: Survey) -> bool:
 
 
 def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
-    """The survey whose refusal names the reading that a build would take, if there is one."""
-    better = [one.options for one in readings if one.refusal is None and one.options]
-    if found.refusal is None or not better:
+    """The survey whose refusal names what would do: a subject cut out of a photograph, or another reading."""
+    error, seen = found.refusal, found.views[0]
+    if error is None or len(found.views) > 1 or found.frames:
         return found
-    error = found.refusal
-    shown = f"knotfab preview shows {count(len(readings), 'reading')}"
-    remedy = f"Read it otherwise ({better[0]}; {shown}). {error.remedy}"
+    better = [
+        r.options for r in readings if not r.refusal and r.options and "subject_px" not in r.keys
+    ]
+    remedy = error.remedy
+    if better:
+        shown = f"knotfab preview shows {count(len(readings), 'reading')}"
+        remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
+    image, _ = raster.decode(seen.target.png_bytes, seen.target.name)
+    if seen.view.tone == "off" and not seen.view.cut_out and _is_photo(image):
+        box = ",".join(map(str, middle_box(*image.size)))
+        remedy = (
+            "Cut one thing out of the photograph: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it "
+            f"in px, such as --subject {box}, its middle. {remedy}"
+        )
     return replace(found, refusal=SceneError(error.what, error.why, remedy))
 
 
@@ -109,9 +128,9 @@ def try_readings(
     """At most six readings of one picture, the best first: those that a build would take before others.
 
     Ink is what stands out, what is dark or light, what the border's colours do not reach, and the picture's
-    commonest colours. Of each the cleaning is taken that leaves the most compact drawing, the mildest of
-    those alike: none, specks left out, smoothed as well, or the largest piece alone. Readings that look alike
-    are one.
+    commonest colours; of a photograph also what can be cut out of its middle. Of each the cleaning is taken
+    that leaves the most compact drawing, the mildest of those alike: none, specks left out, smoothed as well,
+    or the largest piece alone. Readings that look alike are one.
 
     Args:
         source, base, font: as for `read_target`. scene: its one view says how the picture is read so far, and
@@ -123,10 +142,10 @@ def try_readings(
     view = scene.views[0]
     px = _tube_px(source, scene, base, font)
     found: list[TriedReading] = []
-    for ink in _inks(source, base, scene):
+    for way in _ways(source, base, view):
         tried = []
         for level, cleaning in enumerate(_cleanings(px)):
-            keys = {**({} if ink == view.ink else {"ink": ink}), **cleaning}
+            keys = {**way, **cleaning}
             one = _try(keys, source, scene, base, font)
             if one is None:
                 break
@@ -202,21 +221,33 @@ def _tube_px(source: str | Path, scene: Scene, base: Path | None, font: str | No
     return 10.0
 
 
-def _inks(source: str | Path, base: Path | None, scene: Scene) -> list[str]:
-    """The scene's own ink, then the others that may be meant."""
-    inks = [scene.views[0].ink, "auto", "dark", "light", "flood", *_colours(source, base)]
-    return list(dict.fromkeys(inks))
-
-
-def _colours(source: str | Path, base: Path | None, most: int = 3) -> list[str]:
-    """The commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
-    path = Path(source).expanduser() if base is None else base / source
+def _ways(source: str | Path, base: Path | None, view: View) -> list[dict[str, Any]]:
+    """Keys that say what is ink, those of the scene first, then the others that may be meant."""
+    if view.cut_out:
+        return [{}]
+    path = at_home(source) if base is None else base / source
     try:
-        with Image.open(path) as image:
-            small = image.convert("RGB")
-            small.thumbnail((96, 96))
-    except (OSError, ValueError, Image.DecompressionBombError):
-        return []
+        image, _ = raster.decode(read_bytes(path, str(source)), str(source))
+    except InputError:  # drawn, not of pixels
+        image = Image.new("1", (1, 1))
+    inks = ["auto", "dark", "light", "flood", *_colours(image)]
+    ways: list[dict[str, Any]] = [{}, *({"ink": ink} for ink in inks if ink != view.ink)]
+    return [*ways, {"subject_px": middle_box(*image.size)}] if _is_photo(image) else ways
+
+
+def _is_photo(image: Image.Image) -> bool:
+    """Whether an opaque picture has as many colours as only photographs have."""
+    if image.has_transparency_data:
+        return False
+    small = image.convert("RGB")
+    small.thumbnail((96, 96))
+    return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= _PHOTO
+
+
+def _colours(image: Image.Image, most: int = 3) -> list[str]:
+    """The commonest colours of a pixel picture that are neither dark nor light, as #rrggbb."""
+    small = image.convert("RGB")
+    small.thumbnail((96, 96))
     few = small.quantize(8, Image.Quantize.MEDIANCUT)
     counts = sorted(few.getcolors() or [], reverse=True)
     palette = few.getpalette() or []

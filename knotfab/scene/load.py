@@ -29,7 +29,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _beside(scene: Scene, folder: Path) -> Scene:
-    """The scene with its region's mesh and its start named by whole paths: a build may run elsewhere."""
+    """The scene with all files but pictures named by whole paths: a build may run elsewhere."""
     update: dict[str, Any] = {}
     region, start = scene.region, scene.search.get("start")
     if region.file is not None:
@@ -37,6 +37,13 @@ def _beside(scene: Scene, folder: Path) -> Scene:
         update["region"] = region.model_copy(update={"file": path})
     if isinstance(start, str) and start:
         update["search"] = {**scene.search, "start": str((folder / start).absolute())}
+    if any(view.subject_mask for view in scene.views):
+        update["views"] = tuple(
+            v.model_copy(update={"subject_mask": str((folder / v.subject_mask).absolute())})
+            if v.subject_mask
+            else v
+            for v in scene.views
+        )
     return scene.model_copy(update=update) if update else scene
 
 
@@ -117,6 +124,12 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
         )
     for number, view in enumerate(scene.views, start=1):
         where = f"[[views]] number {number}"
+        if (view.keep_px or view.drop_px) and not view.cut_out:
+            raise InputError(
+                what,
+                f"{where}: keep_px and drop_px correct what is cut out, and nothing is",
+                "Draw a rectangle about it: --subject LEFT,TOP,WIDTH,HEIGHT, in px of the picture.",
+            )
         reach = max(0.5 * depth, radius)
         if reach >= view.light_distance_mm:
             raise InputError(

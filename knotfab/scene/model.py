@@ -86,6 +86,7 @@ LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
 VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 Box = tuple[Whole, Whole, Side, Side]
+Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
 # in the names of files: letters, digits and signs of any script, "_" and "-"
 ViewName = Annotated[
     str,
@@ -177,6 +178,16 @@ class Reading(_Table):
     keep_largest: Whole = 0  # pieces; 0: all
     speck_px: Whole = 0  # smaller pieces and holes are left out
     smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = 0.0  # of what is drawn
+    # cut out of a photograph, before it is cropped: a rectangle about it, discs that belong, that do not
+    subject_px: Box | Literal["none"] = "none"  # left, top, width, height
+    keep_px: tuple[Disc, ...] = ()
+    drop_px: tuple[Disc, ...] = ()
+    subject_mask: StrictStr = ""  # the file, white where the subject is, in the place of a new cut
+
+    @property
+    def cut_out(self) -> bool:
+        """Whether a subject is cut out of the picture, and drawn instead of ink."""
+        return bool(self.subject_mask) or self.subject_px != "none"
 
 
 class View(Reading):
@@ -235,6 +246,11 @@ class View(Reading):
     def lines_picture(self) -> str:
         """The file beside the scene that holds what is drawn of greys (`tone`)."""
         return f"picture-{self.name}-lines.png"
+
+    @property
+    def subject_picture(self) -> str:
+        """The file beside the scene that holds the mask of what was cut out."""
+        return f"subject-{self.name}.png"
 
     @property
     def drawn_picture(self) -> str:

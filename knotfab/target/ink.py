@@ -40,11 +40,14 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str
     """The pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
 
     Args:
-        image: upright, and cropped already. what: how an error names the picture.
+        image: upright, and cropped already; where a subject is cut out, its mask. what: how an error names
+            the picture.
 
     Raises:
         InputError: the picture is transparent everywhere, or all one colour.
     """
+    if reading.cut_out:
+        return np.asarray(image) >= 128, "what was cut out [--subject]"
     colours, alpha = split_channels(image)
     least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
     clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least

@@ -24,6 +24,7 @@ from knotfab.target.bending import Bending
 from knotfab.target.data_uri import encode_image
 from knotfab.target.guess import guess_reading
 from knotfab.target.masks import pieces_of, smooth
+from knotfab.target.subject import take_subject
 from knotfab.target.svg.render import render_svg
 from knotfab.target.svg.xml import looks_like_svg
 
@@ -70,6 +71,7 @@ class Target(InNotebook):
     `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
     `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was.
     `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
+    `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
     """
 
     name: str
@@ -90,6 +92,7 @@ class Target(InNotebook):
     is_text: bool = False  # written out, which nobody reads in a mirror
     notes: tuple[str, ...] = ()
     ink: str | None = None
+    subject_png: bytes | None = None
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """The px of the picture, whose centres are whole numbers, at one of the masks."""
@@ -209,7 +212,9 @@ def read_target(
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         drawn = text.render_text(content, font)
-        target = _take_target(drawn, what, name_picture(source), "", reading, glance)
+        target = _take_target(
+            drawn, what, name_picture(source), "", reading, glance, base or Path()
+        )
         return replace(target, is_text=True)
     path = at_home(source)
     if base is not None:
@@ -224,9 +229,9 @@ def read_target(
     name = name_picture(str(path))
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
         png, notes = render_svg(data, what)
-        target = _take_target(png, what, name, "", reading, glance)
+        target = _take_target(png, what, name, "", reading, glance, path.parent)
         return replace(target, notes=notes + target.notes)
-    return _take_target(data, what, name, suffix, reading, glance)
+    return _take_target(data, what, name, suffix, reading, glance, path.parent)
 
 
 def read_targets(
@@ -259,24 +264,27 @@ def read_targets(
 
 
 def _take_target(
-    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool
+    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool, folder: Path
 ) -> Target:
     image, kind = raster.decode(data, what)
     frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
         data, kind = encode_image(raster.to_plain(image)), "PNG"
         image, kind = raster.decode(data, what)
-    asked = reading
+    asked, subject = reading, None
+    if reading.cut_out:  # from here on its mask is the picture
+        image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
+        subject = encode_image(image.convert("1"))
     try:
-        reading, notes = guess_reading(image, reading, what)
+        reading, notes = (reading, ()) if subject else guess_reading(image, reading, what)
         shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
         if shrunk > 1:
             image = raster.shrink(image, shrunk)
         mask, rule, box = raster.silhouette(image, what, reading, shrunk)
     except InputError:
-        if frames == 1:
+        if frames == 1 or subject:
             raise
-        return _first_drawn(data, what, name, asked, glance, frames)
+        return _first_drawn(data, what, name, asked, glance, frames, folder)
     if frames > 1:
         rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
     original = None
@@ -301,18 +309,19 @@ def _take_target(
         shrunk=shrunk,
         notes=notes,
         ink=ink,
+        subject_png=subject,
     )
 
 
 def _first_drawn(
-    data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int
+    data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int, folder: Path
 ) -> Target:
     """The first frame of a moving picture that holds a shape, where its very first holds none."""
     refused = None
     for number in range(frames):
         try:
             frame = encode_image(raster.take_frame(data, number))
-            found = _take_target(frame, what, name, "", reading, glance)
+            found = _take_target(frame, what, name, "", reading, glance, folder)
         except InputError as error:
             refused = refused or error
         except (EOFError, OSError, ValueError):

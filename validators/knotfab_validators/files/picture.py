@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,9 @@ class Reading:
     crop_px: tuple[int, int, int, int] | None = None  # left, top, width, height
     keep_largest: int = 0
     speck_px: int = 0
+    subject_mask: str = (
+        ""  # a file beside the picture, white where the subject is that was cut out of it
+    )
 
 
 class PictureError(ValueError):
@@ -64,8 +67,11 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
         PictureError: the file is missing, is no picture, is damaged, or is smaller than its crop.
     """
     reading = reading or Reading()
-    with _opened(Path(path), reading) as image:
-        mask = _select_ink(image, reading)
+    if reading.subject_mask:
+        mask = _read_subject(Path(path), reading)
+    else:
+        with _opened(Path(path), reading) as image:
+            mask = _select_ink(image, reading)
     if reading.invert:
         mask = ~mask
     if reading.speck_px:
@@ -123,6 +129,17 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
         raise PictureError(f"{picture}: not a picture this reader knows ({error})") from error
     except (OSError, SyntaxError, ValueError) as error:
         raise PictureError(f"{picture}: damaged or unreadable ({error})") from error
+
+
+def _read_subject(picture: Path, reading: Reading) -> Mask:
+    """What was cut out of a picture, as its mask beside it says, cropped as the picture is."""
+    path, whole = picture.parent / reading.subject_mask, replace(reading, crop_px=None)
+    with _opened(path, whole) as mask, _opened(picture, whole) as image:
+        if mask.size != image.size:
+            raise PictureError(
+                f"{path}: its size is {mask.size}, that of the picture is {image.size}"
+            )
+        return np.asarray(_cut(mask.convert("L"), reading, picture)) >= CRISP
 
 
 def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:

@@ -389,6 +389,11 @@ def _reading(table: Table, where: str) -> Reading:
         and min(crop[2:]) > 0
     ):
         raise BadFile(f"{where} crop_px must be left, top, width and height, got {short(crop)}")
+    mask = table.word("subject_mask", "")
+    if table.data.get("subject_px", "none") != "none" and not mask:
+        raise BadFile(
+            f"{where} subject_px names a rectangle; a scene that a build wrote names a subject_mask"
+        )
     ink = table.word("ink", "auto")
     if ink not in INKS and not re.fullmatch(r"#[0-9a-fA-F]{6}", ink):
         raise BadFile(f"{where} ink must be one of {', '.join(INKS)} or #rrggbb, got {short(ink)}")
@@ -399,6 +404,7 @@ def _reading(table: Table, where: str) -> Reading:
         crop_px=None if crop == "none" else tuple(crop),
         keep_largest=int(table.number("keep_largest", 0, least=0)),
         speck_px=int(table.number("speck_px", 0, least=0)),
+        subject_mask=mask,
     )
 
 
