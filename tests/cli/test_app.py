@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,10 @@ from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
+_GROWING = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi"))
 BOMB = (
-    '<?xml version="1.0"?><!DOCTYPE s [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;">]>'
-    '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64"><text>&b;</text></svg>'
+    f'<?xml version="1.0"?><!DOCTYPE s [<!ENTITY a "aaaaaaaaaa">{_GROWING}]>'
+    '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64"><text>&i;</text></svg>'
 )
 BAD_PICTURES = {
     "missing.png": "there is no such file",
@@ -40,12 +42,12 @@ BAD_PICTURES = {
     "words.png": "it is not a picture",
     "cut.png": "damaged or cut short",
     "outside.svg": "refers to something outside the file",
-    "bomb.svg": "entity",
+    "bomb.svg": "entities",
     "white.png": "all one colour",
     "black.png": "all one colour",
     "one.png": "less than 16 on a side",
     "speck.png": "too little to be drawn",
-    "checker.png": "no outline",
+    "checker.png": "none of these is its background",
     "empty.png": "the file is empty",
 }
 BAD_SCENES = {
