@@ -6,23 +6,70 @@ import contextlib
 import importlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from knotfab.errors import InputError, why_of
 
-__all__ = ["MOST_TEXT", "at_home", "hold", "locked", "own_folder", "read_file", "read_text"]
+__all__ = [
+    "MOST_TEXT",
+    "at_home",
+    "confined",
+    "hold",
+    "locked",
+    "own_folder",
+    "read_file",
+    "read_text",
+    "require_within",
+]
 
 _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
 )  # Windows has no such locks
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
+_walls: tuple[
+    Path, ...
+] = ()  # of the whole process, so that no thread forgets them; none: anywhere
 
 
 def at_home(path: str | Path) -> Path:
     """A path whose ~ stands for a home, unless a file of that very name is there, or nobody lives there."""
     return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
+
+
+@contextlib.contextmanager
+def confined(folders: Sequence[Path]) -> Iterator[None]:
+    """Meanwhile, what a call or a scene names is read and written in these folders alone."""
+    global _walls
+    before, _walls = _walls, tuple(folder.resolve() for folder in folders)
+    try:
+        yield
+    finally:
+        _walls = before
+
+
+def require_within(path: str | Path, what: str | None = None) -> None:
+    """Refuse a path that leads out of the folders of `confined`, by itself or by links.
+
+    Args:
+        what: how the error names it.
+
+    Raises:
+        InputError: it does.
+    """
+    if not _walls:
+        return
+    try:
+        place = at_home(path).resolve()
+        inside = any(place.is_relative_to(wall) for wall in _walls)
+    except (OSError, ValueError, RuntimeError):  # a loop of links, a null character
+        inside = False
+    if not inside:
+        named = " or ".join(map(str, _walls))
+        raise InputError(
+            what or str(path), "it lies outside the folders that are allowed", f"Use {named}"
+        )
 
 
 def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
@@ -59,6 +106,7 @@ def read_file(
     Raises:
         InputError: there is none, it may not be read, it is no regular file, or too large.
     """
+    require_within(path, what)
     try:
         state = path.stat()
         if stat.S_ISDIR(state.st_mode):

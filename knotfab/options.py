@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,6 +19,7 @@ __all__ = [
     "BATCH_EXAMPLES",
     "BUILD_EXAMPLES",
     "COMPARE_EXAMPLES",
+    "MCP_EXAMPLES",
     "OUTPUT",
     "PREVIEW_EXAMPLES",
     "SHADOW_EXAMPLES",
@@ -135,6 +136,13 @@ STUDIO_EXAMPLES = """Examples:
 ```
 knotfab studio
 knotfab studio --port 8900 --no-open --out pieces
+```
+"""
+
+MCP_EXAMPLES = """Examples:
+
+```
+knotfab mcp --allow ~/pictures --allow ~/pieces
 ```
 """
 
@@ -304,15 +312,19 @@ class BuildOptions(PictureOptions):
         return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
 
 
-def options_from(given: Mapping[str, Any]) -> BuildOptions:
+def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
     """The options by their names, as a library's caller gives them: numbers and paths in their own types.
+
+    Args:
+        known: those that there are; by default all.
 
     Raises:
         InputError: there is no such option, it cannot be that, or the folder to write has no name.
     """
     from pydantic import TypeAdapter, ValidationError
 
-    types, values = get_type_hints(BuildOptions), dict[str, Any]()
+    hints, values = get_type_hints(BuildOptions), dict[str, Any]()
+    types = {name: hints[name] for name in known or hints}
     for name, value in given.items():
         key = "print_" if name == "print" else name
         if key not in types:

@@ -37,7 +37,14 @@ if TYPE_CHECKING:
     from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
 
-__all__ = ["check_names", "check_options", "list_readings", "prepare_build", "survey_pictures"]
+__all__ = [
+    "check_names",
+    "check_options",
+    "list_readings",
+    "prepare_build",
+    "preview_pictures",
+    "survey_pictures",
+]
 
 
 def prepare_build(
@@ -118,6 +125,17 @@ def survey_pictures(pictures: Sequence[str], options: BuildOptions) -> Survey:
         InputError: as for `prepare_build`.
     """
     return _survey(_read_call(pictures, options, Progress("quiet"), glance=True), options)
+
+
+def preview_pictures(
+    pictures: Sequence[str], options: BuildOptions
+) -> tuple[Survey, tuple[TriedReading, ...]]:
+    """As `survey_pictures`; of an unclear picture also other ways to read it."""
+    from knotfab.preview.readings import advise, is_unclear
+
+    found = survey_pictures(pictures, options)
+    readings = list_readings(pictures, options) if is_unclear(found) else ()
+    return advise(found, readings), readings
 
 
 def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:

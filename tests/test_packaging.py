@@ -62,6 +62,7 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
     assert set(meta.get_all("Provides-Extra", [])) == {
         "dask",
         "photo",
+        "mcp",
         "studio",
         "pathtracer",
         "test",

@@ -7,12 +7,13 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from knotfab import __version__
-from knotfab.cli.make import batch, build, preview, studio
+from knotfab.cli.make import batch, build, mcp, preview, studio
 from knotfab.cli.measure import compare, shadow, tradeoff, validate
 from knotfab.options import (
     BATCH_EXAMPLES,
     BUILD_EXAMPLES,
     COMPARE_EXAMPLES,
+    MCP_EXAMPLES,
     PREVIEW_EXAMPLES,
     SHADOW_EXAMPLES,
     STUDIO_EXAMPLES,
@@ -37,6 +38,7 @@ for _command, _examples in (
     (preview, PREVIEW_EXAMPLES),
     (batch, BATCH_EXAMPLES),
     (studio, STUDIO_EXAMPLES),
+    (mcp, MCP_EXAMPLES),
     (validate, VALIDATE_EXAMPLES),
     (shadow, SHADOW_EXAMPLES),
     (compare, COMPARE_EXAMPLES),

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from knotfab.errors import InputError, MachineError, needs_extra
 from knotfab.options import ALL_OUT, OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
 
-__all__ = ["batch", "build", "call_clock", "preview", "studio"]
+__all__ = ["batch", "build", "call_clock", "mcp", "preview", "studio"]
 
 
 @dataclass
@@ -126,16 +126,14 @@ def preview(
     """
     from knotfab.cli.summary import print_survey
     from knotfab.files.whole import write_whole
-    from knotfab.prepare import list_readings, survey_pictures
+    from knotfab.prepare import preview_pictures
     from knotfab.preview.draw import draw_survey
-    from knotfab.preview.readings import advise, draw_readings, is_unclear
+    from knotfab.preview.readings import draw_readings
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
     asked = BuildOptions(**vars(options), sequence=sequence)
-    found = survey_pictures(pictures, asked)
-    readings = list_readings(pictures, asked) if is_unclear(found) else ()
-    found = advise(found, readings)
+    found, readings = preview_pictures(pictures, asked)
     write_whole(out, draw_survey(found))
     sheet = out.with_name(f"{out.stem}-readings.png")
     if readings:
@@ -172,6 +170,21 @@ def batch(
             f"{len(records) - failed} of {len(records)} passed: see {options.out or ALL_OUT}/index.html"
         )
     return 1 if failed else 0
+
+
+def mcp(*, allow: tuple[Place, ...] = ()) -> int:
+    """Serve preview, build, validate and shadow as tools for programs, over standard input and output (MCP).
+
+    Parameters
+    ----------
+    allow
+        A folder that the tools may read and write; may be repeated. The folder one is in by default. Relative
+        paths start from the first.
+    """
+    with needs_extra("knotfab mcp", "mcp"):
+        from knotfab.mcp.server import serve
+    serve(allow)
+    return 0
 
 
 def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab-studio")) -> int:

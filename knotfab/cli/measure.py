@@ -41,11 +41,11 @@ def validate(
     unit
         Of the numbers in an STL, OBJ or PLY.
     """
-    from knotfab.verify.verifier import Verifier, load_early
+    from knotfab.verify.verifier import VERDICT_KEYS, Verifier, load_early
 
     with load_early(skip):
-        from knotfab.cli.options import files_to_validate
         from knotfab.read_options import read_skips
+        from knotfab.verify.named import files_to_validate
 
         files, skipped = files_to_validate(part, knots, scene, failures), read_skips(skip)
         with Verifier(skipped) as verifier:
@@ -53,8 +53,7 @@ def validate(
     if json:
         import json as codec
 
-        keys = ("status", "conclusion", "size_mm", "notes", "checks", "views", "picture")
-        print(codec.dumps({k: verdict[k] for k in keys}))
+        print(codec.dumps({k: verdict[k] for k in VERDICT_KEYS}))
     else:
         from knotfab.cli.summary import UNABLE, print_checks
 

@@ -167,20 +167,13 @@ def print_survey(
     """What a picture will become, in a few lines or as JSON, where it is drawn, and other ways to read it."""
     import json as codec
 
-    from knotfab.preview.sentence import count, describe, list_figures
+    from knotfab.preview.sentence import describe, describe_readings, list_figures
 
     if json:
-        others = {"readings": [one.to_dict() for one in readings]} if readings else {}
-        print(codec.dumps({**list_figures(found), "picture": str(picture), **others}))
+        print(codec.dumps({**list_figures(found, readings), "picture": str(picture)}))
         return
-    print("\n".join([*describe(found), f"  {picture} shows it."]))
-    if readings:
-        print(
-            f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
-        )
-    for number, one in enumerate(readings, start=1):
-        refused = "  (a build would refuse it)" if one.refusal else ""
-        print(f"    {number}: {one.options or 'none, as it is read'}{refused}")
+    others = describe_readings(readings, str(sheet))
+    print("\n".join([*describe(found), f"  {picture} shows it.", *others]))
 
 
 def _word(report: dict[str, Any]) -> str:

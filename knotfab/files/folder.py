@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.disk import at_home, hold, locked
+from knotfab.disk import at_home, hold, locked, require_within
 from knotfab.errors import InputError, KnotfabError, MachineError, SceneError, spelled, why_of
 from knotfab.files.moves import HIDDEN, REJECTED, Step, is_moving, mend_locked, move_all, sync
 
@@ -77,6 +77,7 @@ class OutputFolder:
         return path
 
     def __enter__(self) -> OutputFolder:
+        require_within(self.path)
         with self._explained(InputError):
             try:
                 self._make()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
+from knotfab.disk import require_within
 from knotfab.errors import InputError
 
 __all__ = ["write_whole"]
@@ -16,6 +17,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         InputError: it cannot be written.
     """
+    require_within(path, f"--out {path}")
     beside = path.with_name(f".{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from knotfab.preview.survey import Survey, ViewSurvey
 from knotfab.target.opening import Loss
 
-__all__ = ["count", "describe", "list_figures"]
+if TYPE_CHECKING:
+    from knotfab.preview.readings import TriedReading
+
+__all__ = ["count", "describe", "describe_readings", "list_figures"]
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
@@ -99,7 +103,24 @@ def _round(value: float) -> str:
     return f"{value:.2g}" if value < 100 else f"{round(value, -1):.0f}"
 
 
-def list_figures(found: Survey) -> dict[str, Any]:
+def describe_readings(readings: Sequence[TriedReading], sheet: str) -> list[str]:
+    """What else the picture may be meant to be, a line each with the options that give it.
+
+    Args:
+        sheet: the picture that shows them.
+    """
+    if not readings:
+        return []
+    lines = [
+        f"  It may be meant otherwise: {sheet} shows {count(len(readings), 'reading')}. Options for each:"
+    ]
+    for number, one in enumerate(readings, start=1):
+        refused = "  (a build would refuse it)" if one.refusal else ""
+        lines.append(f"    {number}: {one.options or 'none, as it is read'}{refused}")
+    return lines
+
+
+def list_figures(found: Survey, readings: Sequence[TriedReading] = ()) -> dict[str, Any]:
     """The survey as plain data: lengths in mm, places in px of the picture."""
     views = []
     bounds = found.bounds or (None,) * len(found.views)
@@ -147,4 +168,5 @@ def list_figures(found: Survey) -> dict[str, Any]:
         else f"{found.refusal.why}. {found.refusal.remedy}",
         "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
         "lines": describe(found),
+        **({"readings": [one.to_dict() for one in readings]} if readings else {}),
     }

@@ -12,8 +12,12 @@ from knotfab.verify.checks import list_unmet
 __all__ = ["conclude", "last_line", "tell_piece", "tell_share", "tell_views"]
 
 
-def conclude(report: Mapping[str, Any]) -> list[str]:
-    """How good the piece is, what did not pass, what a person would miss, and what must not be missed."""
+def conclude(report: Mapping[str, Any], verbose: bool = False) -> list[str]:
+    """How good the piece is, what did not pass, what a person would miss, and what must not be missed.
+
+    Args:
+        verbose: with the IoU.
+    """
     verdict = report["verdict"] or {"reasons": (), "lost": ()}
     unmet = [
         f"{check['name']} {'did not run' if check['status'] == 'skipped' else 'failed'}: {check['detail']}"
@@ -22,7 +26,7 @@ def conclude(report: Mapping[str, Any]) -> list[str]:
     lost = [loss["sentence"] for loss in verdict.get("lost", ())]
     step = [report["next_step"]["sentence"]] if "next_step" in report else []
     reasons = [r for r in verdict["reasons"] if not any(one.startswith(r) for one in lost)]
-    said = [*unmet, *reasons, *tell_views(report), tell_piece(report)]
+    said = [*unmet, *reasons, *tell_views(report, verbose), tell_piece(report)]
     return [*said, *lost, *report.get("notes", []), *step]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from knotfab.disk import at_home, read_text
+from knotfab.disk import at_home, read_text, require_within
 from knotfab.errors import InputError
 from knotfab.scene.camera import view_axes
 from knotfab.scene.explain import explain, parse_toml
@@ -34,8 +34,10 @@ def _beside(scene: Scene, folder: Path) -> Scene:
     region, start = scene.region, scene.search.get("start")
     if region.file is not None:
         path = str((folder / region.file).absolute())
+        require_within(path, region.file)
         update["region"] = region.model_copy(update={"file": path})
     if isinstance(start, str) and start:
+        require_within(folder / start, start)
         update["search"] = {**scene.search, "start": str((folder / start).absolute())}
     if any(view.subject_mask for view in scene.views):
         update["views"] = tuple(

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from PIL import Image, ImageSequence
 
-from knotfab.disk import at_home
+from knotfab.disk import at_home, require_within
 from knotfab.errors import InputError
 from knotfab.scene.model import Reading
 from knotfab.target.raster import own_box
@@ -82,6 +82,7 @@ def read_frames(
     if len(sources) == 1:
         path = at_home(sources[0])
         path = path if base is None else base / path
+        require_within(path, what)
         if path.is_dir() or "*" in path.name:
             files = sorted(_files(path, what), key=_by_number)
             _count(what, len(files))

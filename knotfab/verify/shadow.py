@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from knotfab.disk import require_within
 from knotfab.errors import InputError, MachineError
 from knotfab.verify.verifier import explain_unreadable
 
@@ -30,6 +31,8 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "the shadow is written as PNG", "Name a file in .png.")
+    for path in (part, scene):
+        require_within(path)
     staged = out.with_name(f".{out.stem}-new.png")
     try:
         setting, mesh = read_scene(scene), read_mesh(part)
@@ -39,6 +42,7 @@ def render_shadow(part: Path, scene: Path, out: Path, view_name: str | None = No
             raise InputError(
                 f"--view {view_name}", "the scene has no such view", f"It has: {names}"
             )
+        require_within(scene.parent / named[0].picture)
         height, width = read_silhouette(scene.parent / named[0].picture).shape
         pose = np.eye(4) if setting.pose is None else np.asarray(setting.pose, dtype=np.float64)
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]

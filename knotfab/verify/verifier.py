@@ -19,6 +19,7 @@ from knotfab.errors import InputError, MachineError
 from knotfab.pool import Crash, Workers, count_jobs
 
 __all__ = [
+    "VERDICT_KEYS",
     "Answer",
     "Files",
     "Verifier",
@@ -28,6 +29,15 @@ __all__ = [
     "stand_by",
 ]
 
+VERDICT_KEYS = (
+    "status",
+    "conclusion",
+    "size_mm",
+    "notes",
+    "checks",
+    "views",
+    "picture",
+)  # for readers
 LIMIT_S = 1800.0  # of one part, from when its verdict is waited for
 NO_GRAPHICS = "--no-graphics"
 # -P: modules come from the installation, never from the folder one happens to be in
