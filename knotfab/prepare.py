@@ -17,7 +17,6 @@ from knotfab.design.frames import (
     spread_views,
     widen_targets,
 )
-from knotfab.design.free_view import place_directions
 from knotfab.design.walls import flatten_targets
 from knotfab.errors import InputError
 from knotfab.options import ALL_OUT, BuildOptions
@@ -192,9 +191,10 @@ def _read_call(
         scene, open_ = spread_views(scene, sources), True
     if len(scene.views) > 1:
         require_several(scene)
-        if scene.search.get(
-            "free_view"
-        ):  # from where an earlier build started, or else from anywhere
+        if scene.search.get("free_view"):
+            from knotfab.design.free_view import place_directions
+
+            # from where an earlier build started, or else from anywhere
             open_ = open_ or not scene.search.get("free_azimuths_deg")
             scene = place_directions(scene, search_settings(scene.accuracy.name, scene.search))[0]
     require_tube(resolve(scene))

@@ -104,7 +104,7 @@ def test_pictures_of_pil_and_arrays_are_pictures_and_what_is_none_is_refused(
 
 
 def test_a_wrong_key_is_told_in_a_sentence() -> None:
-    with pytest.raises(knotfab.InputError, match=r'read_picture: ink is "redd".*such as #d02010'):
+    with pytest.raises(knotfab.InputError, match=r'read_picture: ink is "redd".*colour such as "#'):
         knotfab.read_picture("text:A", ink="redd")
     with pytest.raises(knotfab.InputError, match=r"no key 'inc'. Did you mean 'ink'"):
         knotfab.read_picture("text:A", inc="red")

@@ -214,7 +214,8 @@ def test_the_scene_is_resolved(good: Good) -> None:
     scene = tomllib.loads(text)
     assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
     assert set(scene["effects"].values()) == {"auto"}  # so are these
-    assert text.count('"auto"') == 1 + len(scene["effects"])
+    assert scene["piece"]["bend"] == "auto"  # of several pictures, whose bending is in their views
+    assert text.count('"auto"') == 2 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
@@ -244,6 +245,7 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
         "plates",
         "plates_volume",
         "slicer",
+        "level",
         "tone",
     }
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes

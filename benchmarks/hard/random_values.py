@@ -71,7 +71,10 @@ def random_loss(rng: np.random.Generator) -> ValueCase:
     middle = points[0, int(rng.integers(points.shape[1]))]
     shape = str(rng.choice(["box", "cylinder", "sphere"]))
     extents = tuple(float(x) for x in 3 * size * rng.uniform(0.5, 1.5, 3))
-    region = ResolvedRegion(kind=shape, size_mm=extents, center_mm=tuple(middle.tolist()))
+    # smaller than a scene may ask for: the term itself must bear it
+    region = ResolvedRegion.model_construct(
+        kind=shape, size_mm=extents, center_mm=tuple(middle.tolist())
+    )
 
     def f(k: Tensor) -> Tensor:
         if kind == "length":

@@ -71,6 +71,7 @@ def test_a_radius_without_a_place_for_the_knot_is_passed_over(
         return object()
 
     monkeypatch.setattr(module, "make_start", make)
+    module._KEPT.clear()
     choice = choose_radius(question, DRAFT)
     assert tried == [first, choice.radius_mm] and choice.radius_mm != first
 
@@ -78,6 +79,7 @@ def test_a_radius_without_a_place_for_the_knot_is_passed_over(
         raise SceneError("the knot", "there is no place for it", "Take a thinner tube.")
 
     monkeypatch.setattr(module, "make_start", refuse)
+    module._KEPT.clear()
     with pytest.raises(SceneError, match="no place for it"):
         choose_radius(question, DRAFT)
 

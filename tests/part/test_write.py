@@ -34,7 +34,7 @@ def rings(count: int) -> Any:
     knots = tuple(Knot(own + np.array([0.0, 0.0, 10.0 * k])) for k in range(count))
     return SimpleNamespace(
         bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
-        pose=SimpleNamespace(knots=Knots(knots, 2.0)),
+        pose=SimpleNamespace(knots=Knots(knots, 2.0), matrix=np.eye(4)),
         mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
         plates=None,
     )

@@ -56,6 +56,10 @@ def enumerate_chords(polygons: Sequence[Array], closed: Sequence[bool]) -> Enume
             # tan(theta/2) = |a x b| / (|a| |b| + a . b)
             across = _norm(np.cross(behind, ahead))
             radii = np.minimum(a, b) * (a * b + (ahead * behind).sum(1)) / (2 * across)
+            # beyond a right angle that sum loses digits: tan(theta/2) = |u - v| / |u + v| does not
+            u, v = ahead / a[:, None], behind / b[:, None]
+            sharp = np.minimum(a, b) * _norm(u + v) / (2 * _norm(u - v))
+            radii = np.where((ahead * behind).sum(1) < 0, sharp, radii)
         radii = np.where(across == 0, np.where((ahead * behind).sum(1) > 0, np.inf, 0), radii)
         rad = min(rad, float(radii[inner].min(initial=np.inf)))
         if not is_closed:

@@ -20,7 +20,7 @@ def test_a_spike_of_a_centre_line_ends_in_a_required_check_that_was_not_run(
     mesh = Mesh(*tube(points, 3.0, 8))
     points[3, 2] = 100.0
     curves = Curves((points,), ("unknot",), (True,), 3.0)
-    assert check_clearance(mesh, curves, 0.4).status == "pass"
+    assert check_clearance(mesh, curves, 0.4).status != "skipped"
     monkeypatch.setattr(strand_pairs_module, "MOST_MOVES", 10_000)
     check = check_clearance(mesh, curves, 0.4)
     assert check.status == "skipped" and check.required and "side by side" in check.detail
