@@ -11,7 +11,7 @@ from pdf_pages import POINT, page_contents, page_sizes
 from setups import OFF, Kind, setup
 
 from knotfab.drawing.dimensions import length
-from knotfab.mount.drawing import draw_sheets, write_setup
+from knotfab.mount.drawing import draw_sheets, shadow_outlines, write_setup
 from knotfab.mount.drill_template import write_drill_template
 from knotfab.mount.placement import placement_of
 from knotfab.mount.wall import DRILLS_MM, PLAY_MM
@@ -90,10 +90,8 @@ def test_nothing_measured_is_said(tmp_path: Path) -> None:
 
 
 def test_the_shadow_is_drawn_where_it_falls(tmp_path: Path) -> None:
-    from knotfab.mount.drawing import _shadow
-
     mounted, _, camera = setup("none")
-    points = np.concatenate(_shadow(mounted, placement_of(mounted, camera)))
+    points = np.concatenate(shadow_outlines(mounted, placement_of(mounted, camera)))
     vertices = mounted.bodies[0][0]
     pixels = camera.project(vertices)
     right = (pixels[:, 0] + 0.5 - 40) * 2.0
