@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import os
+import signal
+import sys
 import threading
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -36,6 +39,7 @@ from knotfab.progress import Event
 
 __all__ = ["make_server", "serve"]
 
+_running: set[threading.Event] = set()  # what ends each job that runs
 _LEFT_OUT = {"quiet", "verbose"}  # there is no terminal
 _TEXT, _LIST = {"type": "string"}, {"type": "array", "items": {"type": "string"}}
 _PICTURES = {
@@ -145,11 +149,15 @@ def make_server() -> Server[Any]:
             _report, ctx.session.report_progress, stop, anyio.lowlevel.current_token(), [-1.0]
         )
         call = partial(_run, tool, dict(params.arguments or {}), hear)
-        async with anyio.create_task_group() as tasks:
-            tasks.start_soon(_when_cancelled, stop)
-            limiter = builds if tool.job is jobs.build else None
-            result = await anyio.to_thread.run_sync(call, limiter=limiter)
-            tasks.cancel_scope.cancel()
+        _running.add(stop)
+        try:
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(_when_cancelled, stop)
+                limiter = builds if tool.job is jobs.build else None
+                result = await anyio.to_thread.run_sync(call, limiter=limiter)
+                tasks.cancel_scope.cancel()
+        finally:
+            _running.discard(stop)
         return result
 
     return Server(
@@ -184,8 +192,26 @@ def serve(allow: Sequence[Path] = ()) -> None:
 async def _serve() -> None:
     server = make_server()
     # what libraries write to standard output goes to standard error meanwhile
-    async with stdio_server() as (read, write):
-        await server.run(read, write, server.create_initialization_options())
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(_end_when_asked)
+        async with stdio_server() as (read, write):
+            await server.run(read, write, server.create_initialization_options())
+        tasks.cancel_scope.cancel()
+
+
+async def _end_when_asked() -> None:
+    """Asked to end (Ctrl-C), end the jobs, then the process: a thread of it waits for standard input."""
+    with (
+        suppress(NotImplementedError),  # Windows has no such signals
+        anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as asked,
+    ):
+        async for _ in asked:
+            for stop in list(_running):
+                stop.set()
+            while _running:
+                await anyio.sleep(0.05)
+            print("knotfab: interrupted; nothing was changed", file=sys.stderr, flush=True)
+            os._exit(130)
 
 
 async def _when_cancelled(stop: threading.Event) -> None:
