@@ -47,7 +47,8 @@ def list_ways(
         KnotfabError: it cannot be read in any.
     """
     held = {field: values.get(field) for field in _FILLED.values()}
-    found = list_readings(sources, options)
+    # the page has no field for a rectangle about a subject
+    found = [one for one in list_readings(sources, options) if one.keys.keys() <= _FILLED.keys()]
     ways = [
         {
             "settings": {**held, **{_FILLED[key]: value for key, value in one.keys.items()}},
