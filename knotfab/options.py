@@ -295,8 +295,8 @@ class BuildOptions(PictureOptions):
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
     also: Annotated[Names, Parameter(group=OUTPUT)] = ()
-    """Also write files for other tools: svg, dxf, or both (svg,dxf). Centre lines for cutters and plotters,
-    and with svg the outlines of the shadows."""
+    """Also write files for other tools: svg, dxf, step, or several (svg,step). Centre lines for cutters,
+    plotters and CAD; with svg the outlines of the shadows, with step tubes and mount as solids."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
     """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()

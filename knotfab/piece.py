@@ -79,7 +79,8 @@ class WrittenPiece:
     """One piece as it was written; `part` is None where none can be made of its knots.
 
     `scene` has its pose. `suffix` is in its files' names, such as "-01" of a sequence's frame. `answer` waits
-    for the validators' verdict; `slicings` are what the slicer will say, by file.
+    for the validators' verdict; `slicings` are what the slicer will say, by file. `notes` are sentences
+    for the report.
     """
 
     made: Design
@@ -91,6 +92,7 @@ class WrittenPiece:
     slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
     flattening: Flattening | None = None
     slicer: SlicerQueue | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def knots(self) -> Knots:
@@ -156,8 +158,10 @@ def write_piece(
     answer = verifier.submit(files).result
     with progress.stage("part"):
         write_model(folder, part, scene, suffix)
-        write_also(folder, part, scene, targets, request.also, suffix)
-    return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening, slicer)
+        told = write_also(folder, part, scene, targets, request.also, suffix)
+    return WrittenPiece(
+        made, scene, part, targets, suffix, answer, slicings, flattening, slicer, told
+    )
 
 
 def discard_piece(piece: WrittenPiece, folder: OutputFolder) -> None:
@@ -222,6 +226,7 @@ def report_piece(
         report = report_of(request, made, piece.knots, part.bodies, verdict, progress)
         add_silhouettes(report, piece.targets)
         add_fabrication(report, part.mounted, sliced, plan, request.printing)
+        report["notes"] += piece.notes
         report["print"]["drawings"] = drawings
         report["print"]["setup"] = tell_setup(part.mounted, cameras, made.knots.radius_mm)
         if request.printing:

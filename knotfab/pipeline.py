@@ -64,7 +64,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
             left = request.budget(progress.total, mounted)
             with SlicerQueue() as slicer:
-                with keep_modeller(mounted):
+                with keep_modeller(mounted or "step" in request.also):
                     made = design_knots(request.scene, targets, request.device, progress, left)
                     if request.printing:
                         write_profile(folder.work, made.scene)

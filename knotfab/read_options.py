@@ -21,7 +21,7 @@ from knotfab.verify.checks import CHECKS
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 
-Format = Literal["svg", "dxf"]
+Format = Literal["svg", "dxf", "step"]
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
 _MOST_S = 100 * 86400.0
 _SECONDS = {"": 1.0}

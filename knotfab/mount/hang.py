@@ -18,11 +18,10 @@ from knotfab.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
-from knotfab.mount.modeller import model
 from knotfab.mount.piece_frame import Stiffness, piece_frame, sag_moves, worst_of
 from knotfab.mount.plinth import Masses
 from knotfab.mount.shade import MountShadows, near_struts
-from knotfab.mount.solids import place_along, strut_solid
+from knotfab.mount.solids import Fixture, along, strut
 from knotfab.mount.stand import (
     BRIDGES,
     FINE_RADII,
@@ -39,9 +38,9 @@ from knotfab.scene.camera import Camera
 from knotfab_fixtures.eyelet import eyelet
 
 if TYPE_CHECKING:
-    from manifold3d import Manifold
+    pass
 
-__all__ = ["MOST_TILT_DEG", "Eyelet", "HangMount", "hang_bodies", "plan_hang"]
+__all__ = ["MOST_TILT_DEG", "Eyelet", "HangMount", "hang_bodies", "hang_fixtures", "plan_hang"]
 
 MOST_TILT_DEG = 1.0  # that the piece may hang askew
 HOLE_MM = 3.0  # across the eyelet's hole
@@ -360,13 +359,10 @@ def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
     """
     from manifold3d import Manifold, OpType
 
-    members, ring = mount.members, mount.eyelet
     solids = [as_manifold(tube) for tube in tubes]
-    for start, end, radius in zip(members.start, members.end, members.radius, strict=True):
-        solids.append(strut_solid(start, end, float(radius)))
-    solids.append(_ring_solid(ring))
+    solids += [fixture.solid() for fixture in hang_fixtures(mount)]
     solid = Manifold.batch_boolean(solids, OpType.Add)
-    parts, genus = len(solid.decompose()), len(members) + 1  # the eyelet's hole
+    parts, genus = len(solid.decompose()), len(mount.members) + 1  # the eyelet's hole
     if parts != 1 or solid.genus() != genus:
         raise SceneError(
             "the hanger",
@@ -376,6 +372,10 @@ def hang_bodies(tubes: list[Mesh], mount: HangMount) -> list[Mesh]:
     return [as_mesh(solid)]
 
 
-def _ring_solid(ring: Eyelet) -> Manifold:
-    mesh = model(eyelet, ring.ring_mm, ring.wire_mm)
-    return place_along(as_manifold(mesh), ring.through, ring.middle)
+def hang_fixtures(mount: HangMount) -> list[Fixture]:
+    """Struts, post and eyelet, scene coordinates."""
+    members, ring = mount.members, mount.eyelet
+    ends = zip(members.start, members.end, members.radius, strict=True)
+    bars = [strut(start, end, float(radius)) for start, end, radius in ends]
+    motion = along(ring.through, ring.middle)
+    return [*bars, Fixture("eyelet", eyelet, (ring.ring_mm, ring.wire_mm), motion)]

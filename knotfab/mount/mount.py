@@ -12,11 +12,12 @@ import numpy as np
 from knotfab.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.knots import Knots
-from knotfab.mount.hang import MOST_TILT_DEG, HangMount, hang_bodies, plan_hang
+from knotfab.mount.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
 from knotfab.mount.piece_frame import Stiffness
+from knotfab.mount.solids import Fixture
 from knotfab.mount.stand import StandMount, StandSettings, plan_stand
-from knotfab.mount.stand_solids import stand_bodies
-from knotfab.mount.wall import WallMount, plan_wall, wall_bodies
+from knotfab.mount.stand_solids import stand_bodies, stand_fixtures
+from knotfab.mount.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedScene, Scene
@@ -56,6 +57,15 @@ class Mounted:
     def solids(self) -> list[Manifold]:
         """The bodies as solids, for drawings of them."""
         return [as_manifold(body) for body in self.bodies]
+
+    def fixtures(self, camera: Camera) -> list[Fixture]:
+        """What the mount is united from, scene coordinates; `camera`: of the first view."""
+        if self.wall is not None:
+            groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
+            return [fixture for group in groups for fixture in group]
+        if self.stand is not None:
+            return stand_fixtures(self.stand)
+        return [] if self.hang is None else hang_fixtures(self.hang)
 
     @property
     def moves(self) -> Array | None:

@@ -13,10 +13,9 @@ from knotfab.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs
-from knotfab.mount.modeller import model
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of
 from knotfab.mount.rays import Rays, free_rays
-from knotfab.mount.solids import place_along, strut_solid
+from knotfab.mount.solids import Fixture, along, strut
 from knotfab.mount.struts import GROUND, Candidates, Sites, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
@@ -37,6 +36,7 @@ __all__ = [
     "plan_wall",
     "sag_on_pegs",
     "wall_bodies",
+    "wall_fixtures",
 ]
 
 PEG_SHARES = (0.95, 0.85, 0.75, 0.6)  # of the tube's shadow that a peg fills: thick ones are stiff,
@@ -301,16 +301,13 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     """
     from manifold3d import Manifold, OpType
 
-    groups: list[list[Manifold]] = [[as_manifold(tube)] for tube in tubes]
-    wall = np.column_stack(list(camera.wall_axes))
-    for peg in mount.pegs:
-        groups[peg.knot] += _peg_solids(peg, wall, mount.settings)
-    members = mount.struts
-    for i, (knot, _) in enumerate(mount.strut_knots):
-        bar = strut_solid(members.start[i], members.end[i], float(members.radius[i]))
-        groups[int(knot)].append(bar)
+    solids = [
+        as_manifold(tube) for tube in tubes
+    ]  # first: the order of making is seen in the last digits
+    own = [[f.solid() for f in group] for group in wall_fixtures(mount, camera, len(tubes))]
+    groups = [[tube, *group] for tube, group in zip(solids, own, strict=False)]
     if mount.settings.foot == "plate":
-        groups = [[solid for group in groups for solid in group] + [_plate(camera, wall, mount)]]
+        groups = [[solid for group in groups for solid in group] + own[-1]]
     bodies = []
     for number, group in enumerate(groups):
         solid = Manifold.batch_boolean(group, OpType.Add)
@@ -333,44 +330,55 @@ def _require_predicted(solid: Manifold, number: int, knots: int, mount: WallMoun
         )
 
 
-def _peg_solids(peg: Peg, wall: Array, settings: Mount) -> list[Manifold]:
+def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
+    """Pegs, dowels and struts of each of so many knots, and at last a plate alone; scene coordinates."""
+    wall = np.column_stack(list(camera.wall_axes))
+    groups: list[list[Fixture]] = [[] for _ in range(knots)]
+    for peg in mount.pegs:
+        groups[peg.knot] += _peg_fixtures(peg, wall, mount.settings)
+    members = mount.struts
+    for i, (knot, _) in enumerate(mount.strut_knots):
+        bar = strut(members.start[i], members.end[i], float(members.radius[i]))
+        groups[int(knot)].append(bar)
+    return [*groups, [_plate(camera, wall, mount)]] if mount.settings.foot == "plate" else groups
+
+
+def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
     """A peg from tube to wall, and what holds it there."""
     axis = (peg.top - peg.foot) / peg.length_mm
     cosine = float(axis @ wall[:, 2])
     slant = float(np.sqrt(max(0.0, 1.0 - cosine**2)) / cosine)
-    mesh = model(
-        peg_mesh,
-        peg.length_mm,
-        peg.top_radius_mm,
-        peg.foot_radius_mm,
-        root_radius_mm=peg.root_radius_mm,
-        root_height_mm=ROOT_HEIGHT_MM,
-        sink_mm=peg.root_radius_mm * slant + OVERLAP_MM,
-    )
-    solid = place_along(as_manifold(mesh), axis, peg.foot, wall[:, 1])
-    if settings.foot == "plate":
-        # what the slant needs must not come out of the plate's back
-        inside = float(wall[:, 2] @ peg.foot) - 0.75 * settings.plate_thickness_mm
-        return [solid.trim_by_plane(wall[:, 2], inside)]
+    sizes = peg.length_mm, peg.top_radius_mm, peg.foot_radius_mm
+    named = {
+        "root_radius_mm": peg.root_radius_mm,
+        "root_height_mm": ROOT_HEIGHT_MM,
+        "sink_mm": peg.root_radius_mm * slant + OVERLAP_MM,
+    }
     deep = settings.dowel_depth_mm
-    flat = solid.trim_by_plane(wall[:, 2], float(wall[:, 2] @ peg.foot) - 0.5 * deep)
-    pin = as_manifold(model(dowel, peg.dowel_radius_mm, deep))
-    return [flat, pin.transform(np.column_stack([wall, peg.foot]))]
+    # what the slant needs must not come out of the plate's back
+    buried = 0.75 * settings.plate_thickness_mm if settings.foot == "plate" else 0.5 * deep
+    above = wall[:, 2], float(wall[:, 2] @ peg.foot) - buried
+    cone = Fixture("peg", peg_mesh, sizes, along(axis, peg.foot, wall[:, 1]), named, above)
+    if settings.foot == "plate":
+        return [cone]
+    motion = np.column_stack([wall, peg.foot])
+    return [cone, Fixture("dowel", dowel, (peg.dowel_radius_mm, deep), motion)]
 
 
-def _plate(camera: Camera, wall: Array, mount: WallMount) -> Manifold:
+def _plate(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
     """The plate, its face on the receiver plane, a margin wider than the frame on every side."""
     s = mount.settings
     width, height = camera.frame_mm
-    mesh = model(
-        wall_plate,
+    sizes = (
         width + 2 * s.plate_margin_mm,
         height + 2 * s.plate_margin_mm,
         s.plate_thickness_mm,
         s.hole_diameter_mm,
-        hole_inset_mm=hole_inset_mm(s),
-        mark_mm=mark_depth_mm(s),
-        corner_radius_mm=min(6.0, s.plate_margin_mm),
     )
+    named = {
+        "hole_inset_mm": hole_inset_mm(s),
+        "mark_mm": mark_depth_mm(s),
+        "corner_radius_mm": min(6.0, s.plate_margin_mm),
+    }
     back = camera.middle - s.plate_thickness_mm * wall[:, 2]
-    return as_manifold(mesh).transform(np.column_stack([wall, back]))
+    return Fixture("plate", wall_plate, sizes, np.column_stack([wall, back]), named)

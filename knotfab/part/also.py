@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from knotfab.files.folder import OutputFolder
 from knotfab.files.vectors import write_dxf, write_svg
+from knotfab.geometry.tube import sweep
 from knotfab.mount.drawing import shadow_outlines
+from knotfab.mount.modeller import ask
 from knotfab.mount.placement import placement_of
 from knotfab.part.assemble import Part
-from knotfab.scene.camera import cameras_of
+from knotfab.scene.camera import Camera, cameras_of
 from knotfab.scene.model import ResolvedScene
 from knotfab.target.read import Target
+from knotfab_fixtures.step import write_centre_lines, write_solids
 
 __all__ = ["write_also"]
 
+_SIDES = 12  # of a tube that is faceted
 _SHADOW_MM = 0.01  # within which a shadow's outline is a polygon
 
 
@@ -27,12 +33,19 @@ def write_also(
     targets: Sequence[Target],
     also: Collection[str],
     suffix: str = "",
-) -> None:
-    """Write centre-lines.svg and .dxf and the outlines shadow-NAME.svg, whichever formats `also` names.
+) -> tuple[str, ...]:
+    """Write centre-lines.svg and .dxf, the outlines shadow-NAME.svg, and part.step and centre-lines.step.
+
+    Which of them: the formats that `also` names. Those of STEP lie as part.stl does.
 
     Centre lines are drawn where the first light throws them on its wall, so that they lie in the middle of
     the shadow; the wall is laid flat. Arguments as `write_part` has them.
+
+    Returns:
+        Sentences for the report.
     """
+    if not also:
+        return ()
     assert scene.pose is not None
     cameras = cameras_of(scene.views, targets)
     places = [placement_of(part.mounted, c, v) for c, v in zip(cameras, scene.views, strict=True)]
@@ -48,3 +61,37 @@ def write_also(
             outlines = {"shadow": shadow_outlines(part.mounted, place, _SHADOW_MM)}
             path = folder.file(f"shadow-{view.name}.svg")
             write_svg(path, outlines, place.frame_mm, f"shadow of {view.name}", filled=True)
+    return _write_step(folder, part, cameras[0], suffix) if "step" in also else ()
+
+
+def _write_step(folder: OutputFolder, part: Part, camera: Camera, suffix: str) -> tuple[str, ...]:
+    """Tubes that no smooth solid stands for are written as facets, and told."""
+    knots = part.pose.knots
+    lines = {f"knot {n}": k.points for n, k in enumerate(knots.knots, start=1)}
+    ask(
+        write_centre_lines,
+        str(folder.file(f"centre-lines{suffix}.step")),
+        {name: points.tolist() for name, points in lines.items()},
+    )
+    fixtures: dict[str, Any] = {}
+    for one in part.mounted.fixtures(camera):
+        number = sum(name.startswith(one.kind) for name in fixtures) + 1
+        fixtures[f"{one.kind} {number}"] = one.to_dict()
+    to_part = np.linalg.inv(part.pose.matrix).tolist()
+    tubes: dict[str, Any] = {
+        name: {"points": points.tolist(), "radius_mm": knots.radius_mm}
+        for name, points in lines.items()
+    }
+    path = str(folder.file(f"part{suffix}.step"))
+    failed = ask(write_solids, path, tubes, fixtures, to_part)
+    for name in failed:
+        vertices, faces = sweep(lines[name], knots.radius_mm, _SIDES)
+        tubes[name] = {"vertices": vertices.tolist(), "faces": faces.tolist()}
+    if not failed:
+        return ()
+    ask(write_solids, path, tubes, fixtures, to_part)
+    return tuple(
+        f"{Path(path).name} holds the tube of {name} as a solid of facets, {_SIDES} about it: it bends too "
+        "tightly for a smooth one."
+        for name in failed
+    )

@@ -48,6 +48,8 @@ FILES = (
         "the centre lines in the shadow, at full size: a layer a knot",
     ),
     (r"shadow-[^./]+\.svg", "the shadow's outline at full size, for cutters"),
+    (r"part(-\d+)?\.step", "for CAD: tubes and mount as solids that overlap where they join"),
+    (r"centre-lines(-\d+)?\.step", "for CAD: the centre lines as splines"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
     (r"turn\.gif", "the shadow while the piece turns under one lamp"),

@@ -76,7 +76,7 @@ def build_sequence(request: Request, progress: Progress | None = None) -> Outcom
         mounted = request.is_mounted(knots)
         with (
             _tell_kept(kept, len(targets)),
-            keep_modeller(mounted),
+            keep_modeller(mounted or "step" in request.also),
             Verifier(request.skip, jobs=jobs) as verifier,
             SlicerQueue(jobs=jobs) as slicer,
         ):

@@ -19,7 +19,7 @@ from knotfab.mount.mount import BASE_DOWN, mount_piece
 from knotfab.mount.placement import placement_of
 from knotfab.mount.plinth import slope_below
 from knotfab.mount.shade import MountShadows
-from knotfab.mount.solids import strut_solid
+from knotfab.mount.solids import strut
 from knotfab.mount.stand import StandMount, plan_stand
 from knotfab.mount.stand_solids import stand_bodies
 from knotfab.mount.struts import join
@@ -136,7 +136,7 @@ def test_a_post_through_a_picture_is_measured_in_that_view_and_fails_a_wall_moun
     stray = replace(mount, members=join([mount.members, bar]))
     with pytest.raises(SceneError, match="bodies"):  # the bar touches nothing
         stand_bodies([sweep(ONE.points, RADIUS, 24)], stray)
-    solid = strut_solid(bar.start[0], bar.end[0], 1.5).to_mesh64()
+    solid = strut(bar.start[0], bar.end[0], 1.5).solid().to_mesh64()
     vertices, faces = part()
     both = (
         np.concatenate([vertices, solid.vert_properties[:, :3]]),
