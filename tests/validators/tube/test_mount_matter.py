@@ -18,7 +18,7 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.tube.mount_matter import tube_vertices
+from knotfab_validators.tube.mount_matter import strand_faces, tube_vertices
 from knotfab_validators.tube.tube_fit import check_tube
 from tests.mount.test_stand import ONE, PLA
 
@@ -149,3 +149,15 @@ def test_a_stands_struts_leave_enough_of_the_tube() -> None:
     for radius, status in ((RADIUS, "pass"), (0.9 * RADIUS, "fail")):
         curves = Curves((CURVE,), ("unknot",), (True,), radius)
         assert check_tube(mesh, curves, mounted=True).status == status
+
+
+def test_long_faces_along_a_straight_strand_are_its_own_and_a_bridge_is_not() -> None:
+    t = np.linspace(0.0, np.pi, 33)
+    arc = np.column_stack([8.0 * np.sin(t), 8.0 * np.cos(t), 0.0 * t])
+    line = np.concatenate([arc + [40.0, 0.0, 0.0], -arc])  # two legs of 40 mm, an edge each
+    vertices, faces = sweep(line, 2.0, 32)
+    assert strand_faces(vertices, faces, [line], 2.0).all()
+    (legs,) = np.nonzero(np.abs(np.abs(vertices[:, 1]) - 6.0) < 0.5)
+    upper, lower = legs[vertices[legs, 1] > 0][0], legs[vertices[legs, 1] < 0]
+    bridge = np.array([[upper, lower[0], lower[1]]])
+    assert not strand_faces(vertices, bridge, [line], 2.0).any()

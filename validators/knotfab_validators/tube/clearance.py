@@ -24,10 +24,9 @@ __all__ = ["Gap", "check_clearance", "strand_gap"]
 SPACING = 0.5  # radii between the samples of the centre lines
 OWN = 1.25  # radii; a face farther from the centre lines is part of a mount, not of a strand
 LOOK = 8.0  # radii; strands farther apart than that are not told from strands at that distance
-FACETS = (
-    0.0235  # of the radius: the most that corners may stand out of the exact tube; those of twelve
-)
-# flat sides with its volume do so by 0.0233
+# of the radius: the most that corners may stand out of the exact tube; those of twelve flat sides with its
+# volume do so by 0.0233
+FACETS = 0.0235
 FACES_AT_ONCE = 20_000
 MOST_AT_ONCE = 2_000_000  # pairs of faces, without a tree of them
 MOST_NEAR = 20_000_000  # of two edges
@@ -174,11 +173,13 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
     edge, distance, to_corner = nearest_edges(
         corners, middle, options, np.tile(known, 2), start, end
     )
-    own = distance <= OWN * radius
-    # a face longer than its edge has corners that other edges are nearer to
-    long = np.flatnonzero(own & (to_corner > OWN * radius))
-    away, _ = tree.query(corners[long].reshape(-1, 3))
-    own[long] = away.reshape(-1, 3).max(axis=1, initial=0.0) <= np.hypot(OWN, SPACING / 2) * radius
+    near_edge = distance <= OWN * radius
+    own = near_edge & (to_corner <= OWN * radius)
+    if 2 * own.sum() < near_edge.sum():
+        # a coarse tube's faces are longer than their edges, and have corners that other edges are nearer to
+        away, _ = tree.query(corners[near_edge].reshape(-1, 3))
+        limit = np.hypot(OWN, SPACING / 2) * radius
+        own[near_edge] = away.reshape(-1, 3).max(axis=1) <= limit
     order = np.flatnonzero(own)[np.argsort(edge[own], kind="stable")]
     reach = np.zeros(len(start))
     np.maximum.at(reach, edge[order], to_corner[order])

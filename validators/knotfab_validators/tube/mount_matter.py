@@ -18,6 +18,7 @@ REACH = 2.0  # radii from the centre lines: a mount leads farther away than that
 PROUD = 1.02  # radii from the centre lines: what stands out farther is no facet of the tube
 BESIDE = 3.0  # radii along a knot: a face that spans more leads from one strand to another
 SPACING = 0.125  # radii between the samples of the centre lines
+ALONG = 1.2  # times a face's side: the strand between its ends, where it runs along a straight one
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
@@ -75,8 +76,10 @@ def strand_faces(
     result: Mask = close & (knot == knot[:, :1]).all(axis=1)
     apart = np.abs(place - place[:, [1, 2, 0]])
     apart = np.minimum(apart, count[knot] - apart)
+    # a long face along a straight strand has corners as far apart as the strand between them is long
+    side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
     # samples are at most SPACING apart, so that so many of them are at most so long
-    result &= (apart <= beside / SPACING).all(axis=1)
+    result &= (apart <= np.maximum(beside, ALONG * side) / SPACING).all(axis=1)
     return result
 
 
