@@ -151,7 +151,7 @@ def _word(built: dict[str, Any]) -> str:
 
 
 def _drawn(built: dict[str, Any]) -> list[float]:
-    """Of each view the IoU with what was drawn: with the picture as it was bent."""
+    """Give the IoU of each view with what was drawn: with the picture as it was bent."""
     return [float(view.get("iou_drawn", view["iou"])) for view in _views_of(built)]
 
 

@@ -18,7 +18,7 @@ from benchmarks.measurement import Stopwatch, run_study
 
 @dataclass(frozen=True)
 class Section:
-    """One command: `python -m examples.MODULE ARGUMENTS`, and about how long it takes."""
+    """One command: `python -m MODULE ARGUMENTS`, and about how long it takes."""
 
     title: str
     module: str
@@ -29,11 +29,11 @@ class Section:
 SECTIONS: dict[str, Section] = {
     "kind": Section("pictures of the paper's kind beside its published IoU", "paper.kind", 4),
     "searches": Section("inn, flow and both: IoU against seconds", "paper.search_compare", 6),
-    "knots": Section("knots of the table tied into one picture", "studies.tied_knots", 5),
+    "knots": Section("knots of the table tied into one picture", "benchmarks.tied_knots", 5),
     "views": Section("two and three views of one part", "benchmarks.several_table", 15),
     "viviani": Section("Viviani's curve from three sides", "paper.viviani", 3),
-    "walk": Section("a sequence of twelve frames", "walk_cycle", 3),
-    "film": Section("the film of a search", "search_film", 1, ("text:♞", "{out}.gif")),
+    "walk": Section("a sequence of twelve frames", "examples.walk_cycle", 3),
+    "film": Section("the film of a search", "examples.search_film", 1, ("text:♞", "{out}.gif")),
     "free": Section("the view as an unknown", "paper.free_view", 3, ()),
     "shaded": Section("a shaded rendering that is matched", "paper.shaded", 3),
     "sphere": Section("a deformed sphere mesh on pictures with holes", "paper.sphere_mesh", 3),
@@ -44,7 +44,7 @@ SECTIONS: dict[str, Section] = {
 def _ran(name: str, section: Section, out: Path) -> bool:
     """Run one section, its output to the console and to a file; whether it ended well."""
     arguments = [a.format(out=out / name) for a in section.arguments]
-    command = [sys.executable, "-u", "-m", f"examples.{section.module}", *arguments]
+    command = [sys.executable, "-u", "-m", section.module, *arguments]
     unfinished = out / f"{name}.unfinished"
     print(f"\n== {section.title} (about {section.minutes:g} min)", flush=True)
     watch = Stopwatch()
