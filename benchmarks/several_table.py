@@ -24,7 +24,7 @@ from examples.pictures import pictures
 from knotfab.report.pictures import PAPER, draw_part, turn_eye
 
 _WIDE = 760  # pixels of a comparison
-_SMALL = 300  # of one on a sheet of many
+_SMALL = 300  # px: the longer side of a picture on a sheet of many
 _SEED, _DRAWN = 39, {2: 12, 3: 8, 4: 2}  # sets of so many pictures
 _ALONE = 5  # pictures built alone
 _EYE = "-by-eye"

@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 Harm = Callable[[Mask], Mask]
 
 SIZE = 512  # px of the longer side, 180 mm on the wall
-RADIUS_PX = 7.0  # of the tube's shadow, half as thick as it is: 2.5 mm
+RADIUS_PX = 7.0  # px: half the thickness of the tube's shadow, which is 2.5 mm
 
 
 def _square(image: Image.Image) -> Mask:
