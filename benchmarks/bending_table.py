@@ -18,9 +18,9 @@ from benchmarks.several_table import NAMED, draw_sets
 from examples.pictures import pictures
 from knotfab.design.agree import agree
 from knotfab.design.frames import spread_views
+from knotfab.picture.read import Target, read_target
 from knotfab.preview.draw import draw_agreement
 from knotfab.scene.model import Scene
-from knotfab.target.read import Target, read_target
 
 Figures = tuple[float, float, float, float, float, float, float]
 

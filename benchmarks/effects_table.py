@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measurement import build_apart, run_study
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.shadows import Shadows

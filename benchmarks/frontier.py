@@ -14,8 +14,8 @@ from pathlib import Path
 
 from benchmarks.measurement import read_question, run_study
 from examples.pictures import pictures
+from knotfab.base.progress import Progress
 from knotfab.files.whole import write_whole
-from knotfab.progress import Progress
 from knotfab.read_options import read_seconds
 from knotfab.scene.model import Scene
 from knotfab.tradeoff.bench import run_all

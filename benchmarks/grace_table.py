@@ -17,11 +17,11 @@ from PIL import Image, ImageDraw
 from benchmarks.measurement import read_question, run_study
 from examples.pictures import pictures
 from examples.side_view import side_view
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.geometry.measures import measure_curvature
 from knotfab.knots import Knots
-from knotfab.progress import Progress
 from knotfab.scene.settings import PRESETS
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask

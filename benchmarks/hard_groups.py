@@ -35,16 +35,16 @@ from benchmarks.hard_sheets import (
     draw_tube,
 )
 from benchmarks.measurement import Stopwatch
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.design import Design, design_knots
 from knotfab.geometry.tube import mesh_volume, sweep
+from knotfab.picture.read import Target, read_target
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.render.frame import frame_of
 from knotfab.render.tensors import render
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
-from knotfab.target.read import Target, read_target
-from knotfab.target.silhouette import trace_polygon
 
 STEPS = 300  # adversarial ones, of each knot
 SLOW = {"checkerboard", "noise", "carpet"}  # their outlines alone take seconds to minutes

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.render.frame import frame_of
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import ResolvedView

@@ -18,13 +18,13 @@ from PIL import Image
 from benchmarks.grace_table import read
 from benchmarks.measurement import read_question, run_study
 from examples.pictures import pictures
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.geometry.meshes import join_meshes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import TargetView
-from knotfab.progress import Progress
 from knotfab.scene.model import Scene, View
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import search

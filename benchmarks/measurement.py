@@ -92,8 +92,8 @@ def read_question(picture: str | Path | Image.Image, scene: Scene | None = None)
     """What a search is asked for one picture in a scene, the default one if none is given."""
     # torch takes seconds to load, and what only runs other commands has no use for it
     from knotfab.design.question import ask
+    from knotfab.picture.read import read_target
     from knotfab.scene.model import Scene
-    from knotfab.target.read import read_target
 
     if not isinstance(picture, Image.Image):
         return ask(scene or Scene(), [read_target(picture)])

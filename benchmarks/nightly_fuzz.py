@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.hard.random_cases import KINDS
 from benchmarks.measurement import run_study
-from knotfab.errors import KnotfabError
+from knotfab.base.errors import KnotfabError
 
 
 def one_round(seed: int) -> dict[str, str]:

@@ -18,11 +18,11 @@ from PIL import Image
 
 from benchmarks.measurement import read_question, run_study
 from examples.pictures import pictures
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.design.question import Question
 from knotfab.effects.base import EffectContext
 from knotfab.effects.wall import WALL
-from knotfab.progress import Progress
 from knotfab.scene.model import Placing, Scene, View
 from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import search

@@ -24,8 +24,8 @@ from PIL import Image, ImageDraw
 from benchmarks.measurement import run_study
 from knotfab.compare.rectify import homography
 from knotfab.mount.marks import CARD_MM, MARK_RADII_MM, card_middles
+from knotfab.picture.read import read_target
 from knotfab.scene.load import load_scene
-from knotfab.target.read import read_target
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "docs/tutorial.md")

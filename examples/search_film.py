@@ -18,7 +18,7 @@ from PIL import Image
 
 from benchmarks.measurement import paint_comparison, read_question, run_study
 from examples.side_view import beside, side_view
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.gif import write_gif
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.limits.base import Felt, State

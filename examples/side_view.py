@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 _FINER = 2  # pixels a side of one in the picture
 _APART = 0.12  # tube radii between spheres

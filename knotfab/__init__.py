@@ -28,16 +28,16 @@ if TYPE_CHECKING:
         validate_part,
         write_files,
     )
+    from knotfab.base.errors import InputError, KnotfabError, MachineError, SceneError
+    from knotfab.base.progress import Event
     from knotfab.design.design import Design
     from knotfab.design.question import Question
-    from knotfab.errors import InputError, KnotfabError, MachineError, SceneError
     from knotfab.knots import Knot, Knots
     from knotfab.part.assemble import Part
+    from knotfab.picture.read import Target
     from knotfab.problem import Problem, SearchResult, Start
-    from knotfab.progress import Event
     from knotfab.request import Outcome
     from knotfab.scene.model import ResolvedScene, Scene
-    from knotfab.target.read import Target
 
 __version__ = "0.1.0"
 
@@ -57,14 +57,14 @@ _MODULES = {
     ),
     "knotfab.design.design": ("Design",),
     "knotfab.design.question": ("Question",),
-    "knotfab.errors": ("InputError", "KnotfabError", "MachineError", "SceneError"),
+    "knotfab.base.errors": ("InputError", "KnotfabError", "MachineError", "SceneError"),
     "knotfab.knots": ("Knot", "Knots"),
     "knotfab.part.assemble": ("Part",),
     "knotfab.problem": ("Problem", "SearchResult", "Start"),
-    "knotfab.progress": ("Event",),
+    "knotfab.base.progress": ("Event",),
     "knotfab.request": ("Outcome",),
     "knotfab.scene.model": ("ResolvedScene", "Scene"),
-    "knotfab.target.read": ("Target",),
+    "knotfab.picture.read": ("Target",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

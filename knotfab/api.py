@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.errors import InputError
-from knotfab.progress import Event, Progress
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Event, Progress
+from knotfab.picture.read import Target, read_target
 from knotfab.scene.model import Reading, Scene
-from knotfab.target.read import Target, read_target
 
 if TYPE_CHECKING:
     from knotfab.design.design import Design

@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-from knotfab.pool import count_cores, measure_memory_gb
+from knotfab.base.pool import count_cores, measure_memory_gb
 
 __all__ = ["Finding", "compile_loops", "examine", "run_loops"]
 
@@ -109,9 +109,9 @@ def run_loops() -> None:
     import numpy as np
 
     from knotfab.design.design import design_knots
+    from knotfab.picture.read import read_target
     from knotfab.report.shading import draw_faces
     from knotfab.scene.model import Accuracy, Scene
-    from knotfab.target.read import read_target
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
     scene = Scene(accuracy=Accuracy(name="sketch"), search=few)
@@ -124,8 +124,8 @@ def compile_loops() -> Finding:
 
     The validators have loops of their own, which they run before they answer.
     """
-    from knotfab.compiled import count_loops
-    from knotfab.errors import MachineError
+    from knotfab.base.compiled import count_loops
+    from knotfab.base.errors import MachineError
     from knotfab.verify.verifier import Files, Verifier
 
     begun = time.perf_counter()

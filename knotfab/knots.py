@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.disk import read_text
-from knotfab.errors import InputError
+from knotfab.base.disk import read_text
+from knotfab.base.errors import InputError
 from knotfab.geometry.polylines import Polylines, polylines_of
 
 __all__ = ["Knot", "Knots", "count_in_words", "read_knots", "read_start"]

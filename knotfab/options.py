@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from cyclopts import Group, Parameter, Token
 
-from knotfab.errors import InputError
-from knotfab.lengths import read_length, read_number
-from knotfab.progress import Mode
+from knotfab.base.errors import InputError
+from knotfab.base.lengths import read_length, read_number
+from knotfab.base.progress import Mode
 
 __all__ = [
     "ALL_OUT",

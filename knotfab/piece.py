@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.design import START_FILE, Design
-from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.files.threemf import read_back_strict
 from knotfab.knots import Knots
@@ -23,8 +24,8 @@ from knotfab.part.also import write_also
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
 from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
+from knotfab.picture.read import Target
 from knotfab.preview.draw import draw_agreement
-from knotfab.progress import Progress
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.of_bounds import add_bounds
 from knotfab.report.of_build import (
@@ -61,7 +62,6 @@ from knotfab.scene.model import ResolvedScene
 from knotfab.settle import settle_part
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
-from knotfab.target.read import Target
 from knotfab.verify.checks import exit_code, verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.base.progress import Progress
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.modeller import keep_modeller
-from knotfab.progress import Progress
+from knotfab.picture.read import read_targets
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.model import ResolvedScene
-from knotfab.target.read import read_targets
 from knotfab.verify.verifier import Verifier
 
 if TYPE_CHECKING:

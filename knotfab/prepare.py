@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
     frame_view,
@@ -18,9 +20,8 @@ from knotfab.design.frames import (
     widen_targets,
 )
 from knotfab.design.walls import flatten_targets
-from knotfab.errors import InputError
 from knotfab.options import ALL_OUT, BuildOptions
-from knotfab.progress import Progress
+from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -29,7 +30,6 @@ from knotfab.scene.require import require_several, require_start, require_tube, 
 from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
-from knotfab.target.read import TEXT_PREFIX, Target, plain_name, read_targets
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.notebook import InNotebook
 from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
-from knotfab.notebook import InNotebook
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch

@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
-from knotfab.disk import at_home
-from knotfab.errors import InputError
-from knotfab.lengths import read_length
+from knotfab.base.disk import at_home
+from knotfab.base.errors import InputError
+from knotfab.base.lengths import read_length
 from knotfab.options import BuildOptions
 from knotfab.scene.bounds import why_out_of_bounds
 from knotfab.scene.model import MOST_BEND, Piece, Scene, Switch, Switches, View

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from knotfab.base.errors import MachineError
+from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
-from knotfab.errors import MachineError
-from knotfab.notebook import InNotebook
+from knotfab.picture.read import Target
 from knotfab.scene.model import Scene
-from knotfab.target.read import Target
 
 __all__ = ["Outcome", "Request", "require_device"]
 

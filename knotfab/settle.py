@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.candidates import most_radius
 from knotfab.design.design import Design, design_knots
-from knotfab.errors import SceneError
 from knotfab.mount.nearer import Place, propose_place
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import NotHeldError
 from knotfab.part.assemble import Part, part_of, rules_of
 from knotfab.part.flatter import Flattening, flatter_depth
-from knotfab.progress import Progress
+from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.camera import view_axes
-from knotfab.target.read import Target
 
 __all__ = ["settle_part"]
 

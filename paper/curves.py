@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 
 _STEPS = 6  # vertices that a braid's strand has in each letter
 

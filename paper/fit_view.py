@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.optimize import least_squares
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.problem import ViewNumbers
 from knotfab.render.frame import Sheet

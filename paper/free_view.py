@@ -12,7 +12,7 @@ import torch
 
 from benchmarks.measurement import Stopwatch, read_question, run_study
 from examples.pictures import pictures
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.free_view import start_pose
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.frame import Sheet

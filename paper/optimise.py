@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from benchmarks.measurement import Stopwatch
-from knotfab.errors import InputError, SceneError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.render.outlines import REACH, Won, render_outlines, winners
 from knotfab.render.threads import one_thread
 from knotfab.search.adam import Adam

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from benchmarks.measurement import run_study
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes

@@ -21,16 +21,16 @@ from torch import Tensor
 
 from benchmarks.measurement import Stopwatch, read_question, run_study
 from examples.pictures import Canvas, pictures
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
-from knotfab.errors import SceneError
-from knotfab.progress import Progress
+from knotfab.picture.masks import mask_iou
+from knotfab.picture.silhouette import resample_mask
 from knotfab.render.threads import one_thread
 from knotfab.scene.settings import search_settings
 from knotfab.search.adam import Adam
 from knotfab.search.search import search
-from knotfab.target.masks import mask_iou
-from knotfab.target.silhouette import resample_mask
 from knotfab.tradeoff.measure import find_shadows
 
 NAMES = ("ring", "wheel", "smiley", "teapot")

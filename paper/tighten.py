@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import polylines_of_sizes

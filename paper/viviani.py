@@ -16,7 +16,7 @@ from PIL import Image
 
 from benchmarks.measurement import Stopwatch, run_study
 from benchmarks.several_table import draw_case
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.pipeline import build
 from knotfab.render.frame import frame_of
 from knotfab.render.tensors import render

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from knotfab import doctor
-from knotfab.compiled import _LOOPS, count_loops
+from knotfab.base.compiled import _LOOPS, count_loops
 from knotfab.doctor import Finding, examine
 from knotfab.verify import verifier
 

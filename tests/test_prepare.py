@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from command import picture
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.options import ALL_OUT, options_from
 from knotfab.prepare import prepare_build
-from knotfab.progress import Progress
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
 

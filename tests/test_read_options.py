@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from knotfab.base.errors import InputError
 from knotfab.cli.commands import app
-from knotfab.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.options import options_from
 from knotfab.prepare import survey_pictures

@@ -12,18 +12,18 @@ import pytest
 from rings import ring
 
 import knotfab.settle as settling
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.design import design_knots
 from knotfab.design.frames import frame_view
-from knotfab.errors import SceneError
 from knotfab.knots import Knot, Knots
 from knotfab.mount.nearer import Place
 from knotfab.mount.wall import NotHeldError
-from knotfab.progress import Progress
+from knotfab.picture.read import Target, read_target
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Scene
 from knotfab.settle import settle_part
-from knotfab.target.read import Target, read_target
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
 

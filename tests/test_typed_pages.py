@@ -15,12 +15,12 @@ from command import knotfab
 
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
 from knotfab import pipeline
+from knotfab.base.progress import Progress
 from knotfab.cli import options
 from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view
 from knotfab.files.folder import OutputFolder
 from knotfab.part.write import make_pose
-from knotfab.progress import Progress
 from knotfab.request import Outcome, Request
 from knotfab.scene.load import dump_scene
 

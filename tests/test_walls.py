@@ -102,7 +102,7 @@ ALONE = {
     "from knotfab import doctor; doctor._child = lambda *a: (0, 'x', ''); doctor.examine()": (
         *("torch", "vtkmodules", "OCP", "pyvista"),
     ),
-    "from knotfab.progress import Progress\n"
+    "from knotfab.base.progress import Progress\n"
     "with Progress('verbose', sys.stderr) as p:\n    with p.stage('a'): p.update(0.5)": ("rich",),
     "import knotfab_validators": ("numpy",),
     "import knotfab, knotfab.piece\n"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cma
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 from .worst import Hunt
 

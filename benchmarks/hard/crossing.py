@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 _BERNSTEIN = np.linalg.inv(
     np.array(

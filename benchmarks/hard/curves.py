@@ -9,7 +9,7 @@ from math import pi
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.hard.crossing import linking_number, passes_through
 from benchmarks.hard.curves import HardKnot
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes

@@ -16,9 +16,9 @@ from benchmarks.hard.random_values import random_loss, random_network, round_tri
 from benchmarks.hard.rendering import RenderCase, frame_at
 from benchmarks.hard.value_error import value_error
 from knotfab.geometry.tube import mesh_volume, sweep
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.render.dense import render_dense
 from knotfab.start.filling import fill
-from knotfab.target.silhouette import trace_polygon
 
 
 def _capsules(rng: np.random.Generator) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
 from paper.losses import (

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.render.frame import Frame
 
 STEP = 2.0**-10  # x/z per pixel: 1024 px of focal length, and pixel centres are exact numbers

@@ -13,8 +13,8 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array, Mask
-from knotfab.target.strokes import Line, trace_strokes
+from knotfab.base.arrays import Array, Mask
+from knotfab.picture.strokes import Line, trace_strokes
 
 __all__ = ["StrokeCase", "Traced", "stroke_cases", "trace"]
 

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits import bend, clearance, length

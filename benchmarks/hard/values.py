@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.func import functional_call
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.limits.region import outside
 from knotfab.render.known import known
 from knotfab.scene.model import ResolvedRegion

@@ -20,7 +20,7 @@ from benchmarks.hard.rendering import RenderCase
 from benchmarks.hard.terms import TERMS, term_case
 from benchmarks.hard.value_error import value_error
 from benchmarks.hard.values import ValueCase, network_case
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes

@@ -12,6 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from knotfab.base.errors import InputError, MachineError, needs_extra
+from knotfab.base.pool import JOB_GB, Pool
+from knotfab.base.progress import Progress
 from knotfab.batch.tasks import Task
 from knotfab.batch.worker import (
     Record,
@@ -21,9 +24,6 @@ from knotfab.batch.worker import (
     record_of,
     unpack_result,
 )
-from knotfab.errors import InputError, MachineError, needs_extra
-from knotfab.pool import JOB_GB, Pool
-from knotfab.progress import Progress
 
 __all__ = ["open_cluster"]
 

@@ -13,17 +13,17 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from knotfab.base.disk import at_home, locked
+from knotfab.base.errors import InputError, spelled, why_of
+from knotfab.base.pool import Pool, count_jobs
+from knotfab.base.progress import Progress
 from knotfab.batch.page import render_index
 from knotfab.batch.tasks import INDEX, RECORDS, Task, list_tasks
 from knotfab.batch.worker import Record, build_apart, open_builders
-from knotfab.disk import at_home, locked
-from knotfab.errors import InputError, spelled, why_of
 from knotfab.files.folder import REJECTED
 from knotfab.files.moves import mend
 from knotfab.files.whole import write_whole
 from knotfab.options import ALL_OUT, BuildOptions
-from knotfab.pool import Pool, count_jobs
-from knotfab.progress import Progress
 
 __all__ = ["batch"]
 

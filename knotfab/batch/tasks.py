@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from knotfab import __version__
-from knotfab.disk import at_home, read_file
-from knotfab.errors import InputError, shown, why_of
+from knotfab.base.disk import at_home, read_file
+from knotfab.base.errors import InputError, shown, why_of
 from knotfab.options import BuildOptions
-from knotfab.target.read import TEXT_PREFIX, is_picture, name_picture
+from knotfab.picture.read import TEXT_PREFIX, is_picture, name_picture
 
 __all__ = ["INDEX", "RECORDS", "Task", "content_of", "list_arguments", "list_tasks"]
 

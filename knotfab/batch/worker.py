@@ -16,11 +16,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
+from knotfab.base.disk import at_home
+from knotfab.base.errors import spelled
+from knotfab.base.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
 from knotfab.batch.tasks import Task, content_of
-from knotfab.disk import at_home
-from knotfab.errors import spelled
 from knotfab.files.folder import REJECTED, OutputFolder
-from knotfab.pool import ONE_THREAD, Crash, Pool, Workers, may_fork
 
 __all__ = [
     "Record",

@@ -68,7 +68,7 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     from knotfab.cli.make import call_clock
 
     if began is None and arguments is None:
-        from knotfab.progress import process_age
+        from knotfab.base.progress import process_age
 
         began = time.perf_counter() - process_age()
     call_clock.began = began
@@ -91,7 +91,7 @@ def _mend_named(arguments: list[str]) -> None:
 
 def _tell(error: Exception) -> int:
     """Say in one sentence why a command ended, on standard error; its exit code."""
-    from knotfab.errors import InputError, explain_error, keep_traceback
+    from knotfab.base.errors import InputError, explain_error, keep_traceback
 
     if type(error).__module__.startswith("cyclopts"):
         print(f"knotfab: {_tell_misuse(error)} See: knotfab --help", file=sys.stderr)

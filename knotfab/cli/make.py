@@ -12,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from knotfab.errors import InputError, MachineError, needs_extra
+from knotfab.base.errors import InputError, MachineError, needs_extra
 from knotfab.options import ALL_OUT, OUTPUT, BuildOptions, Flag, PictureOptions, Place, Whole
 
 __all__ = ["batch", "build", "call_clock", "mcp", "preview", "studio"]
@@ -61,10 +61,10 @@ def build(
 def _build(
     pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
 ) -> int:
+    from knotfab.base.progress import Progress
     from knotfab.cli.options import open_events, open_page
     from knotfab.cli.terminal_shadow import draw_shadow
     from knotfab.prepare import prepare_build
-    from knotfab.progress import Progress
     from knotfab.verify.checks import list_unmet
 
     quiet = options.quiet or events == "-"

@@ -6,7 +6,7 @@ import webbrowser
 from pathlib import Path
 from typing import Literal
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.options import BuildOptions, Flag, Names, Place, Whole
 
 __all__ = ["compare", "shadow", "tradeoff", "validate"]
@@ -179,10 +179,10 @@ def tradeoff(
     quiet
         Say nothing but errors.
     """
+    from knotfab.base.progress import Progress
+    from knotfab.picture.read import read_target
     from knotfab.prepare import check_names
-    from knotfab.progress import Progress
     from knotfab.read_options import read_scene, read_seconds
-    from knotfab.target.read import read_target
 
     for name, value, least in (
         ("--repeats", repeats, 1),

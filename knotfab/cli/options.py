@@ -10,8 +10,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, TextIO
 
-from knotfab.disk import at_home
-from knotfab.errors import InputError, needs_extra
+from knotfab.base.disk import at_home
+from knotfab.base.errors import InputError, needs_extra
 
 __all__ = ["open_events", "open_page"]
 

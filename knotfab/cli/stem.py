@@ -22,8 +22,8 @@ import traceback
 from collections.abc import Mapping, Sequence
 from typing import IO
 
+from knotfab.base.pool import Workers
 from knotfab.cli.spare import load
-from knotfab.pool import Workers
 from knotfab.verify.verifier import borrow, stand_by
 
 _ENDS_WITH_PARENT = 1  # Linux, prctl: the signal that is sent when the parent ends

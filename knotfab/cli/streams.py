@@ -9,7 +9,7 @@ import os
 import sys
 import unicodedata
 
-from knotfab.errors import shown
+from knotfab.base.errors import shown
 
 __all__ = ["guard_streams", "why_unsaid"]
 

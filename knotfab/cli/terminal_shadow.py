@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, camera_of

@@ -9,8 +9,8 @@ from PIL import Image
 
 from knotfab.compare.compare import read_photo
 from knotfab.files.whole import write_whole
+from knotfab.picture.data_uri import image_uri
 from knotfab.report.report_html import make_environment
-from knotfab.target.data_uri import image_uri
 
 __all__ = ["write_click_page"]
 

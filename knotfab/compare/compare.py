@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError
 from knotfab.compare.lamp import LampFit, find_lamp
 from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import (
@@ -21,17 +22,16 @@ from knotfab.compare.rectify import (
     rectify,
     through,
 )
-from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
 from knotfab.knots import Knot, Knots, read_knots
 from knotfab.mount.marks import CARD_MM, card_middles
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.masks import mask_iou, sample_mask
+from knotfab.picture.raster import decode
+from knotfab.picture.read import read_bytes, read_target
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import ResolvedView, Scene
-from knotfab.target.data_uri import encode_image
-from knotfab.target.masks import mask_iou, sample_mask
-from knotfab.target.raster import decode
-from knotfab.target.read import read_bytes, read_target
 
 __all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 

@@ -9,11 +9,11 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.optimize import minimize
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knots
+from knotfab.picture.masks import mask_iou
+from knotfab.picture.silhouette import resample_mask
 from knotfab.scene.camera import Camera
-from knotfab.target.masks import mask_iou
-from knotfab.target.silhouette import resample_mask
 
 __all__ = ["LampFit", "cast_shadow", "find_lamp"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.compare.rectify import from_top_left
 from knotfab.mount.marks import MARK_RADII_MM
 

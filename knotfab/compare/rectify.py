@@ -9,9 +9,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from knotfab.arrays import Array, Mask
-from knotfab.errors import InputError
-from knotfab.target.masks import mask_iou
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError
+from knotfab.picture.masks import mask_iou
 
 __all__ = [
     "find_plate",

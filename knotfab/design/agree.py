@@ -13,13 +13,11 @@ from itertools import permutations, product
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError, SceneError
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound, hull_bounds
-from knotfab.errors import InputError, SceneError
-from knotfab.scene.camera import cameras_of, view_axes
-from knotfab.scene.model import ResolvedView, Scene, View
-from knotfab.target.bending import (
+from knotfab.picture.bending import (
     Bending,
     bend_mask,
     keeps_shape,
@@ -27,9 +25,11 @@ from knotfab.target.bending import (
     read_points,
     write_points,
 )
-from knotfab.target.masks import sample_mask
-from knotfab.target.read import Target
-from knotfab.target.silhouette import fit_size
+from knotfab.picture.masks import sample_mask
+from knotfab.picture.read import Target
+from knotfab.picture.silhouette import fit_size
+from knotfab.scene.camera import cameras_of, view_axes
+from knotfab.scene.model import ResolvedView, Scene, View
 
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "reach_of", "require_agreed"]
 

@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.design.bend_loops import sample_field, uncovered
+from knotfab.picture.bending import COLUMNS, ROWS, spline_basis
+from knotfab.picture.masks import holes_of, sample_mask
+from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import Camera
-from knotfab.target.bending import COLUMNS, ROWS, spline_basis
-from knotfab.target.masks import holes_of, sample_mask
-from knotfab.target.silhouette import fit_size
 
 __all__ = ["Tension", "bend_pictures"]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from knotfab.arrays import Array, Indices, Mask
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.compiled import compiled
 
 __all__ = ["sample_field", "uncovered"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.settings import PRESETS, SearchSettings
 
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]

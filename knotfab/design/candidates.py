@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
+from knotfab.picture.opening import thickest_radius
 from knotfab.scene.model import Printer, ResolvedView, View
-from knotfab.target.opening import thickest_radius
 
 __all__ = [
     "DEPTH_RATIO",

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.base.errors import SceneError
+from knotfab.base.notebook import InNotebook
+from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget, resolve_iterations, scale_to_budget, spare
 from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.design.free_view import place_directions, place_start, start_pose
@@ -17,12 +20,11 @@ from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.sparser import search_sparser
 from knotfab.design.suit import suit
-from knotfab.errors import SceneError
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
-from knotfab.notebook import InNotebook
+from knotfab.picture.data_uri import silhouette_uri
+from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.progress import Progress
 from knotfab.scene.model import (
     ResolvedAccuracy,
     ResolvedMaterial,
@@ -39,8 +41,6 @@ from knotfab.search.pace import Pace
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import go_on, make_start
-from knotfab.target.data_uri import silhouette_uri
-from knotfab.target.read import Target
 
 if TYPE_CHECKING:
     from knotfab.search.pose import FreePose

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.base.errors import InputError
 from knotfab.design.candidates import line_width
-from knotfab.errors import InputError
+from knotfab.picture.raster import check_shape
+from knotfab.picture.read import Target, name_picture
+from knotfab.picture.thicken import is_thin, thicken
 from knotfab.scene.bounds import why_out_of_bounds
 from knotfab.scene.model import ResolvedView, Scene, View
-from knotfab.target.raster import check_shape
-from knotfab.target.read import Target, name_picture
-from knotfab.target.thicken import is_thin, thicken
 
 __all__ = [
     "frame_view",
@@ -210,8 +210,8 @@ def _draw_tones(
     scene: Scene, targets: Sequence[Target], sequence: bool
 ) -> tuple[Scene, tuple[Target, ...]]:
     """One picture's greys as lines of the tube's width, which is what is drawn and followed then."""
+    from knotfab.picture.greys import read_darkness
     from knotfab.start.tone import draw_tones
-    from knotfab.target.greys import read_darkness
 
     if sequence or len(targets) > 1:
         raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Material, Scene

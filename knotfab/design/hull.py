@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from knotfab.arrays import Array, Indices, Mask
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.compiled import compiled
 from knotfab.scene.camera import Camera
 
 __all__ = ["HullBound", "hull_bounds", "inside_hull"]

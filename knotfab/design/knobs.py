@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import lower

@@ -10,7 +10,10 @@ import shapely
 from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon, Polygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
+from knotfab.base.notebook import InNotebook
+from knotfab.base.progress import Progress
 from knotfab.design.agree import agree, reach_of
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import frame_view, framed_alike
@@ -18,10 +21,11 @@ from knotfab.design.hull import HullBound, hull_bounds
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
-from knotfab.errors import InputError
-from knotfab.notebook import InNotebook
+from knotfab.picture.opening import opening_iou
+from knotfab.picture.read import Target
+from knotfab.picture.silhouette import trace_polygon
+from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.progress import Progress
 from knotfab.scene.camera import camera_of, cameras_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
@@ -29,10 +33,6 @@ from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
 from knotfab.start.filling import template_iou
 from knotfab.start.start import make_template
-from knotfab.target.opening import opening_iou
-from knotfab.target.read import Target
-from knotfab.target.silhouette import trace_polygon
-from knotfab.target.strokes import trace_strokes
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
 

@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
 from knotfab.design.budget import Budget
 from knotfab.design.candidates import drawing_radius, line_radius, range_of, too_fine, usual_radii
 from knotfab.design.question import Question
-from knotfab.errors import SceneError
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knot, Knots
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, Watch
 from knotfab.scene.require import require_radius
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.filling import Template, as_bent, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
-from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
-from knotfab.errors import SceneError
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
 from knotfab.scene.model import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene

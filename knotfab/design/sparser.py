@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from knotfab.base.errors import SceneError
 from knotfab.design.prices import SHORT
-from knotfab.errors import SceneError
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search

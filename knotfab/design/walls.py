@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError
 from knotfab.effects.base import EffectContext, decide
 from knotfab.effects.wall import WALL
-from knotfab.errors import InputError
+from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
 from knotfab.scene.model import ResolvedView, Scene
 from knotfab.scene.settings import search_settings
-from knotfab.target.read import Target
 
 __all__ = ["flatten_targets"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.pages import Box
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

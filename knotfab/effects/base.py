@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.scene.model import (
     VERIFIED_PX,
     Material,

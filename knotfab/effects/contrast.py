@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array
+from knotfab.base.compiled import compiled
 from knotfab.effects.base import Effect, EffectContext, World
 from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.scene.camera import camera_of, view_axes

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext, World
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.model import ResolvedView

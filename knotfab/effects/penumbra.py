@@ -10,8 +10,8 @@ import shapely
 from scipy.ndimage import gaussian_filter1d
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import view_axes

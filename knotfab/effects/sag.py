@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.compiled import compiled
 from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
 from knotfab.geometry.polylines import Polylines

@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array
+from knotfab.base.compiled import compiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.curved_wall import CurvedWall
 from knotfab.scene.model import ResolvedView

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.disk import at_home, hold, locked, require_within
-from knotfab.errors import InputError, KnotfabError, MachineError, SceneError, spelled, why_of
+from knotfab.base.disk import at_home, hold, locked, require_within
+from knotfab.base.errors import InputError, KnotfabError, MachineError, SceneError, spelled, why_of
 from knotfab.files.moves import HIDDEN, REJECTED, Step, is_moving, mend_locked, move_all, sync
 
 __all__ = ["REJECTED", "OutputFolder"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import Mesh
 
 __all__ = ["write_glb"]

@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from knotfab.disk import hold, locked
+from knotfab.base.disk import hold, locked
 
 __all__ = ["HIDDEN", "REJECTED", "Step", "is_moving", "mend", "mend_locked", "move_all", "sync"]
 

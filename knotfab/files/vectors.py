@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 __all__ = ["Layers", "write_dxf", "write_svg"]
 

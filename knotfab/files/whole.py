@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from knotfab.disk import require_within
-from knotfab.errors import InputError
+from knotfab.base.disk import require_within
+from knotfab.base.errors import InputError
 
 __all__ = ["write_whole"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot, polylines_of

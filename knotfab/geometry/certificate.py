@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry import kernels
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines

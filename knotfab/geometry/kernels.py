@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 
 __all__ = [
     "FOLDS",

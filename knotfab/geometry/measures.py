@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.kernels import least_gap
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, dot

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.geometry.sampling import arc_lengths
 
 __all__ = [

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 
 __all__ = ["Polylines", "dot", "polylines_of", "polylines_of_sizes", "split_alike"]
 

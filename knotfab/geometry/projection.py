@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 __all__ = ["Seen", "project"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import Certificate, certify
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import Polylines, polylines_of

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 
 __all__ = ["arc_lengths", "number_runs", "pair_nearby", "sample_evenly"]
 

@@ -15,8 +15,8 @@ from math import atan2, ceil, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 
 __all__ = ["mesh_volume", "reach_mm", "sides_for", "sweep"]
 

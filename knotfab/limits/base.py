@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.model import ResolvedRegion

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Limits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Limit, Limits, State, total_length
 

@@ -6,7 +6,7 @@ from math import hypot
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
-from knotfab.disk import read_file
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.disk import read_file
+from knotfab.base.errors import InputError
 
 __all__ = ["RegionMesh", "beyond", "region_mesh"]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from knotfab.disk import at_home, require_within
-from knotfab.errors import InputError
-from knotfab.progress import Event
+from knotfab.base.disk import at_home, require_within
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Event
 
 __all__ = ["Answer", "Given", "Hear", "build", "preview", "shadow", "validate"]
 

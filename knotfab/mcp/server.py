@@ -31,11 +31,11 @@ from mcp.types import (
 )
 
 from knotfab import __version__
-from knotfab.disk import at_home, confined
-from knotfab.errors import InputError, explain_error, keep_traceback
+from knotfab.base.disk import at_home, confined
+from knotfab.base.errors import InputError, explain_error, keep_traceback
+from knotfab.base.progress import Event
 from knotfab.mcp import jobs
 from knotfab.options import BuildOptions, PictureOptions
-from knotfab.progress import Event
 
 __all__ = ["make_server", "serve"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import SpaceFrame, round_beams, stiffness_of
 from knotfab.mount.piece_frame import Stiffness, piece_frame

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import frame_of, round_beams
 from knotfab.mount.piece_frame import DOWN, JOINT_RADII, PIECES, Stiffness, piece_beams, taper

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 
 __all__ = ["Beams", "SpaceFrame", "frame_of", "round_beams", "stiffness_of"]
 

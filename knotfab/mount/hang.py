@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.pages import RULER_MM, Paper, draw_foot, draw_ruler, make_page
 
 if TYPE_CHECKING:

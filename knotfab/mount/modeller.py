@@ -10,9 +10,9 @@ from typing import Any, ParamSpec
 
 import numpy as np
 
-from knotfab.errors import MachineError
+from knotfab.base.errors import MachineError
+from knotfab.base.pool import Crash, Workers
 from knotfab.geometry.meshes import Mesh
-from knotfab.pool import Crash, Workers
 
 __all__ = ["ask", "keep_modeller", "model"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.knots import Knots
 from knotfab.mount.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang

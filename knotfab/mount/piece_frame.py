@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, SpaceFrame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of

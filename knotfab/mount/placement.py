@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.mount.mount import Mounted
 from knotfab.mount.plinth import Base
 from knotfab.mount.wall import hole_inset_mm

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.dimensions import Scaled, draw_dimension, fit_scale, length, project_outlines
 from knotfab.drawing.pages import PAPERS, Box, make_page
 from knotfab.mount.mount import Mounted

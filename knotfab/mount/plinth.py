@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knots
 from knotfab.mount.struts import (

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.projection import project
 from knotfab.geometry.sampling import number_runs
 from knotfab.knots import Knots
 from knotfab.mount.struts import Candidates, Sites, struts
+from knotfab.picture.masks import sample_mask
+from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import Camera
 from knotfab.scene.model import VERIFIED_PX
-from knotfab.target.masks import sample_mask
-from knotfab.target.silhouette import fit_size
 
 __all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near_struts"]
 

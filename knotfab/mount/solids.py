@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import Mesh, as_manifold
 from knotfab.mount.modeller import model
 from knotfab_fixtures.peg import peg

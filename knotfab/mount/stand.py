@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.errors import SceneError
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness, sag_moves, worst_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.mount.plinth import CHAMFER_MM, CORNER_MM, Base
 from knotfab.mount.solids import Fixture, along, strut

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.dimensions import length
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.scene.model import View

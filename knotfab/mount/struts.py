@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.geometry.neighbours import segment_distance
 from knotfab.geometry.sampling import arc_lengths, number_runs, sample_evenly
 from knotfab.knots import Knots

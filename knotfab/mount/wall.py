@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Mask
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.knots import Knots
 from knotfab.mount.choose import Pegs, choose_pegs

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.knots import Knots
 from knotfab.mount.brace import brace
 from knotfab.mount.piece_frame import Stiffness

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import Mesh, box_of, face_normals
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import number_runs

@@ -15,9 +15,9 @@ from knotfab.mount.drawing import shadow_outlines
 from knotfab.mount.modeller import ask
 from knotfab.mount.placement import placement_of
 from knotfab.part.assemble import Part
+from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
 from knotfab.scene.model import ResolvedScene
-from knotfab.target.read import Target
 from knotfab_fixtures.step import write_centre_lines, write_solids
 
 __all__ = ["write_also"]

@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
+from knotfab.base.notebook import InNotebook
+from knotfab.base.progress import Progress
 from knotfab.design.design import Design
-from knotfab.errors import SceneError
 from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted, mount_piece
-from knotfab.notebook import InNotebook
 from knotfab.part.clean import clean_body
 from knotfab.part.plates import Plates, lay_on_plates
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, list_printables
-from knotfab.progress import Progress
+from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
 from knotfab.scene.model import Scene
-from knotfab.target.read import Target
 
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 

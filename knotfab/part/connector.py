@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.mount.solids import place_along
 from knotfab.part.cut import CLEARANCE_MM, Cut

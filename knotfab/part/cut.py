@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Indices
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.errors import SceneError
 from knotfab.part.orient import spread_turns
 
 __all__ = ["CLEARANCE_MM", "PIN_RADII", "Cut", "Line", "find_cuts"]

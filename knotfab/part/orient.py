@@ -9,7 +9,7 @@ from math import pi, sqrt
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import face_normals
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate, strands_along
 from knotfab.knots import Knots

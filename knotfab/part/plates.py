@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knots

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
 from knotfab.part.cut import Line

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.design import Design
 from knotfab.files.folder import OutputFolder
 from knotfab.files.glb import write_glb
@@ -15,9 +15,9 @@ from knotfab.files.threemf import write_3mf, write_coloured_3mf
 from knotfab.mount.coupon import COUPON, plan_coupon
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.plates import Plates
+from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
 from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
-from knotfab.target.read import Target
 
 __all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
 

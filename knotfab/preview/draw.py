@@ -9,14 +9,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from shapely import MultiPolygon, Polygon
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.opening import Loss
+from knotfab.picture.read import Target
+from knotfab.picture.silhouette import fit_size
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, ViewSurvey
-from knotfab.target.data_uri import encode_image
-from knotfab.target.opening import Loss
-from knotfab.target.read import Target
-from knotfab.target.silhouette import fit_size
 
 __all__ = ["Panel", "draw_agreement", "draw_panels", "draw_survey"]
 

@@ -15,9 +15,9 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Mask
-from knotfab.target.masks import holes_of, mask_iou, outline_px, pieces_of, sample_mask
-from knotfab.target.thicken import draw_discs, thicken
+from knotfab.base.arrays import Array, Mask
+from knotfab.picture.masks import holes_of, mask_iou, outline_px, pieces_of, sample_mask
+from knotfab.picture.thicken import draw_discs, thicken
 
 __all__ = ["Likeness", "compare_lines", "estimate_likeness", "opened_share", "recognisable_radius"]
 

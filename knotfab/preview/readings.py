@@ -12,22 +12,22 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from knotfab.arrays import Mask
+from knotfab.base.arrays import Mask
+from knotfab.base.disk import at_home
+from knotfab.base.errors import InputError, SceneError
 from knotfab.design.frames import frame_view, widen_targets
-from knotfab.disk import at_home
-from knotfab.errors import InputError, SceneError
+from knotfab.picture import raster
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.masks import holes_of, mask_iou, pieces_of, sample_mask
+from knotfab.picture.read import Target, read_bytes, read_target
+from knotfab.picture.silhouette import fit_size
+from knotfab.picture.subject import middle_box
 from knotfab.preview.likeness import opened_share
 from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
-from knotfab.target import raster
-from knotfab.target.data_uri import encode_image
-from knotfab.target.masks import holes_of, mask_iou, pieces_of, sample_mask
-from knotfab.target.read import Target, read_bytes, read_target
-from knotfab.target.silhouette import fit_size
-from knotfab.target.subject import middle_box
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
 

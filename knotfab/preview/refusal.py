@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from knotfab.base.errors import SceneError
 from knotfab.design.candidates import drawing_radius, line_radius, too_fine
-from knotfab.errors import SceneError
+from knotfab.picture.opening import opening_iou
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.preview.likeness import recognisable_radius
 from knotfab.scene.model import Scene
-from knotfab.target.opening import opening_iou
-from knotfab.target.silhouette import trace_polygon
 
 if TYPE_CHECKING:
     from knotfab.preview.survey import ViewSurvey

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from knotfab.picture.opening import Loss
 from knotfab.preview.survey import Survey, ViewSurvey
-from knotfab.target.opening import Loss
 
 if TYPE_CHECKING:
     from knotfab.preview.readings import TriedReading

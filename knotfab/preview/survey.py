@@ -10,14 +10,19 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
 from knotfab.design.candidates import line_radius
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
-from knotfab.errors import SceneError
 from knotfab.knots import read_start
+from knotfab.picture.masks import holes_of, pieces_of
+from knotfab.picture.opening import Loss, find_losses, open_by
+from knotfab.picture.read import Target
+from knotfab.picture.silhouette import trace_polygon
+from knotfab.picture.thicken import run_together
 from knotfab.preview.guess import Guess, guess_print
 from knotfab.preview.likeness import Likeness, compare_lines, estimate_likeness, opened_share
 from knotfab.preview.refusal import find_refusal
@@ -27,11 +32,6 @@ from knotfab.scene.model import ResolvedView, Scene
 from knotfab.scene.settings import search_settings
 from knotfab.start.filling import Template, template_tube
 from knotfab.start.start import make_template
-from knotfab.target.masks import holes_of, pieces_of
-from knotfab.target.opening import Loss, find_losses, open_by
-from knotfab.target.read import Target
-from knotfab.target.silhouette import trace_polygon
-from knotfab.target.thicken import run_together
 
 __all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 

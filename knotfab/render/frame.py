@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from knotfab.arrays import Real
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Real
+from knotfab.base.compiled import compiled
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Real
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Real
+from knotfab.base.compiled import compiled
 
 __all__ = ["are_within", "evaluate", "find_winners"]
 

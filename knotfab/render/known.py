@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 
 __all__ = ["known"]
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.arrays import Array, Real
+from knotfab.base.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
 from knotfab.render.frame import Frame, number
 from knotfab.render.outlines import Won, render_outlines, winners

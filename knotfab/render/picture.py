@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import Polylines
+from knotfab.picture.masks import mask_iou, sample_mask
+from knotfab.picture.silhouette import resample_mask
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView
 from knotfab.scene.settings import Precision, Renderer
-from knotfab.target.masks import mask_iou, sample_mask
-from knotfab.target.silhouette import resample_mask
 
 if TYPE_CHECKING:
     from torch import Tensor

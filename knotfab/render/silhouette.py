@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array, Real
+from knotfab.base.arrays import Array, Real
 from knotfab.render.frame import Frame, number
 from knotfab.render.kernels import Places, are_within, evaluate, find_winners
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from knotfab.arrays import Array, Real
+from knotfab.base.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Number, number

@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError, spelled
 from knotfab.design.design import Design
 from knotfab.design.question import Question
-from knotfab.errors import SceneError, spelled
 from knotfab.geometry.meshes import Mesh, join_meshes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots, count_in_words
 from knotfab.part.assemble import Part
+from knotfab.picture.data_uri import image_uri, silhouette_uri
+from knotfab.picture.read import Target
 from knotfab.problem import SearchResult, Start
 from knotfab.report.in_words import conclude
 from knotfab.report.pictures import draw_part, find_pictures, place_eyes
 from knotfab.report.report_html import VERDICTS, make_environment
 from knotfab.request import Outcome
 from knotfab.scene.model import ResolvedView
-from knotfab.target.data_uri import image_uri, silhouette_uri
-from knotfab.target.read import Target
 
 __all__ = ["show"]
 

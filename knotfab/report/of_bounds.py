@@ -8,7 +8,7 @@ from typing import Any
 from knotfab.design.agree import tell_bending
 from knotfab.design.contradictions import contradictions
 from knotfab.design.design import Design
-from knotfab.target.read import Target
+from knotfab.picture.read import Target
 
 __all__ = ["add_bounds"]
 

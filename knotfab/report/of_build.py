@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knotfab import __version__
+from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knots
-from knotfab.progress import Progress
+from knotfab.picture.read import Target
 from knotfab.report.of_effects import list_effects, list_limits
 from knotfab.report.of_slicer import OPENING, print_figures, report_slicing
 from knotfab.report.report_json import assemble
 from knotfab.request import Request
 from knotfab.scene.own_data import title_of
 from knotfab.slicer.result import NotSliced, Sliced
-from knotfab.target.read import Target
 from knotfab_validators.check import Check, at_most
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from knotfab.arrays import Array, Mask
+    from knotfab.base.arrays import Array, Mask
     from knotfab.design.design import Design
     from knotfab.effects.base import Decision
+    from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
     from knotfab.scene.model import Scene
-    from knotfab.target.read import Target
 
 __all__ = [
     "add_advice",

@@ -9,7 +9,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import face_normals
 from knotfab.report.report_html import Picture
 from knotfab.report.turning import TURN_FILE

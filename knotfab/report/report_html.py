@@ -14,8 +14,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from PIL import Image
 
-from knotfab.errors import spelled
-from knotfab.target.data_uri import data_uri, hash_script, image_uri
+from knotfab.base.errors import spelled
+from knotfab.picture.data_uri import data_uri, hash_script, image_uri
 from knotfab.verify.checks import list_unmet, mark_of, tally_checks
 
 __all__ = [

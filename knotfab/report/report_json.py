@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.errors import spelled
+from knotfab.base.errors import spelled
 from knotfab.report.of_effects import limits_as_effects
 from knotfab.verify.checks import exit_code
 from knotfab_validators.shadows.recognition import worst_verdict

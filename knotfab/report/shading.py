@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array
+from knotfab.base.compiled import compiled
 
 __all__ = ["draw_faces"]
 

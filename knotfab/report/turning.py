@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.dimensions import length
 from knotfab.drawing.gif import write_gif
 from knotfab.geometry.polylines import polylines_of

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh, face_normals, keep_faces
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.knots import Knots
 from knotfab.part.assemble import rules_of
+from knotfab.picture.data_uri import silhouette_uri
 from knotfab.scene.model import ResolvedScene
-from knotfab.target.data_uri import silhouette_uri
 
 __all__ = ["HistoryFrame", "find_supports", "pack_rows", "viewer_data"]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab.scene.model import Region, ResolvedView, View
 

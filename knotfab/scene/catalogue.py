@@ -6,7 +6,7 @@ import difflib
 from pathlib import Path
 from typing import Any, TypeVar
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import (
     USUAL,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.model import ResolvedView
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.model import Scene
 
 __all__ = ["explain", "parse_toml"]

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 from knotfab.geometry.sampling import arc_lengths
 
 __all__ = ["BRAIDS", "Factor", "KnotName", "load_knot", "parse_knot_name"]

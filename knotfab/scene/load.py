@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from knotfab.disk import at_home, read_text, require_within
-from knotfab.errors import InputError
+from knotfab.base.disk import at_home, read_text, require_within
+from knotfab.base.errors import InputError
 from knotfab.scene.camera import view_axes
 from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.knot_names import parse_knot_name

@@ -13,8 +13,8 @@ from typing import Any, Literal
 from platformdirs import user_config_path
 from pydantic import ValidationError
 
-from knotfab.disk import at_home, own_folder, read_text
-from knotfab.errors import InputError
+from knotfab.base.disk import at_home, own_folder, read_text
+from knotfab.base.errors import InputError
 from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.model import Material, Printer, Scene
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from knotfab.errors import InputError, SceneError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.knots import read_start
 from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.model import Printer, Scene

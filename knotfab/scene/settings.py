@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.bounds import MOST_MM
 
 __all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab.limits.base import Felt, State, follow_edges
 from knotfab.problem import TargetView

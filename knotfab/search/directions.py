@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.picture import frame_at

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import Polylines, dot

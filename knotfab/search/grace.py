@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt, State, follow_edges
 from knotfab.search.objective import Term, Weights
 

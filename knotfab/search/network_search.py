@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import torch
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.carry import (
     Carried,
     Curves,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Guard, Limits, State, weigh

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.limits.base import Felt
 from knotfab.problem import Problem, ViewNumbers

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines
 from knotfab.geometry.resample import subdivide

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab.limits.base import Felt, State
 from knotfab.problem import TargetView

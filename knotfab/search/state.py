@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import Decision, EffectContext
 from knotfab.effects.survey import survey
 from knotfab.geometry.neighbours import Neighbours

@@ -7,15 +7,16 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
+from knotfab.base.pool import count_jobs
+from knotfab.base.progress import Progress
 from knotfab.design.question import silhouette_polygon
 from knotfab.drawing.gif import write_shadows_gif
-from knotfab.errors import SceneError
 from knotfab.files.folder import OutputFolder
 from knotfab.knots import read_knots
 from knotfab.mount.modeller import keep_modeller
+from knotfab.picture.read import read_target
 from knotfab.piece import WrittenPiece, discard_piece, finish_build, report_piece, write_piece
-from knotfab.pool import count_jobs
-from knotfab.progress import Progress
 from knotfab.report.of_build import add_slicing
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.catalogue import resolve
@@ -30,7 +31,6 @@ from knotfab.sequence.writing import ZOETROPE, frame_suffix, write_scene, write_
 from knotfab.slicer.profile import write_profile
 from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
-from knotfab.target.read import read_target
 from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Files, Verifier
 from knotfab_validators.names import PRINTER

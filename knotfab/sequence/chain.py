@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
 from knotfab.design.design import Design, design_knots, price_design, settle_design
 from knotfab.design.free_view import place_start
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.knots import Knots
-from knotfab.progress import Progress
+from knotfab.picture.opening import opening_iou
+from knotfab.picture.read import Target
 from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.sequence.frames import count_knots
@@ -31,8 +33,6 @@ from knotfab.sequence.starts import (
     list_attempts,
     list_retries,
 )
-from knotfab.target.opening import opening_iou
-from knotfab.target.read import Target
 
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 

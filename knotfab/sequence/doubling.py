@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 

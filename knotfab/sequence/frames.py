@@ -13,11 +13,10 @@ from typing import Literal
 import numpy as np
 from PIL import Image, ImageSequence
 
-from knotfab.disk import at_home, require_within
-from knotfab.errors import InputError
-from knotfab.scene.model import Reading
-from knotfab.target.raster import own_box
-from knotfab.target.read import (
+from knotfab.base.disk import at_home, require_within
+from knotfab.base.errors import InputError
+from knotfab.picture.raster import own_box
+from knotfab.picture.read import (
     PICTURE_SUFFIXES,
     PLAIN,
     Target,
@@ -25,6 +24,7 @@ from knotfab.target.read import (
     name_picture,
     read_target,
 )
+from knotfab.scene.model import Reading
 
 __all__ = [
     "MOST_FRAMES",

@@ -24,10 +24,10 @@ from typing import Any
 from platformdirs import user_cache_path
 
 import knotfab
-from knotfab.disk import own_folder
+from knotfab.base.disk import own_folder
+from knotfab.picture.read import Target
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
-from knotfab.target.read import Target
 
 __all__ = ["KeptFrames", "keep_for"]
 

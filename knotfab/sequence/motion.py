@@ -13,7 +13,7 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon, Polygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt, State, total_length
 from knotfab.search.objective import Term, Weights
 

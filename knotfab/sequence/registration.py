@@ -15,8 +15,8 @@ import shapely
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, zoom
 from shapely import MultiPolygon, affinity
 
-from knotfab.arrays import Array
-from knotfab.target.silhouette import polygon_iou
+from knotfab.base.arrays import Array
+from knotfab.picture.silhouette import polygon_iou
 
 __all__ = ["Displacement", "register"]
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from knotfab.base.progress import Progress
 from knotfab.knots import count_in_words
 from knotfab.limits.feasibility import LEAST
 from knotfab.piece import WrittenPiece
-from knotfab.progress import Progress
 from knotfab.report.report_json import assemble
 from knotfab.scene.model import Printer
 from knotfab.sequence.chain import SequenceFrame

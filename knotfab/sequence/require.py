@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene
 

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.design import add_work
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
+from knotfab.picture.opening import opening_iou
 from knotfab.problem import Problem
 from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, finish, follow
-from knotfab.target.opening import opening_iou
 
 __all__ = [
     "POOR",

@@ -9,7 +9,7 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines
 from knotfab.sequence.motion import pair_pieces

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import Mesh, as_manifold, as_mesh
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots

@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
 from knotfab.scene.model import Scene

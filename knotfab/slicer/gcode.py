@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.sampling import number_runs
 
 __all__ = ["BadGcode", "Gcode", "points_along", "read_gcode"]

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from knotfab.pool import tie
+from knotfab.base.pool import tie
 
 __all__ = ["OUT_OF_TIME", "Ended", "run_limited"]
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from knotfab.base.pool import Pool
 from knotfab.files.threemf import read_shells
 from knotfab.geometry.meshes import box_of
-from knotfab.pool import Pool
 from knotfab.scene.model import Scene
 from knotfab.slicer.cross_checks import compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer

@@ -9,8 +9,8 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter1d, uniform_filter
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import TargetView
 from knotfab.render.picture import grid_at

@@ -14,8 +14,8 @@ from math import floor, inf
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.overhang import Rules, strands_along, support_cm3

@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 from shapely import LinearRing, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
-from knotfab.target.opening import least_ring, longer_side
-from knotfab.target.silhouette import polygon_iou
+from knotfab.picture.opening import least_ring, longer_side
+from knotfab.picture.silhouette import polygon_iou
 
 __all__ = [
     "Template",

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.polylines import polylines_of, split_alike
 from knotfab.geometry.sampling import arc_lengths, pair_nearby, sample_evenly
 

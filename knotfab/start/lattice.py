@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
-from knotfab.arrays import Array, Indices
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.geometry.sampling import number_runs
 from knotfab.limits.base import Limits
 from knotfab.limits.region import tube_outside

@@ -10,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.compiled import compiled
 
 __all__ = ["about_middle", "legibility", "legibility_from", "stretch_mask", "turns_aside"]
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
 from knotfab.effects.base import Decision, EffectContext, decide
 from knotfab.effects.misplacement import MISPLACEMENT, Steadying
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
-from knotfab.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.start.lattice import Lattice, Sight, draw_edges
 
 __all__ = ["edge_worth", "join_pieces", "seed_squares"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erf
 
-from knotfab.arrays import Array
-from knotfab.compiled import compiled
+from knotfab.base.arrays import Array
+from knotfab.base.compiled import compiled
 
 __all__ = ["Profile", "Relief", "draw_profile", "draw_relief", "sum_waves"]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.knots import Knots
 from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start, TargetView

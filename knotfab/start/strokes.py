@@ -17,7 +17,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.start.filling import Template, join_curves, simple_curves, smooth_closed
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPoint, MultiPolygon
 
-from knotfab.arrays import Array, Mask
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.scene.knot_names import Factor, load_knot
 from knotfab.start.depth import lower

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.sampling import sample_evenly
+from knotfab.picture.silhouette import resample_mask
 from knotfab.start.filling import simple_curves, smooth_closed
-from knotfab.target.silhouette import resample_mask
 
 __all__ = ["draw_tones", "shortest_tour", "spread_points"]
 

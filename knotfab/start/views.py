@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.settings import SearchSettings

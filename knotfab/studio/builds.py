@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.files.folder import REJECTED
 from knotfab.files.whole import write_whole
 from knotfab.studio.pictures import StudioPicture

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
-from knotfab.errors import InputError
-from knotfab.lengths import read_length, read_number
+from knotfab.base.errors import InputError
+from knotfab.base.lengths import read_length, read_number
+from knotfab.picture.fonts import list_families
 from knotfab.read_options import read_seconds
 from knotfab.scene.catalogue import materials, printers
-from knotfab.target.fonts import list_families
 
 __all__ = ["DEFAULTS", "FIELDS", "READING", "Value", "in_page_words", "read_field"]
 

@@ -26,10 +26,10 @@ def preview(sources: Sequence[str], options: BuildOptions) -> tuple[dict[str, An
     Raises:
         KnotfabError: the pictures cannot be read, or do not go with the options.
     """
+    from knotfab.picture.data_uri import encode_image
     from knotfab.preview.draw import draw_panels
     from knotfab.preview.readings import is_unclear
     from knotfab.preview.sentence import list_figures
-    from knotfab.target.data_uri import encode_image
 
     found = survey_pictures(sources, options)
     drawn = draw_panels(found)

@@ -11,6 +11,8 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 
 from knotfab.files.folder import REJECTED
+from knotfab.picture.fonts import list_families
+from knotfab.picture.read import PICTURE_SUFFIXES
 from knotfab.report.report_html import VIEWER
 from knotfab.scene.catalogue import materials, printers
 from knotfab.scene.model import Printer
@@ -19,8 +21,6 @@ from knotfab.studio.builds import child_of, plain_files
 from knotfab.studio.fields import FIELDS
 from knotfab.studio.guard import REPORT_POLICY
 from knotfab.studio.pictures import thumbnail
-from knotfab.target.fonts import list_families
-from knotfab.target.read import PICTURE_SUFFIXES
 
 __all__ = ["show_choices", "show_file", "show_page", "show_panel", "show_picture", "show_static"]
 

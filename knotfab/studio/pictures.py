@@ -9,13 +9,13 @@ from pathlib import Path
 from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.files.whole import write_whole
-from knotfab.target import raster, text
-from knotfab.target.data_uri import encode_image
-from knotfab.target.read import MOVING, TEXT_PREFIX, name_picture
-from knotfab.target.svg.render import render_svg
-from knotfab.target.svg.xml import looks_like_svg
+from knotfab.picture import raster, text
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.read import MOVING, TEXT_PREFIX, name_picture
+from knotfab.picture.svg.render import render_svg
+from knotfab.picture.svg.xml import looks_like_svg
 
 __all__ = [
     "LARGEST_BYTES",

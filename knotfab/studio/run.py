@@ -15,8 +15,8 @@ from pathlib import Path
 
 import uvicorn
 
-from knotfab.disk import at_home
-from knotfab.errors import InputError
+from knotfab.base.disk import at_home
+from knotfab.base.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.server import make_app

@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from knotfab.errors import InputError, explain_error, keep_traceback
+from knotfab.base.errors import InputError, explain_error, keep_traceback
 from knotfab.studio import pages
 from knotfab.studio.broadcast import Broadcast
 from knotfab.studio.calls import CALLS, Call

@@ -10,8 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from knotfab.base.errors import InputError, KnotfabError, explain_error, keep_traceback
 from knotfab.batch.tasks import list_arguments
-from knotfab.errors import InputError, KnotfabError, explain_error, keep_traceback
 from knotfab.files.whole import write_whole
 from knotfab.options import BuildOptions
 from knotfab.sequence.frames import MOST_FRAMES

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from knotfab.errors import InputError, KnotfabError
+from knotfab.base.errors import InputError, KnotfabError
 from knotfab.options import BuildOptions, options_from
 from knotfab.prepare import check_options
 from knotfab.studio.fields import DEFAULTS, FIELDS, READING, Value, read_field

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab import errors
-from knotfab.errors import InputError, MachineError
-from knotfab.pool import ONE_THREAD, Crash, Workers
+from knotfab.base import errors
+from knotfab.base.errors import InputError, MachineError
+from knotfab.base.pool import ONE_THREAD, Crash, Workers
 from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.front import Measured, merge_turns
 from knotfab.tradeoff.measure import Run, Study, run_point, warm_up

@@ -16,22 +16,22 @@ from scipy.ndimage import binary_closing, binary_erosion
 from scipy.spatial import cKDTree
 
 from knotfab import __version__
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube, refine_settings
 from knotfab.design.question import Question
-from knotfab.errors import SceneError
 from knotfab.geometry.measures import measure_curvature
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.masks import mask_iou
+from knotfab.picture.silhouette import fit_size
 from knotfab.problem import Problem
-from knotfab.progress import Progress
 from knotfab.scene.model import VERIFIED_PX
 from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
-from knotfab.target.data_uri import encode_image
-from knotfab.target.masks import mask_iou
-from knotfab.target.silhouette import fit_size
 
 __all__ = [
     "Run",

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 from markupsafe import Markup
 
 from knotfab import __version__
+from knotfab.picture.data_uri import hash_script
 from knotfab.report import report_html
 from knotfab.report.report_html import encode_for_script, make_environment
-from knotfab.target.data_uri import hash_script
 from knotfab.tradeoff.explore import Explored
 from knotfab.tradeoff.front import Measured, Step
 from knotfab.tradeoff.points import COMBINED, PRESET, list_changes

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from knotfab import __version__
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.design.question import ask
-from knotfab.errors import InputError
 from knotfab.files.whole import write_whole
-from knotfab.progress import Progress
+from knotfab.picture.read import read_target
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import search_settings
-from knotfab.target.read import read_target
 from knotfab.tradeoff.bench import Bench, Journal, Runner, WantedRun, run_all
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.explore import Explored, explore, list_rungs

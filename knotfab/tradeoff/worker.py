@@ -8,7 +8,7 @@ import pickle
 import sys
 from pathlib import Path
 
-from knotfab.errors import KnotfabError
+from knotfab.base.errors import KnotfabError
 from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.measure import Study, run_point, warm_up
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from knotfab.disk import require_within
-from knotfab.errors import InputError
+from knotfab.base.disk import require_within
+from knotfab.base.errors import InputError
 from knotfab.verify.verifier import Files
 
 __all__ = ["files_to_validate"]

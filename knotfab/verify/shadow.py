@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.disk import require_within
-from knotfab.errors import InputError, MachineError
+from knotfab.base.disk import require_within
+from knotfab.base.errors import InputError, MachineError
 from knotfab.verify.verifier import explain_unreadable
 
 __all__ = ["render_shadow"]

@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.errors import InputError, MachineError
-from knotfab.pool import Crash, Workers, count_jobs
+from knotfab.base.errors import InputError, MachineError
+from knotfab.base.pool import Crash, Workers, count_jobs
 
 __all__ = [
     "VERDICT_KEYS",

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.wire.arcs import WireSites, round_corners
 from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.residual import (

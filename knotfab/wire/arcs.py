@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 
 __all__ = [
     "Wire",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.wire.arcs import Wire
 
 __all__ = ["Bend", "BendList", "list_bends", "tool_angle_deg"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.wire.bends import Bend, BendList
 
 __all__ = ["COLUMNS", "read_bends", "write_bends"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.wire.adjust import ROUNDING, adjust, in_order, judge, measure_worst, settle
 from knotfab.wire.arcs import Wire, WireSites, round_corners

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from knotfab.arrays import Mask
+from knotfab.base.arrays import Mask
+from knotfab.picture.opening import opening_iou, thickest_radius
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.scene.model import Material, ResolvedView
-from knotfab.target.opening import opening_iou, thickest_radius
-from knotfab.target.silhouette import trace_polygon
 
 __all__ = ["WireFrame", "measure_frame"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knots
 from knotfab.scene.model import Material, ResolvedScene, ResolvedView
 from knotfab.wire.bends import BendList
@@ -118,8 +118,8 @@ def cast_shadows(
     from scipy.ndimage import distance_transform_edt
 
     from knotfab.design.frames import widen
+    from knotfab.picture.read import read_target
     from knotfab.scene.settings import search_settings
-    from knotfab.target.read import read_target
     from knotfab_validators.files.scene import Effects
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry

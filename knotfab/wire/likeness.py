@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.wire.arcs import Wire, WireSites, differentiate_wire, space_sites
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from knotfab import __version__
+from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
-from knotfab.errors import InputError
 from knotfab.knots import Knots
 from knotfab.scene.model import Material, ResolvedScene
 from knotfab.wire.arcs import Wire

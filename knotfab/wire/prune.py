@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knotfab.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.wire.adjust import adjust, measure_misses, measure_worst
 from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.residual import FitLimits, Strand, weigh_depth

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.sampling import pair_nearby, sample_evenly
 from knotfab.wire.bends import BendList
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.drawing.pages import Drawing, Paper, draw_tiled, write_pages
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ import pytest
 from command import knotfab, small_disk
 from played_builds import PYTHON, count, draw, write_player
 
+from knotfab.base.errors import InputError
 from knotfab.batch import worker
 from knotfab.batch.run import batch
 from knotfab.batch.tasks import list_tasks
 from knotfab.cli.commands import app
-from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 
 

@@ -23,6 +23,8 @@ from benchmarks.hard.values import ValueCase, loss_cases, network_cases
 from benchmarks.hard.worst import HUNTS, KEPT, Hunt
 from knotfab.design.design import design_knots
 from knotfab.design.prices import SHORT, price_limits
+from knotfab.picture.read import read_target
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
 from knotfab.scene.model import Scene
@@ -30,8 +32,6 @@ from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
-from knotfab.target.read import read_target
-from knotfab.target.silhouette import trace_polygon
 
 pytestmark = pytest.mark.slow
 

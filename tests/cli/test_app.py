@@ -23,9 +23,9 @@ from PIL import Image
 import knotfab as package
 from knotfab import doctor, pipeline
 from knotfab import options as knotfab_options
+from knotfab.base.errors import InputError, MachineError
 from knotfab.cli.commands import app
 from knotfab.doctor import Finding
-from knotfab.errors import InputError, MachineError
 from knotfab.options import BuildOptions
 from knotfab.read_options import read_seconds
 from knotfab.verify.verifier import Files, Verifier

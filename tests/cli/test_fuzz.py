@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from command import knotfab, picture, square
 
+from knotfab.base.errors import SceneError
 from knotfab.cli.commands import app
-from knotfab.errors import SceneError
 from knotfab.options import BuildOptions, PictureOptions
 
 PART = "solid a\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid"

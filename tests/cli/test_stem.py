@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from knotfab.base.pool import Workers, may_fork
 from knotfab.batch.worker import open_builders
-from knotfab.pool import Workers, may_fork
 
 pytestmark = pytest.mark.skipif(not may_fork(), reason="processes do not fork here")
 

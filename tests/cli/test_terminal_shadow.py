@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.cli.terminal_shadow import draw_shadow
 from knotfab.knots import Knot, Knots
 from knotfab.scene.model import ResolvedView

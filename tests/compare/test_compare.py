@@ -19,13 +19,13 @@ from command import knotfab
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError
 from knotfab.compare.compare import advise, compare_photo
 from knotfab.compare.lamp import find_lamp
 from knotfab.compare.marks import find_marks
 from knotfab.compare.rectify import homography, through
 from knotfab.drawing.pages import PAPERS
-from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
 from knotfab.mount.marks import card_middles, draw_marks_page
 from knotfab.part.write import make_pose

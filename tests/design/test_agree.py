@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from knotfab.base.errors import InputError, SceneError
 from knotfab.design import bend
 from knotfab.design.agree import (
     AGREED,
@@ -19,14 +20,8 @@ from knotfab.design.agree import (
 from knotfab.design.bend import Tension
 from knotfab.design.frames import frame_view, framed_alike, spread_views
 from knotfab.design.hull import HullBound
-from knotfab.errors import InputError, SceneError
 from knotfab.options import BuildOptions
-from knotfab.preview.draw import draw_agreement
-from knotfab.read_options import read_scene
-from knotfab.scene.camera import cameras_of
-from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Scene
-from knotfab.target.bending import (
+from knotfab.picture.bending import (
     COLUMNS,
     ROWS,
     bend_mask,
@@ -37,7 +32,12 @@ from knotfab.target.bending import (
     stretch_of,
     write_points,
 )
-from knotfab.target.read import Target
+from knotfab.picture.read import Target
+from knotfab.preview.draw import draw_agreement
+from knotfab.read_options import read_scene
+from knotfab.scene.camera import cameras_of
+from knotfab.scene.load import dump_scene, parse_scene
+from knotfab.scene.model import Scene
 from knotfab_validators.files.bent import bend_silhouette, read_bend
 
 SIDE = 160

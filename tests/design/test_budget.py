@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.design import design
 from knotfab.design.budget import Budget, require_budget, spare
 from knotfab.design.design import design_knots, price_design
-from knotfab.errors import InputError
-from knotfab.progress import Progress
+from knotfab.picture.read import read_target
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
-from knotfab.target.read import read_target
 
 TINY = {"coarse_px": 64, "fine_px": 96, "depth_candidates": 4, "radius_candidates": 2}
 

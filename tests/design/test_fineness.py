@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.geometry.tube import sweep
 from knotfab.scene.model import Accuracy, Scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from knotfab.base.errors import InputError
 from knotfab.design.frames import (
     frame_view,
     framed_alike,
@@ -12,9 +13,8 @@ from knotfab.design.frames import (
     spread_views,
     widen_targets,
 )
-from knotfab.errors import InputError
+from knotfab.picture.read import Target
 from knotfab.scene.model import Scene
-from knotfab.target.read import Target
 
 
 def target(width: int, height: int, top: int, bottom: int) -> Target:

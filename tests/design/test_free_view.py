@@ -8,12 +8,13 @@ import pytest
 import torch
 from questions import ask_heart, start_and_search
 
+from knotfab.base.errors import InputError
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.free_view import place_start
-from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.picture.read import read_target
 from knotfab.problem import Problem, Start
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.render.posed_frame import posed_frame, turn_matrix
@@ -32,7 +33,6 @@ from knotfab.search.pose import (
 )
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
-from knotfab.target.read import read_target
 from tests.corpus.curves import torus_knot
 
 QUICK = PRESETS["draft"].model_copy(

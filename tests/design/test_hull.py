@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.arrays import Mask
+from knotfab.base.arrays import Mask
 from knotfab.design.contradictions import contradictions
 from knotfab.design.frames import framed_alike, spread_views
 from knotfab.design.hull import hull_bounds, inside_hull
+from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.model import ResolvedView, Scene, View
-from knotfab.target.read import Target
 
 SIDE = 120
 

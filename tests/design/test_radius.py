@@ -14,16 +14,16 @@ from PIL import Image
 from questions import ask_views
 from shapely import MultiPolygon, Point
 
+from knotfab.base.errors import SceneError
 from knotfab.design import radius as module
 from knotfab.design.budget import Budget
 from knotfab.design.candidates import line_radius, line_width
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import _Trials, choose_radius
-from knotfab.errors import SceneError
+from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Scene, View
 from knotfab.scene.settings import PRESETS
-from knotfab.target.read import read_target
 
 DRAFT = PRESETS["draft"]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from shapely import MultiPolygon, box
 
+from knotfab.base.errors import InputError
 from knotfab.design.region import depth_extent, resolve_region
-from knotfab.errors import InputError
 from knotfab.limits.region import outside
 from knotfab.scene.camera import view_axes
 from knotfab.scene.load import parse_scene

@@ -9,9 +9,9 @@ import pytest
 
 from knotfab.design.design import design_knots
 from knotfab.design.suit import GRACE
+from knotfab.picture.read import read_target
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import SearchSettings
-from knotfab.target.read import read_target
 
 pytestmark = pytest.mark.slow
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from lit_designs import design_under, view
 
+from knotfab.base.errors import InputError
 from knotfab.effects import contrast
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
 from knotfab.effects.shadows import Shadows
-from knotfab.errors import InputError
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
 from knotfab.scene.model import Material, Room

@@ -7,7 +7,7 @@ import pytest
 from lit_designs import design_under
 from lit_designs import view as lit_view
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.shadows import Shadows

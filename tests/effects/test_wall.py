@@ -12,15 +12,15 @@ import pytest
 import shapely
 from PIL import Image
 
+from knotfab.base.errors import InputError
 from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import EffectContext
 from knotfab.effects.wall import WALL
-from knotfab.errors import InputError
+from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Mount, ResolvedView, Scene, Switches
 from knotfab.scene.require import require_walls
-from knotfab.target.read import Target
 
 PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from command import knotfab
 
-from knotfab.errors import InputError, MachineError
+from knotfab.base.errors import InputError, MachineError
 from knotfab.files.folder import REJECTED, OutputFolder
 from knotfab.files.moves import mend
 
@@ -260,7 +260,7 @@ def test_without_posix_a_build_is_written_all_the_same(
 
     for name in ("statvfs", "geteuid"):
         monkeypatch.delattr(os, name)
-    monkeypatch.setattr("knotfab.disk._fcntl", None)
+    monkeypatch.setattr("knotfab.base.disk._fcntl", None)
     monkeypatch.setattr(os, "open", open_files)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
     build(tmp_path / "out", knots__json="good", note="kept")

@@ -10,10 +10,10 @@ import shapely
 
 from benchmarks.hard.curves import circle
 from benchmarks.hard.pictures import HardPicture, hard_pictures
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import _transport, mesh_volume, sweep
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import fill
-from knotfab.target.silhouette import trace_polygon
 
 # those whose outlines alone take seconds are left to `benchmarks.hardest_builds`
 SLOW = {"checkerboard", "noise", "page", "carpet", "koch", "rings", "lattice", "dots", "spiral"}

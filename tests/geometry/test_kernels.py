@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify, step_limits
 from knotfab.geometry.kernels import bend_hinge, closest_parameters, gap_hinge
 from knotfab.geometry.measures import bend_radii, strand_gap

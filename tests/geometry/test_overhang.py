@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from validator_parts import circle
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry import overhang
 from knotfab.geometry.overhang import (
     EDGES,

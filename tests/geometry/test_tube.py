@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.geometry.meshes import as_manifold
 from knotfab.geometry.tube import mesh_volume, reach_mm, sides_for, sweep
 

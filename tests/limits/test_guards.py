@@ -10,7 +10,7 @@ import pytest
 from questions import ask_heart, start_and_search
 from region_meshes import box_mesh
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.files.stl import write_stl
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes

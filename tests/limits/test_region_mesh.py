@@ -12,8 +12,8 @@ import region_meshes
 from command import knotfab
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 from knotfab.files.stl import write_stl
 from knotfab.limits.region import outside, tube_outside
 from knotfab.limits.region_mesh import beyond, region_mesh

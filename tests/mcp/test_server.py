@@ -16,7 +16,7 @@ from mcp import Client, StdioServerParameters, stdio_client
 from mcp.types import CallToolResult, ImageContent, TextContent
 from PIL import Image, ImageDraw
 
-from knotfab.disk import confined
+from knotfab.base.disk import confined
 from knotfab.mcp.server import make_server, serve
 
 Use = Callable[[Client], Awaitable[Any]]

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from rings import EMPTY, PLA, RADIUS, camera, knots, ring
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.mount.hang import MOST_POSTS, HangMount, _swing, hang_bodies, plan_hang
 from knotfab.mount.struts import GROUND

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knotfab.errors import MachineError
+from knotfab.base.errors import MachineError
 from knotfab.mount import modeller
 from knotfab.mount.modeller import keep_modeller, model
 from knotfab_fixtures.coupon import fit_strip

@@ -10,7 +10,7 @@ import pytest
 from rings import PLA, PLATE, VIEW, camera, knots, ring
 from shapely import MultiPolygon, box
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.design.candidates import line_radius, most_radius, usual_radii
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.knots import Knot, Knots

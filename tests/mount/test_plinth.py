@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rings import VIEW, camera
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.mount.plinth import WALL_GAP_MM, Base, Masses, Slope, base_for, slope_below
 from knotfab.scene.curved_wall import CurvedWall
 

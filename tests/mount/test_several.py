@@ -12,7 +12,7 @@ import pytest
 from rings import EMPTY, RADIUS, VIEW, camera, one
 from setups import OFF, setup
 
-from knotfab.errors import InputError, SceneError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.mount import BASE_DOWN, mount_piece

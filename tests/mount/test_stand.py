@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.neighbours import segment_distance
 from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import BASE_DOWN

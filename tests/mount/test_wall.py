@@ -7,7 +7,7 @@ import pytest
 from rings import DOWEL, PLA, PLATE, RADIUS, camera, knots, ring
 from setups import setup
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted

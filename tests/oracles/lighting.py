@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.contrast import contrast_of
 from knotfab.effects.shadows import OnWall, Shadows

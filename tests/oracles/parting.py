@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.layers import LAYERS
 from knotfab.effects.misplacement import parting_mm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from knot_judge import linking_numbers
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from paper.curves import closed_braid
 
 

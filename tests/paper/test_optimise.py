@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from knotfab.errors import InputError, SceneError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.render.outlines import render_outlines
 from paper.camera import PaperCamera, camera_around
 from paper.losses import ball

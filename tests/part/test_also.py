@@ -17,7 +17,7 @@ from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
 from svgelements import Path as SvgPath
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.files.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.knots import Knot, Knots

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from manifold3d import Manifold, Mesh64
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.files.threemf import write_3mf
 from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.overhang import Rules

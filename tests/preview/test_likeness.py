@@ -12,8 +12,9 @@ from PIL import Image
 from scipy import ndimage
 
 from benchmarks.hard.pictures import hard_pictures
-from knotfab.arrays import Mask
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Mask
+from knotfab.base.errors import SceneError
+from knotfab.picture.read import read_target
 from knotfab.preview import refusal as refusal_module
 from knotfab.preview import survey as survey_module
 from knotfab.preview.likeness import (
@@ -25,7 +26,6 @@ from knotfab.preview.likeness import (
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import require_drawable, survey
 from knotfab.scene.model import Accuracy, Piece, Scene, View
-from knotfab.target.read import read_target
 
 HARD = {case.name: case for case in hard_pictures()}
 RADIUS_PX = 256 * 0.8 * 1.2 / 180  # of the thinnest tube's shadow, of a picture of 256 px

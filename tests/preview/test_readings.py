@@ -9,10 +9,10 @@ import pytest
 from PIL import Image, ImageDraw
 
 from knotfab.options import BuildOptions
+from knotfab.picture.read import read_target
 from knotfab.prepare import list_readings, survey_pictures
 from knotfab.preview.readings import MOST, draw_readings, try_readings
 from knotfab.scene.model import Scene
-from knotfab.target.read import read_target
 
 
 @pytest.mark.slow

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from knotfab.base.errors import InputError, SceneError
+from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
 from knotfab.design import radius
 from knotfab.design.design import choose_tube
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.question import ask
-from knotfab.errors import InputError, SceneError
 from knotfab.options import BuildOptions
+from knotfab.picture.opening import opening_iou
+from knotfab.picture.read import read_target
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.prepare import prepare_build, survey_pictures
 from knotfab.preview.draw import draw_survey
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
-from knotfab.progress import Progress
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.model import Accuracy, Piece, Printer, Reading, Scene, View
 from knotfab.scene.settings import search_settings
-from knotfab.target.opening import opening_iou
-from knotfab.target.read import read_target
-from knotfab.target.silhouette import trace_polygon
 
 SIDE = 800
 

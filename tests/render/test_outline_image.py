@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.model import ResolvedView

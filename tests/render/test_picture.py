@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from knotfab.picture.silhouette import resample_mask
 from knotfab.render.picture import image_at
 from knotfab.scene.model import ResolvedView
-from knotfab.target.silhouette import resample_mask
 
 RADIUS_MM = 2.0
 

@@ -16,7 +16,7 @@ import torch
 from slopes import assert_slope
 from torch import Tensor
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render import silhouette, tensors
 from knotfab.render.frame import Frame, frame_of
@@ -283,7 +283,7 @@ def source(tmp_path: Path) -> Path:
     path = tmp_path / "place" / "small.py"
     path.parent.mkdir()
     path.write_text(
-        "from knotfab.compiled import compiled\n"
+        "from knotfab.base.compiled import compiled\n"
         "@compiled\ndef halve(x: float) -> float:\n    return x / 2\n"
     )
     return path

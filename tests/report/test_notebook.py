@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import knotfab
-from knotfab.target.read import Target
+from knotfab.picture.read import Target
 
 _LOADS = ("http:", "https:", "//", "<script", "<link", "<style", "url(")
 _WORDS = '<img src=x onerror="alert(1)"> & <script>'

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from rings import knots, ring
 
+from knotfab.base.progress import Progress
 from knotfab.part.assemble import enlarge_knots
-from knotfab.progress import Progress
 from knotfab.report.of_build import report_of
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from shapely import MultiPolygon, box
 
+from knotfab.base.errors import SceneError
 from knotfab.design.region import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.errors import SceneError
 from knotfab.report.of_effects import add_advice, list_effects, tell_move
 from knotfab.scene.model import ResolvedView, Scene
 

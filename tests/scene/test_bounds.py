@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.bounds import why_out_of_bounds
 from knotfab.scene.json_schema import dump_schema
 from knotfab.scene.load import parse_scene

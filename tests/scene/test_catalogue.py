@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from knotfab.base.errors import InputError
 from knotfab.design.frames import frame_view
-from knotfab.errors import InputError
+from knotfab.picture.read import Target
 from knotfab.scene.catalogue import materials, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import find_name, title_of
-from knotfab.target.read import Target
 
 
 def test_known_names() -> None:

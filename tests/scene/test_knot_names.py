@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from knot_judge import judge_type
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Limits

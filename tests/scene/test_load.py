@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.load import check_scene, dump_scene, load_scene, parse_scene
 from knotfab.scene.model import Accuracy, Material, Piece, Pose, Printer, Region, Scene, View
 

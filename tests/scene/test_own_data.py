@@ -9,7 +9,7 @@ from command import knotfab
 from platformdirs.macos import MacOS
 from platformdirs.windows import Windows
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import material_of, materials, printer_of, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Material, Printer, Scene

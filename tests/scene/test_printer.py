@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.model import Printer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from slopes import assert_slope
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.measures import measure_curvature
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes

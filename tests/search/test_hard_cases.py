@@ -8,7 +8,7 @@ import pytest
 from benchmarks.hard.crossing import linking_number, passes_through
 from benchmarks.hard.curves import HardKnot, circle, hard_knots
 from benchmarks.hard.isotopy import fuzz, types_of
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.certificate import certify
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes

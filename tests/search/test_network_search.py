@@ -10,7 +10,7 @@ from knot_curves import mirror
 from questions import ask_heart, start_and_search
 from validator_parts import trefoil
 
-from knotfab.errors import InputError, SceneError
+from knotfab.base.errors import InputError, SceneError
 from knotfab.geometry.carry import (
     Carried,
     Curves,

@@ -10,7 +10,7 @@ import pytest
 from questions import ask_views
 from shapely import MultiPolygon, Point, box
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.limits.base import State
 from knotfab.problem import Problem, Start

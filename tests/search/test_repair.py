@@ -8,7 +8,7 @@ import numpy as np
 from questions import ask_views
 from shapely import MultiPolygon, Point
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.scene.model import ResolvedRegion

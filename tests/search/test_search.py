@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from questions import ask_heart, start_and_search
 
+from knotfab.base.errors import InputError, SceneError
 from knotfab.design.region import depth_extent
-from knotfab.errors import InputError, SceneError
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knots

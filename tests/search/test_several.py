@@ -13,13 +13,14 @@ from questions import ask_views, draw_mask, see_from, start_and_search
 from shapely import MultiPolygon, Point, box
 
 from knotfab.api import assemble_part, design_knots, write_files
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
-from knotfab.errors import InputError
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Felt, State
+from knotfab.picture.read import Target, read_targets
 from knotfab.pipeline import build
 from knotfab.problem import Problem, Start
 from knotfab.request import Request
@@ -36,7 +37,6 @@ from knotfab.start.deep import deep_curves
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import make_start
 from knotfab.start.views import start_facing, start_ious
-from knotfab.target.read import Target, read_targets
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.shadows.view import view_geometry

@@ -16,7 +16,7 @@ import trimesh
 from command import knotfab
 from PIL import Image, ImageDraw
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.request import Outcome, Request
 from knotfab.scene.model import Mount, Piece, Scene, View
 from knotfab.sequence.build import _mend, build_sequence

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from knotfab.base.errors import InputError
 from knotfab.batch.tasks import list_tasks
 from knotfab.drawing.gif import write_gif, write_shadows_gif
-from knotfab.errors import InputError
 from knotfab.options import BuildOptions
 from knotfab.scene.model import Reading
 from knotfab.sequence.frames import (

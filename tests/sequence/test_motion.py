@@ -6,7 +6,7 @@ import shapely
 from shapely import MultiPolygon
 from slopes import assert_slope
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Felt, State

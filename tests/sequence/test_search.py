@@ -9,7 +9,7 @@ import pytest
 from questions import ask_views
 from shapely import MultiPolygon, Point, affinity
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult

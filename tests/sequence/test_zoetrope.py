@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotfab.errors import SceneError
+from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume
 from knotfab.knots import Knot, Knots
 from knotfab.sequence.zoetrope import build_zoetrope, find_footholds

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from knotfab.pool import Workers
+from knotfab.base.pool import Workers
 from knotfab.verify import verifier
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots

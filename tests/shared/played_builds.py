@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.knots import Knot, Knots
 from knotfab.scene.model import ResolvedView
 

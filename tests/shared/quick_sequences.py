@@ -7,9 +7,9 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
+from knotfab.picture.read import Target
 from knotfab.sequence.chain import Chain, SequenceFrame
 from knotfab.sequence.frames import read_frames
-from knotfab.target.read import Target
 
 QUICK = {
     "coarse_px": 64,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.knots import Knot, Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.struts import GROUND, Candidates

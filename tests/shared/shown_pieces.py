@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from rings import RADIUS, ring
 
-from knotfab.arrays import Array, Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt
 
 

@@ -12,6 +12,7 @@ from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
 from knotfab.part.orient import AXES
+from knotfab.picture.masks import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.scene.model import Switch
@@ -27,7 +28,6 @@ from knotfab.start.legibility import (
     turns_aside,
 )
 from knotfab.start.lift import lift_template
-from knotfab.target.masks import mask_iou
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 

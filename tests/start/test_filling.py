@@ -6,8 +6,8 @@ import shapely
 from shapely import LinearRing, MultiPolygon, Point, Polygon, box
 
 from knotfab.geometry.sampling import sample_evenly
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.start.filling import as_bent, fill, rings_of, simple_curves, template_iou
-from knotfab.target.silhouette import trace_polygon
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)
 RING = Polygon(DISC.exterior, [Point(0, 0).buffer(30, quad_segs=64).exterior])

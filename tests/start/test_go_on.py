@@ -12,10 +12,10 @@ import pytest
 from command import knotfab, picture, square
 from questions import ask_heart, start_and_search
 
+from knotfab.base.errors import InputError, SceneError
+from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
-from knotfab.errors import InputError, SceneError
 from knotfab.knots import Knot, Knots, read_start
-from knotfab.progress import Progress
 from knotfab.scene.load import load_scene
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS

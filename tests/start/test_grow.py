@@ -10,8 +10,8 @@ from questions import ask_views
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Point, box
 
-from knotfab.arrays import Array
-from knotfab.errors import SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
 from knotfab.scene.settings import SearchSettings
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves

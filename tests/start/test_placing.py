@@ -9,7 +9,7 @@ import pytest
 import shapely
 from questions import ask_views
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.effects.base import World
 from knotfab.effects.misplacement import Steadying
 from knotfab.problem import Problem, Start

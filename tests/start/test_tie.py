@@ -11,8 +11,8 @@ import shapely
 from questions import ask_heart, start_and_search
 from shapely import MultiPolygon, Point, box
 
-from knotfab.arrays import Array
-from knotfab.errors import InputError, SceneError
+from knotfab.base.arrays import Array
+from knotfab.base.errors import InputError, SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.options import BuildOptions
 from knotfab.problem import Problem, Start

@@ -28,7 +28,7 @@ from starlette.requests import Request
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.knots import read_start
 from knotfab.options import options_from
 from knotfab.studio import broadcast, look, server, session

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from fake_runs import FakeRunner, FakeStudy
 
+from knotfab.base.errors import InputError
+from knotfab.base.progress import Progress
 from knotfab.cli.summary import print_tradeoff
-from knotfab.errors import InputError
-from knotfab.progress import Progress
 from knotfab.scene.model import Scene
 from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.explore import list_rungs

@@ -12,7 +12,7 @@ from command import knotfab
 from PIL import Image, ImageDraw
 from shapely import MultiPolygon
 
-from knotfab.errors import MachineError, SceneError
+from knotfab.base.errors import MachineError, SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.problem import Problem, TargetView
 from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from knotfab.errors import MachineError
-from knotfab.pool import Workers, may_fork
+from knotfab.base.errors import MachineError
+from knotfab.base.pool import Workers, may_fork
 from knotfab.verify import verifier
 from knotfab.verify.verifier import Answer, Files, Verifier, load_early
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rings import ring
 
-from knotfab.errors import InputError
+from knotfab.base.errors import InputError
 from knotfab.wire.arcs import (
     WireSites,
     differentiate_wire,

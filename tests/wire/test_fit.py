@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.wire.adjust import judge, measure_worst
 from knotfab.wire.arcs import round_corners, space_sites
 from knotfab.wire.fit import FitLimits, fit_wires

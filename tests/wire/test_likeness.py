@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from knotfab.arrays import Array
+from knotfab.base.arrays import Array
 from knotfab.scene.model import ResolvedView
 from knotfab.wire.arcs import round_corners
 from knotfab.wire.fit import FitLimits, fit_wires

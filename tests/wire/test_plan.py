@@ -11,8 +11,8 @@ import pytest
 from pdf_pages import POINT, page_contents, page_sizes, segments
 from PIL import Image
 
+from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
-from knotfab.errors import InputError
 from knotfab.knots import Knot, Knots
 from knotfab.scene.catalogue import materials
 from knotfab.scene.model import ResolvedAccuracy, ResolvedScene, ResolvedView, Switches

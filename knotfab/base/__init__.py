@@ -1,0 +1,1 @@
+"""What every stage stands on: errors, arrays, compiled loops, processes, progress, disks."""

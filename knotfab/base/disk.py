@@ -1,0 +1,183 @@
+"""Files and folders as the system has them: where they are, what may be read of them, whose they are now."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import stat
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from knotfab.base.errors import InputError, why_of
+
+__all__ = [
+    "MOST_TEXT",
+    "at_home",
+    "confined",
+    "hold",
+    "locked",
+    "own_folder",
+    "read_file",
+    "read_text",
+    "require_within",
+]
+
+_fcntl: Any = (
+    importlib.import_module("fcntl") if os.name == "posix" else None
+)  # Windows has no such locks
+MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
+_walls: tuple[
+    Path, ...
+] = ()  # of the whole process, so that no thread forgets them; none: anywhere
+
+
+def at_home(path: str | Path) -> Path:
+    """A path whose ~ stands for a home, unless a file of that very name is there, or nobody lives there."""
+    return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
+
+
+@contextlib.contextmanager
+def confined(folders: Sequence[Path]) -> Iterator[None]:
+    """Meanwhile, what a call or a scene names is read and written in these folders alone."""
+    global _walls
+    before, _walls = _walls, tuple(folder.resolve() for folder in folders)
+    try:
+        yield
+    finally:
+        _walls = before
+
+
+def require_within(path: str | Path, what: str | None = None) -> None:
+    """Refuse a path that leads out of the folders of `confined`, by itself or by links.
+
+    Args:
+        what: how the error names it.
+
+    Raises:
+        InputError: it does.
+    """
+    if not _walls:
+        return
+    try:
+        place = at_home(path).resolve()
+        inside = any(place.is_relative_to(wall) for wall in _walls)
+    except (OSError, ValueError, RuntimeError):  # a loop of links, a null character
+        inside = False
+    if not inside:
+        named = " or ".join(map(str, _walls))
+        raise InputError(
+            what or str(path), "it lies outside the folders that are allowed", f"Use {named}"
+        )
+
+
+def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
+    """A folder of the user's own: what `variable` in the environment says, else this system's usual one.
+
+    Args:
+        homeless: its path where nobody has a home; by default one in which nothing can be.
+    """
+    own = os.environ.get(variable)
+    if own:
+        return at_home(own)
+    try:
+        return usual("knotfab", appauthor=False)
+    except RuntimeError:  # no HOME, and no user
+        return Path(homeless) if homeless else Path(os.devnull, "knotfab")
+
+
+def read_file(
+    path: Path,
+    what: str,
+    noun: str = "file",
+    most: int = MOST_TEXT,
+    *,
+    missing: str = "Check the path.",
+    too_large: str = "Name another one.",
+) -> bytes:
+    """What a file holds; its kind and its size are asked before it is read.
+
+    Args:
+        what: how an error names it. noun: what it is.
+        most: bytes that it may have.
+        missing, too_large: remedies where there is none, or where it has more.
+
+    Raises:
+        InputError: there is none, it may not be read, it is no regular file, or too large.
+    """
+    require_within(path, what)
+    try:
+        state = path.stat()
+        if stat.S_ISDIR(state.st_mode):
+            raise InputError(what, "it is a directory", f"Name a {noun} in it.")
+        if not stat.S_ISREG(state.st_mode):
+            raise InputError(what, "it is not a regular file", f"Name a {noun}.")
+        data = b""
+        if state.st_size <= most:
+            with path.open("rb") as file:
+                data = file.read(most + 1)
+        size = max(state.st_size, len(data))
+        if size > most:
+            why = f"the file has {size / 2**20:.0f} MiB, too much for a {noun}"
+            raise InputError(what, why, too_large)
+        return data
+    except FileNotFoundError as error:
+        raise InputError(what, "there is no such file", missing) from error
+    except PermissionError as error:
+        raise InputError(
+            what, "it may not be read", "Change its permissions (chmod u+r) or copy it."
+        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise InputError(what, f"it cannot be read ({why_of(error)})", "Check the path.") from error
+
+
+def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check the path.") -> str:
+    """The text of a file, in UTF-8, with a byte order mark or without.
+
+    Raises:
+        InputError: as `read_file`; or it is no such text.
+    """
+    data = read_file(path, what, noun, missing=missing)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(what, "it is not a UTF-8 text", f"Save the {noun} as UTF-8.") from error
+
+
+def hold(folder: Path, wait: bool = False) -> int | None:
+    """Make a folder this process's own, until what is returned is closed or the process ends.
+
+    Returns:
+        None where the system has no such locks.
+
+    Raises:
+        BlockingIOError: it is another's, and this one does not wait.
+        OSError: there is no such folder.
+    """
+    if _fcntl is None:
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        _fcntl.flock(handle, _fcntl.LOCK_EX | (0 if wait else _fcntl.LOCK_NB))
+    except BlockingIOError:
+        os.close(handle)
+        raise
+    except OSError:  # some network's file system
+        os.close(handle)
+        return None
+    except BaseException:
+        os.close(handle)
+        raise
+    return handle
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Meanwhile, no other process is in such a block of this folder."""
+    handle = hold(folder, wait=True)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)

@@ -1,0 +1,191 @@
+"""Fonts for text pictures: those that come along, one asked for by name or file, those of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import unicodedata
+from collections.abc import Iterator
+from functools import cache
+from typing import TYPE_CHECKING
+
+from knotfab.base.disk import at_home, read_file
+from knotfab.base.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.ft2font import FT2Font
+
+__all__ = [
+    "find_family",
+    "find_font",
+    "list_families",
+    "load_font",
+    "supplied_folder",
+    "supply_fonts",
+]
+
+# All of them come with matplotlib.
+_SUPPLIED = (
+    "DejaVuSans",
+    "DejaVuSansMono",
+    "DejaVuSerif",
+    "DejaVuSansDisplay",
+    "STIXGeneral",
+    "STIXNonUni",
+    "STIXSizOneSymReg",
+)
+_SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
+_TIMEOUT_S = 20
+_PLAIN = ("regular", "book", "roman", "normal")
+
+
+@cache
+def load_font(path: str) -> FT2Font:
+    """Open a font file at 1000 points and 72 dpi: an em is 1000 units.
+
+    Raises:
+        RuntimeError, OSError: it cannot be read, or has no outlines but only bitmaps.
+    """
+    from matplotlib.ft2font import FT2Font
+
+    font = FT2Font(path)
+    font.set_size(_SIZE, 72)
+    return font
+
+
+def supplied_folder() -> str:
+    """Where the fonts are that come along."""
+    import matplotlib
+
+    return f"{matplotlib.get_data_path()}/fonts/ttf"
+
+
+def supply_fonts(asked: str | None) -> tuple[str, ...]:
+    """Files of the fonts to draw with, the one asked for first, then those that come along.
+
+    Args:
+        asked: a family's name, such as "DejaVu Serif", or a font file; None: no matter which.
+
+    Raises:
+        InputError: there is no such font, or the file is none.
+    """
+    supplied = tuple(f"{supplied_folder()}/{name}.ttf" for name in _SUPPLIED)
+    return supplied if asked is None else (_named_font(asked), *supplied)
+
+
+def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
+    """The file of the first font that has a character: of `fonts`, or else of this machine's.
+
+    Raises:
+        InputError: no font has it; `what` is how the message names the picture.
+    """
+    for path in fonts:
+        if load_font(path).get_char_index(ord(character)):
+            return path
+    for path in _system_fonts(f":charset={ord(character):x}"):
+        if _draws(path, character):
+            return path
+    known = unicodedata.name(character, "a control or unassigned character").lower()
+    raise InputError(
+        what,
+        f"no font of this program or of this machine has the character {character!r} "
+        f"(U+{ord(character):04X}, {known})",
+        "Use another character, install a font that has it, or draw it as a PNG or SVG.",
+    )
+
+
+def _draws(path: str, character: str) -> bool:
+    """Whether a font can be read and has an outline for a character, not only a coloured picture."""
+    try:
+        font = load_font(path)
+        if not font.get_char_index(ord(character)):
+            return False
+        font.load_char(ord(character))
+        return len(font.get_path()[0]) > 0
+    except (RuntimeError, OSError):
+        return False
+
+
+def _named_font(asked: str) -> str:
+    """The file of a font asked for by name or file; InputError where there is none."""
+    what = f"--font {asked}"
+    path = at_home(asked)
+    if path.suffix.lower() in (".ttf", ".otf", ".ttc", ".otc", ".pfb", ".woff") or os.path.isfile(
+        path
+    ):
+        read_file(path, what, "font file")
+        try:
+            load_font(str(path))
+        except (RuntimeError, OSError) as error:
+            raise InputError(
+                what, "it is no font file with outlines", "Name a TrueType or OpenType file."
+            ) from error
+        return str(path)
+    found = find_family(asked)
+    if found is None:
+        raise InputError(
+            what,
+            "this machine has no font of that name",
+            'Name a family, such as --font "DejaVu Serif" (fc-list : family lists them), or a file.',
+        )
+    return found[0]
+
+
+@cache
+def find_family(asked: str) -> tuple[str, ...] | None:
+    """Files of a family's fonts, upright and regular ones first; None where this machine has none."""
+    family = asked.replace("\\", "\\\\").replace(":", "\\:").replace("-", "\\-").replace(",", "\\,")
+    files = []
+    for found in _system_fonts(family) if asked.strip() else ():
+        with contextlib.suppress(RuntimeError, OSError):
+            load_font(found)
+            files.append(found)
+    if files:
+        return tuple(files)
+    from matplotlib.font_manager import (
+        findfont,  # knows matplotlib's own, where fontconfig does not
+    )
+
+    try:
+        return (str(findfont(asked, fallback_to_default=False)),)
+    except ValueError:
+        return None
+
+
+def _system_fonts(pattern: str) -> Iterator[str]:
+    """Files of this machine's fonts that match a fontconfig pattern, upright and regular ones first.
+
+    Where there is no fontconfig: of all fonts that matplotlib finds, if a character is looked for.
+    """
+    if shutil.which("fc-list") is None:
+        if pattern.startswith(":"):
+            from matplotlib.font_manager import findSystemFonts
+
+            yield from sorted(findSystemFonts())
+        return
+    lines = (line.partition("\t") for line in _ask_fontconfig("%{file}\t%{style}\n", pattern))
+    plain = {path: style.lower().split(",")[0] not in _PLAIN for path, _, style in lines}
+    yield from sorted(plain, key=lambda path: (plain[path], path))
+
+
+def list_families() -> tuple[str, ...]:
+    """The families that a text can be drawn in, by name."""
+    found = _ask_fontconfig("%{family[0]}\n", ":outline=true")
+    return tuple(sorted({*found, "DejaVu Sans", "DejaVu Sans Mono", "DejaVu Serif"}))
+
+
+def _ask_fontconfig(form: str, pattern: str) -> list[str]:
+    """Lines of this form, one for each font that matches; none where there is no fontconfig."""
+    program = shutil.which("fc-list")
+    if program is None:
+        return []
+    try:
+        said = subprocess.run(
+            [program, f"--format={form}", pattern],
+            capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False,
+        ).stdout  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired):
+        return []
+    return [line for line in said.splitlines() if line]

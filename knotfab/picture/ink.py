@@ -1,0 +1,302 @@
+"""Which pixels of a picture are its silhouette: the rules of docs/silhouette.md."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from colorsys import rgb_to_hsv
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageColor
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.errors import InputError
+from knotfab.picture.colours import cluster_colours, enclosed_parts
+from knotfab.picture.masks import holes_of
+from knotfab.scene.model import Reading
+
+__all__ = ["find_ink", "name_colour", "split_channels", "take_border", "takes_alpha"]
+
+Levels = NDArray[Any]  # (H, W) or (H, W, 3) of 8 bits, or grey of 16
+
+_ROWS = 512  # rows handled at once where colours are compared, to bound the memory
+_LUMA = (299, 587, 114)  # ITU-R BT.601, in thousandths
+# of 255 levels: blank paper differs from itself by as much, once it is saved as a JPEG
+_NOISE = 8.0
+_JOINTS = 0.05  # of hairlines' pixels, at most, lie where they meet
+_STRAY = 0.01  # of the pixels, at most, are clear by accident
+_PLAINLY = 64.0  # of 255 levels, by which ink is plainly darker or lighter than what it lies on
+# below so many degrees
+_HUES: tuple[tuple[int, str], ...] = (
+    *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
+    *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),
+)
+_WORTH_SAYING = 0.02  # share of the ink of a colour that is told
+
+
+def find_ink(image: Image.Image, reading: Reading, what: str) -> tuple[Mask, str]:
+    """The pixels of a decoded picture that are ink, and the rule in words, its figures in brackets.
+
+    Args:
+        image: upright, and cropped already; where a subject is cut out, its mask. what: how an error names
+            the picture.
+
+    Raises:
+        InputError: the picture is transparent everywhere, or all one colour.
+    """
+    if reading.cut_out:
+        return np.asarray(image) >= 128, "what was cut out [--subject]"
+    colours, alpha = split_channels(image)
+    least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
+    clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least
+    if alpha is not None and clear is not None and clear.all():
+        raise _faint(alpha, what)
+    share = f"{reading.threshold:g} of the largest difference"
+    if clear is not None and (reading.ink == "alpha" or takes_alpha(colours, alpha, reading)):
+        return _take_opaque(colours, ~clear, reading)
+    if reading.ink == "alpha":
+        raise InputError(
+            what, "--ink alpha needs transparency, and it has none", "Leave --ink out."
+        )
+    if reading.ink == "auto":
+        middle = np.median(take_border(colours), axis=0)
+        mask = _differ(colours, middle, reading.threshold, what, clear)
+        rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
+        rule += f"{_name(middle, colours)}, by more than {share}]"
+        return mask, rule + _tell_colours(colours, mask)
+    opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
+    if reading.ink == "flood":
+        return opaque & ~_flood(colours, reading.threshold, what), (
+            f"what the colours of the border do not reach [each taking in {share}]"
+        )
+    if reading.ink in ("dark", "light"):
+        return _split_brightness(colours, opaque, reading, what)
+    wanted = np.array(ImageColor.getrgb(reading.ink), dtype=np.float64)
+    if colours.ndim == 2:
+        wanted = wanted[:1] * (np.iinfo(np.uint16).max / 255 if colours.dtype != np.uint8 else 1)
+    away = _squares(colours, wanted)
+    near = away < reading.threshold**2 * away[opaque].max()
+    if clear is not None and away[opaque].max() == 0:
+        near = opaque
+    if not (near & opaque).any():
+        raise InputError(
+            what,
+            f"nothing in it is near {reading.ink}",
+            "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
+        )
+    called = _word_of(np.array(ImageColor.getrgb(reading.ink), dtype=np.float64))
+    exact = f"[what differs from {reading.ink} by less than {share}]"
+    return near & opaque, f"what is {called} {exact}"
+
+
+def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None]:
+    """Colours (H, W) or (H, W, 3), and alpha (H, W), None without any."""
+    key = image.info.get("transparency")
+    if image.mode.startswith("I"):  # 16-bit grey, kept at full precision
+        grey = np.asarray(image)
+        alpha = np.where(grey == key, 0, 255) if isinstance(key, int) else None
+        return grey, None if alpha is None else alpha.astype(np.uint8)
+    if image.mode in ("L", "1") and key is None:
+        return np.asarray(image.convert("L")), None
+    if key is not None or image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            rgba = np.asarray(image.convert("RGBA"))
+        return rgba[..., :3], rgba[..., 3]
+    return np.asarray(image if image.mode == "RGB" else image.convert("RGB")), None
+
+
+def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Reading) -> bool:
+    """Whether transparency says what ink is, where nobody does: it is more than stray pixels.
+
+    A hundredth of the picture that is clear is the fault of an export, unless nothing else tells a shape.
+    """
+    if alpha is None or reading.ink != "auto":
+        return False
+    clear = alpha < 255 * reading.threshold
+    share = clear.mean()
+    if share > _STRAY or not share:
+        return bool(share)
+    seen = colours[~clear]
+    return bool((seen.max(axis=0).astype(np.int64) - seen.min(axis=0)).max() <= _NOISE)
+
+
+def _faint(alpha: NDArray[np.uint8], what: str) -> InputError:
+    """Why nothing of a picture is opaque, and what would do."""
+    from scipy import ndimage
+
+    peak = int(alpha.max()) / 255
+    half = max(0.01, np.floor(50 * peak) / 100)
+    if not peak:
+        why = "it is transparent everywhere, so there is no shape in it"
+        return InputError(what, why, "Use a picture with opaque pixels where the shape is.")
+    drawn = alpha > 0
+    if ndimage.binary_erosion(drawn, np.ones((3, 3))).sum() < _JOINTS * drawn.sum():
+        why = f"its lines are thinner than a pixel: its most opaque pixel has alpha {peak:.2g}"
+        return InputError(what, why, "Draw wider lines (of a wider stroke in an SVG).")
+    why = f"it is faint: its most opaque pixel has alpha {peak:.2g}"
+    return InputError(what, why, f"Add --threshold {half:g}, or make the drawing opaque.")
+
+
+def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> tuple[Mask, str]:
+    """What is opaque, less enclosed parts of another colour than the largest."""
+    rule = f"what is opaque [alpha at least {reading.threshold:g}]"
+    if reading.ink == "alpha" or colours.ndim == 2:
+        return opaque, rule
+    holes, clusters = enclosed_parts(colours.astype(np.uint8, copy=False), opaque)
+    if clusters is not None and holes.any():
+        rule += ", without the parts of other colours inside it "
+        rule += f"[that {name_colour(clusters.colours[0])}, the largest colour, encloses]"
+    mask = opaque & ~holes
+    return mask, rule + _tell_colours(colours, mask)
+
+
+def _tell_colours(colours: Levels, mask: Mask) -> str:
+    """What colours the ink is of, where it is of several: a person may want one of them alone.
+
+    Those of soft edges are none: they are nowhere 3 px thick.
+    """
+    from scipy import ndimage
+
+    if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
+        return ""
+    found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
+    told = [k for k, share in enumerate(found.shares) if share >= _WORTH_SAYING]
+    if len(told) < 2:
+        return ""
+    kinds = found.label(colours)
+    told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
+    if len(told) < 2:
+        return ""
+    words = [
+        f"{_word_of(found.colours[k])} {name_colour(found.colours[k])} ({found.shares[k]:.0%})"
+        for k in told[:4]
+    ]
+    return f"; of several colours, {', '.join(words)}: --ink COLOUR takes one of them alone"
+
+
+def take_border(colours: Levels) -> Levels:
+    """(n, channels) the outermost pixels, each once."""
+    rows = [colours[0], colours[-1], colours[1:-1, 0], colours[1:-1, -1]]
+    channels = 1 if colours.ndim == 2 else colours.shape[2]
+    return np.concatenate([r.reshape(-1, channels) for r in rows])
+
+
+def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """(H, W) what `measure` makes of colours (h, W, channels), some rows at a time.
+
+    In single precision where the colours have 8 bits: doubled differences, squared and summed, stay
+    below 2^24, so that they are exact, and levels on either side of the half fall where they belong.
+    """
+    kind = np.float32 if colours.dtype == np.uint8 else np.float64
+    parts = []
+    for top in range(0, len(colours), _ROWS):
+        part = colours[top : top + _ROWS].astype(kind)
+        parts.append(measure(part.reshape(*part.shape[:2], -1)))
+    return np.concatenate(parts)
+
+
+def _squares(colours: Levels, middle: Array) -> NDArray[Any]:
+    """(H, W) squared Euclidean differences from one colour."""
+
+    def measure(part: NDArray[Any]) -> NDArray[Any]:
+        away = part - middle.astype(part.dtype)
+        return np.asarray(np.einsum("ijk,ijk->ij", away, away))
+
+    return _by_rows(colours, measure)
+
+
+def _differ(
+    colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
+) -> Mask:
+    """Pixels that differ from a colour by more than a share of the largest difference; clear ones do not."""
+    squared = _squares(colours, middle)
+    if clear is not None:
+        squared[clear] = 0
+    largest = float(squared.max())
+    if largest == 0.0:
+        raise _one_colour(what)
+    channels = colours.shape[2] if colours.ndim == 3 else 1
+    if colours.dtype == np.uint8 and largest <= channels * _NOISE**2:
+        raise InputError(
+            what,
+            "it is nearly all one colour: nothing in it differs from its border by more than noise does",
+            "Use a picture of more contrast, or say what is drawn (--ink dark, light or a colour).",
+        )
+    return np.asarray(squared > threshold**2 * largest)
+
+
+def _flood(colours: Levels, threshold: float, what: str) -> Mask:
+    """The background: pixels near one of the border's colours, joined to the border."""
+    if colours.dtype != np.uint8:
+        colours = (colours >> 8).astype(np.uint8)
+    rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
+    kinds = cluster_colours(take_border(rgb).astype(np.uint8, copy=False)).colours
+    away = np.stack([_squares(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
+    if away.max() == 0:
+        raise _one_colour(what)
+    near = away <= threshold**2 * away.max()
+    return np.asarray(near & (holes_of(~near)[0] == 0))
+
+
+def _split_brightness(
+    colours: Levels, opaque: Mask, reading: Reading, what: str
+) -> tuple[Mask, str]:
+    """Pixels darker, or lighter, than a share of the way between the extremes; clear ones never are."""
+    if colours.ndim == 2:
+        bright = colours.astype(np.int64)
+    else:
+        bright = _by_rows(colours, lambda part: part.astype(np.int64) @ _LUMA).astype(np.int64)
+    most = 255 * sum(_LUMA) if colours.ndim == 3 else 255 if colours.dtype == np.uint8 else 65535
+    dark = reading.ink == "dark"
+    # what is clear is as bright as paper where ink is dark, as dark as night where it is light
+    bright = np.where(opaque, bright, most if dark else 0)
+    low, high = int(bright.min()), int(bright.max())
+    if low == high:
+        raise _one_colour(what)
+    at = reading.threshold
+    edge = low + at * (high - low) if dark else high - at * (high - low)
+    mask = bright < edge if dark else bright > edge
+    way = "from the darkest to the lightest" if dark else "from the lightest to the darkest"
+    return np.asarray(mask), f"what is {reading.ink} [up to {at:g} of the way {way} pixel]"
+
+
+def _one_colour(what: str) -> InputError:
+    return InputError(
+        what,
+        "it is all one colour, so there is no shape in it",
+        "Use a picture whose shape differs from its background, or one with transparency.",
+    )
+
+
+def name_colour(colour: Array | NDArray[np.uint8]) -> str:
+    """A colour as #rrggbb."""
+    return "#" + "".join(f"{int(c):02x}" for c in colour)
+
+
+def _tell_shape(middle: Array, colours: Levels, mask: Mask) -> str:
+    """What a person sees drawn, such as "the dark shape on white"."""
+    most = np.iinfo(colours.dtype).max
+    ground = np.broadcast_to(255 * middle / most, 3)
+    ink = np.broadcast_to(255 * colours[mask].mean(axis=0) / most, 3)
+    brighter = float((ink - ground) @ _LUMA) / sum(_LUMA)
+    which = "" if abs(brighter) < _PLAINLY else "light " if brighter > 0 else "dark "
+    return f"the {which}shape on {_word_of(ground)}"
+
+
+def _word_of(colour: Array) -> str:
+    """What a person calls a colour (0 .. 255)."""
+    hue, saturation, value = rgb_to_hsv(*(colour / 255))
+    if value < 0.15 or saturation < 0.15:
+        return "black" if value < 0.2 else "white" if value > 0.85 else "grey"
+    tone = "pale " if saturation < 0.45 else "dark " if value < 0.5 else ""
+    return tone + next(name for below, name in _HUES if 360 * hue < below)
+
+
+def _name(middle: Array, colours: Levels) -> str:
+    """A border's colour as a person writes it."""
+    if colours.dtype != np.uint8:
+        return f"grey {middle[0]:g}"
+    return name_colour(np.repeat(middle, 3) if len(middle) == 1 else middle)

@@ -1,0 +1,133 @@
+"""What a tube can draw of a silhouette: its morphological opening by a disc, exact on polygons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LinearRing, MultiPolygon, Polygon
+
+from knotfab.base.arrays import Array
+from knotfab.picture.silhouette import polygon_iou
+
+__all__ = [
+    "Loss",
+    "find_losses",
+    "least_ring",
+    "longer_side",
+    "open_by",
+    "opening_iou",
+    "thickest_radius",
+]
+
+_COARSE = 0.02  # radii that an outline may move by before it is opened
+_SLIVER = 0.03  # radii: no slivers that this leaves along edges are twice as thick
+_EDGE_ON = 0.01  # of a ring seen from its edge: its width over its length
+_CORNERS = 64  # of a ring
+_WITHIN = 1.002  # of the largest radius: the ratio to one that is too large
+
+
+def _open(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
+    return shape.buffer(-radius).buffer(radius)
+
+
+def open_by(shape: Polygon | MultiPolygon, radius: float) -> Polygon | MultiPolygon:
+    """The opening by a disc, to a fiftieth of its radius; the same of an opening by a smaller disc."""
+    return _open(shape.simplify(_COARSE * radius), radius)
+
+
+def opening_iou(polygon: MultiPolygon, radius: float) -> float:
+    """IoU of the silhouette with its morphological opening: what a tube draws without spilling."""
+    opened = _open(polygon, radius)
+    return polygon_iou(opened, polygon)
+
+
+def longer_side(shape: Polygon | LinearRing) -> float:
+    """Of the narrowest rectangle about it."""
+    return float(max(np.linalg.norm(side) for side in _rectangle(shape)[1]))
+
+
+def _rectangle(shape: Polygon | LinearRing) -> tuple[Array, Array]:
+    """The middle (2,) of the narrowest rectangle about a shape, and its sides (2, 2)."""
+    corners = np.asarray(shapely.minimum_rotated_rectangle(shape).exterior.coords)[:4]
+    return corners.mean(axis=0), np.diff(corners[:3], axis=0)
+
+
+def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: bool = False) -> Array:
+    """(m, 2) The centre line, as it is seen, of the least closed tube in a shape's place.
+
+    A closed tube is no smaller across than a circle of its least bend radius; seen from aside that is an
+    ellipse, which lies along the shape and is as wide as fits.
+
+    Args:
+        inset: of the centre line in the shape. bend: the least bend radius.
+        flat: the ring cannot be turned out of the picture's plane.
+    """
+    middle, sides = _rectangle(shape)
+    lengths = np.linalg.norm(sides, axis=1)
+    longer = int(lengths.argmax())
+    along = sides[longer] / lengths[longer]
+    across = np.array([-along[1], along[0]])
+    least = bend if flat else _EDGE_ON * bend
+    minor = float(np.clip(0.5 * lengths[1 - longer] - inset, least, bend))
+    turn = 2.0 * np.pi * np.arange(_CORNERS) / _CORNERS
+    ring: Array = middle + np.outer(bend * np.cos(turn), along)
+    return ring + np.outer(minor * np.sin(turn), across)
+
+
+def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
+    """The largest radius between two with which the opening has this IoU, None where `low` has not.
+
+    In the polygon's own unit; a frame s times as large allows a tube s times as thick.
+    """
+    if opening_iou(polygon, low) < iou:
+        return None
+    if opening_iou(polygon, high) >= iou:
+        return high
+    while high > _WITHIN * low:
+        middle = float(np.sqrt(low * high))
+        if opening_iou(polygon, middle) >= iou:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A part of a silhouette that a tube cannot draw, in the silhouette's unit.
+
+    `at`: a point in it, where it is thickest; `thickness` there, and `extent`, its longest side.
+    """
+
+    shape: Polygon
+    at: tuple[float, float]
+    thickness: float
+    extent: float
+
+
+def find_losses(polygon: MultiPolygon, opened: Polygon | MultiPolygon, radius: float) -> list[Loss]:
+    """The parts that a tube of this radius loses, largest first; `opened` is what it draws (`open_by`).
+
+    A part counts that reaches more than a radius beyond what is drawn: rounded corners are no loss.
+    """
+    whole = polygon.difference(opened)
+    far = whole if opened.is_empty else whole.difference(opened.buffer(radius))
+    thin = _SLIVER * radius
+    # slivers along edges would join what is lost at corners, so they go; lines as thin stay by themselves
+    thick = whole.buffer(-thin, join_style="mitre").buffer(thin, join_style="mitre")
+    parts = [part for part in shapely.get_parts(thick) if part.intersects(far)]
+    known = shapely.union_all(parts)
+    hair = shapely.get_parts(whole.difference(thick))
+    parts += [part for part in hair if part.intersects(far) and not part.intersects(known)]
+    found = []
+    for part in parts:
+        if not isinstance(part, Polygon):
+            continue
+        # to a fiftieth of the radius: the circle's place need not be exact
+        circle = shapely.maximum_inscribed_circle(part, tolerance=0.02 * radius)
+        x, y = circle.coords[0]
+        left, low, right, high = part.bounds
+        found.append(Loss(part, (x, y), 2.0 * circle.length, max(right - left, high - low)))
+    return sorted(found, key=lambda loss: -loss.shape.area)

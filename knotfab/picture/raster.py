@@ -1,0 +1,312 @@
+"""Pixel pictures: decode a file's bytes safely and take the silhouette by the contract's rule."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from functools import cache
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from knotfab.base.arrays import Mask
+from knotfab.base.errors import InputError
+from knotfab.picture.ink import find_ink
+from knotfab.picture.masks import drop_specks, keep_largest, pieces_of
+from knotfab.scene.model import Box, Reading
+
+__all__ = [
+    "KEPT",
+    "LARGEST_SIDE",
+    "MARGIN",
+    "SMALLEST_SIDE",
+    "SUFFIXES",
+    "check_shape",
+    "count_frames",
+    "decode",
+    "looks_like_raster",
+    "own_box",
+    "shrink",
+    "shrink_factor",
+    "silhouette",
+    "take_frame",
+    "to_plain",
+]
+
+SMALLEST_SIDE = 16
+LARGEST_SIDE = 8000
+_GLANCE = 1280  # px of a longer side that tell what a tube makes of a picture; a verdict takes 1024
+_LEAST = 200  # px of a shorter side that are left at a glance
+MARGIN = 0.06  # clear space about a drawing in parts of the frame's longer side
+
+# What Pillow calls each format that is read, and the suffixes its files carry, the usual one first.
+SUFFIXES: dict[str, tuple[str, ...]] = {
+    "PNG": (".png", ".apng"),
+    "JPEG": (".jpg", ".jpeg", ".jpe", ".jfif"),
+    "MPO": (".jpg", ".jpeg", ".mpo"),
+    "WEBP": (".webp",),
+    "BMP": (".bmp", ".dib"),
+    "GIF": (".gif",),
+    "AVIF": (".avif", ".avifs"),
+    "HEIF": (".heic", ".heif", ".hif"),
+    "TIFF": (".tif", ".tiff"),
+    "ICO": (".ico",),
+    "JPEG2000": (".jp2", ".j2k"),
+    "PPM": (".ppm", ".pgm", ".pbm", ".pnm"),
+}
+KEPT = ("PNG", "JPEG", "MPO", "WEBP", "BMP", "GIF")  # a build keeps the others as PNG
+_FORMATS = tuple(kind for kind in SUFFIXES if kind != "MPO")
+_READABLE = "PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG"
+_BEGINNINGS = (
+    b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"BM", b"II*\0", b"MM\0*",
+    b"\0\0\1\0", b"\0\0\0\x0cjP", b"\xff\x4f\xff\x51", *(b"P%d" % n for n in range(1, 8)),
+)  # fmt: skip
+_EXPORT = "Open it in the program that made it, and export it as PNG or SVG."
+# what people take for pictures: the first bytes, what it is, what to do
+_OTHERS: tuple[tuple[bytes, str, str], ...] = (
+    (rb"%PDF", "a PDF", "Export its page as SVG or PNG, by Inkscape or by pdftoppm -png."),
+    (rb"%!PS|\xc5\xd0\xd3\xc6", "PostScript (EPS)", "Export it as SVG or PNG, by Inkscape."),
+    (rb"8BPS", "a Photoshop file", _EXPORT),
+    (rb"gimp xcf", "a GIMP file", _EXPORT),
+    (rb"\xff\x0a|\0\0\0\x0cJXL ", "a JPEG XL picture", "Save it as PNG."),
+    (rb"PK\x03\x04", "a ZIP archive, as documents are (docx, odg, kra)", _EXPORT),
+    (rb"\s*(?i:<!doctype html|<html)", "a web page", "Save the picture itself, not the page it is on."),
+    (rb"\s*0\s+SECTION|AC10", "a CAD drawing (DXF, DWG)", "Export it as SVG."),
+    (rb"....ftyp(?:avif|avis)", "an AVIF picture", "Save it as PNG, or install a newer Pillow."),
+    (rb"....ftyp(?:hei|hev|mif1|msf1)", "a HEIC photo, as iPhones take them",
+     "Save it as JPEG or PNG, or pip install pillow-heif."),
+    (rb"....ftyp|\x1aE\xdf\xa3|RIFF....AVI ", "a film",
+     "Export its frames as PNG (ffmpeg -i FILM frame-%d.png), and draw them with --sequence."),
+)  # fmt: skip
+
+
+def looks_like_raster(data: bytes) -> bool:
+    """Whether the first bytes are those of a pixel format that can be read."""
+    return data.startswith(_BEGINNINGS) or data[8:12] == b"WEBP" or data[4:8] == b"ftyp"
+
+
+@cache
+def _read_heif() -> bool:
+    """Whether photos of iPhones can be read: by pillow-heif, which comes along where it has a wheel."""
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError:
+        return False
+    register_heif_opener()
+    return True
+
+
+def _unreadable(data: bytes, what: str) -> InputError:
+    """Why a file is no picture that can be read: what it is, where its first bytes tell."""
+    for beginning, name, remedy in _OTHERS:
+        if re.match(beginning, data, re.S):
+            return InputError(what, f"it is {name}, which cannot be read", remedy)
+    return InputError(
+        what,
+        f"it is not a picture that can be read (a damaged file, or not {_READABLE})",
+        f"Save or export the picture as {_READABLE} and try again.",
+    )
+
+
+def _formats() -> tuple[str, ...]:
+    """Those of `_FORMATS` that this machine's Pillow reads."""
+    Image.init()
+    return tuple(kind for kind in _FORMATS if kind in Image.OPEN)
+
+
+def _check_size(
+    what: str, width: int, height: int, smallest: int, largest: int = LARGEST_SIDE
+) -> None:
+    if max(width, height) > largest:
+        raise InputError(
+            what,
+            f"it is {width} x {height} pixels, more than {largest} on a side",
+            f"Scale it down to at most {largest} pixels on the longer side.",
+        )
+    if min(width, height) < smallest:
+        raise InputError(
+            what,
+            f"it is {width} x {height} pixels, less than {smallest} on a side",
+            f"Use a picture of at least {smallest} x {smallest} pixels, better about 1000.",
+        )
+
+
+def decode(
+    data: bytes, what: str, *, smallest: int = SMALLEST_SIDE, largest: int = LARGEST_SIDE
+) -> tuple[Image.Image, str]:
+    """Decode a pixel picture, turned upright by its EXIF tag.
+
+    Args:
+        data: the file's bytes.
+        what: how an error names the picture.
+        smallest, largest: pixels allowed on a side.
+
+    Returns:
+        The first frame, in its own mode, and Pillow's name of the format.
+
+    Raises:
+        InputError: unknown format, damaged data, or a size outside what is allowed (checked before any
+            pixel is decoded).
+    """
+    with warnings.catch_warnings():
+        # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
+        warnings.simplefilter("ignore")
+        try:
+            if data[4:8] == b"ftyp":
+                _read_heif()
+            image = Image.open(io.BytesIO(data), formats=_formats())
+        except Image.DecompressionBombError as error:
+            raise InputError(
+                what,
+                f"it has more than {largest} pixels on a side",
+                f"Scale it down to at most {largest} pixels on the longer side.",
+            ) from error
+        except Exception as error:  # Pillow's plug-ins raise many kinds on damaged headers
+            raise _unreadable(data, what) from error
+        _check_size(what, *image.size, smallest, largest)
+        kind = str(image.format)
+        try:
+            image.load()
+            upright = ImageOps.exif_transpose(image)
+        except Exception as error:
+            raise InputError(
+                what,
+                f"the {kind} data is damaged or cut short",
+                "Copy or export the file again.",
+            ) from error
+    return upright, kind
+
+
+def shrink_factor(image: Image.Image) -> int:
+    """How many px across may become one where a picture is only glanced at."""
+    deep = image.mode.startswith(("I", "F"))  # which Pillow does not reduce
+    return 1 if deep else min(-(-max(image.size) // _GLANCE), max(1, min(image.size) // _LEAST))
+
+
+def shrink(image: Image.Image, factor: int) -> Image.Image:
+    """The means of squares of px."""
+    if image.mode not in ("L", "LA", "RGB", "RGBA"):
+        image = image.convert("RGBA" if image.has_transparency_data else "RGB")
+    return image.reduce(factor)
+
+
+def count_frames(data: bytes) -> int:
+    """Frames of a pixel picture that `decode` can read; 1 where it does not move."""
+    with Image.open(io.BytesIO(data), formats=_formats()) as image:
+        return int(getattr(image, "n_frames", 1))
+
+
+def take_frame(data: bytes, number: int) -> Image.Image:
+    """A frame of a moving picture, counted from 0.
+
+    Raises:
+        EOFError, OSError, ValueError: there is none, or it is damaged.
+    """
+    with Image.open(io.BytesIO(data), formats=_formats()) as image:
+        image.seek(number)
+        return image.convert("RGBA")
+
+
+def to_plain(image: Image.Image) -> Image.Image:
+    """A picture in a mode that a PNG holds, nothing of the file about it."""
+    if image.mode == "F":
+        levels = np.asarray(image, dtype=np.float64)
+        low, high = np.nanmin(levels), np.nanmax(levels)
+        scaled = (np.nan_to_num(levels, nan=low) - low) * (65535 / max(high - low, 1e-300))
+        return Image.fromarray(scaled.astype(np.uint16))
+    if image.mode.startswith("I"):
+        return Image.fromarray(np.asarray(image).clip(0, 65535).astype(np.uint16))
+    if image.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA") and "icc_profile" not in image.info:
+        return image
+    return image.convert("RGBA" if image.has_transparency_data else "RGB")
+
+
+def silhouette(
+    image: Image.Image, what: str, reading: Reading, shrunk: int = 1
+) -> tuple[Mask, str, Box | None]:
+    """The silhouette of a decoded picture, by the rules of docs/silhouette.md.
+
+    Cropped first; then the ink, inverted where that is asked for, its largest pieces, without specks.
+
+    Args:
+        image: upright, as `decode` gives it.
+        what: how an error names the picture.
+        shrunk: so many px of the picture, across, are one of `image`; `reading` is in px of the picture.
+
+    Returns:
+        (H, W) bool of the cropped picture, row 0 at the top, True where the shape is; the rule in words;
+        and the crop in px (left, top, width, height), None where there is none.
+
+    Raises:
+        InputError: no shape, nothing but specks, or a shape that fills the whole frame.
+    """
+    box = None if reading.crop_px == "none" else reading.crop_px
+    if box == "auto":
+        whole, *_ = silhouette(image, what, reading.model_copy(update={"crop_px": "none"}))
+        box = own_box(whole)
+    if box is not None:
+        image = _crop(image, box, what)
+    mask, rule = find_ink(image, reading, what)
+    if reading.invert:
+        mask, rule = ~mask, f"all but {rule}"
+    if reading.speck_px:
+        mask = drop_specks(mask, round(reading.speck_px / shrunk**2))
+        rule += f"; without specks of less than {reading.speck_px} px"
+    if reading.keep_largest:
+        mask = keep_largest(mask, reading.keep_largest)
+        count = reading.keep_largest
+        rule += (
+            "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
+        )
+    if box is not None:
+        rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
+    check_shape(mask, what)
+    return mask, rule, box
+
+
+def own_box(mask: Mask) -> Box:
+    """The box of a silhouette with a margin about it, as far as the picture reaches."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    height, width = mask.shape
+    longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
+    margin = max(2, round(longer * MARGIN / (1 - 2 * MARGIN)), (SMALLEST_SIDE - longer + 1) // 2)
+    left, top = max(0, int(columns[0]) - margin), max(0, int(rows[0]) - margin)
+    right = min(width, int(columns[-1]) + 1 + margin)
+    bottom = min(height, int(rows[-1]) + 1 + margin)
+    return left, top, right - left, bottom - top
+
+
+def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:
+    left, top, width, height = box
+    if left + width > image.width or top + height > image.height:
+        raise InputError(
+            what,
+            f"a crop of {width} x {height} px from ({left}, {top}) reaches beyond its "
+            f"{image.width} x {image.height} px",
+            "Give left, top, width and height in px of the picture, or --crop auto.",
+        )
+    _check_size(f"{what}, cropped,", width, height, SMALLEST_SIDE)
+    return image.crop((left, top, left + width, top + height))
+
+
+def check_shape(mask: Mask, what: str) -> None:
+    """Reject what no tube can draw: a full frame, an empty one, nothing but specks."""
+    area = int(np.count_nonzero(mask))
+    if area == mask.size:
+        raise InputError(
+            what,
+            "the shape fills the whole frame, so there is no outline",
+            "Leave some background around the shape, or turn it with --invert if the shape is "
+            "what was taken for background.",
+        )
+    smallest = max(2.0, 1e-4 * mask.size)
+    largest = area
+    if smallest <= area < mask.size // 50:  # more cannot be made of specks alone in a real picture
+        largest = int(pieces_of(mask)[1].max())
+    if largest < smallest:
+        raise InputError(
+            what,
+            f"its largest piece covers {largest} of {mask.size} pixels, too little to be drawn",
+            "Crop the picture closer to the shape, or use a larger shape.",
+        )

@@ -1,0 +1,334 @@
+"""Read a picture from wherever it comes: an image file, an SVG, or `text:…`."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from knotfab.base.disk import at_home, read_file
+from knotfab.base.errors import InputError, shown
+from knotfab.base.notebook import InNotebook
+from knotfab.picture import raster, text
+from knotfab.picture.bending import Bending
+from knotfab.picture.data_uri import encode_image
+from knotfab.picture.guess import guess_reading
+from knotfab.picture.masks import pieces_of, smooth
+from knotfab.picture.subject import take_subject
+from knotfab.picture.svg.render import render_svg
+from knotfab.picture.svg.xml import looks_like_svg
+from knotfab.scene.model import Box, Reading
+
+__all__ = [
+    "MOVING",
+    "PICTURE_SUFFIXES",
+    "PLAIN",
+    "TEXT_PREFIX",
+    "Target",
+    "is_picture",
+    "name_picture",
+    "plain_name",
+    "read_bytes",
+    "read_target",
+    "read_targets",
+]
+
+TEXT_PREFIX = "text:"
+_DRAWN = (".svg", ".svgz")
+PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
+PLAIN = Reading()
+_MISSING = "Check the path, or write text:… for a word or a glyph."
+MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that may hold an animation
+_PIXEL_BYTES = 9  # of 16-bit RGBA, and of what a file says besides
+
+_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name, which file systems hold with what goes around it
+_CRUMB = 0.01  # of the ink: what is less is no piece of its own
+
+
+@dataclass(frozen=True, repr=False)
+class Target(InNotebook):
+    """A picture and its silhouette.
+
+    `mask` is (height, width) bool, row 0 at the top, True where the shape is that is drawn; `rule` says
+    which rule made it. `original` is the silhouette that a shadow is compared with, where that is not
+    what is drawn; where strokes were widened, `widened` is what it is judged by, that with wider strokes.
+    `line` (n, 2), in px, is the one closed line of a drawing in greys.
+    `crop_px` is the part of the picture that was read (left, top, width, height).
+    `png_bytes` is the file to copy beside scene.toml: the original's bytes for a pixel picture,
+    the canonical PNG for SVG and text. Reading that file again, in the same way, gives the same
+    mask. `suffix` (".png", ".jpg", ...) says what those bytes are. `name` is a `plain_name`.
+    Of a picture for a round wall the masks are as a flat one has them, once
+    `flattened_s`, the seconds that this took, is set; `drawing` is then what is drawn on the round one.
+    `bending`: by how much it is bent (and maybe mirrored), once it is: `mask` and `widened` are as bent.
+    `notes` say, a sentence each, what of the file is left out or guessed; `ink` is the kind of ink that was.
+    `shrunk`: so many px of the picture, across, are one of the masks, of a glance at a large picture.
+    `subject_png`: where a subject was cut out, its mask in the picture's size, white where it is, as a PNG.
+    """
+
+    name: str
+    mask: NDArray[np.bool_]
+    png_bytes: bytes
+    width: int
+    height: int
+    suffix: str = ".png"
+    rule: str = ""
+    crop_px: Box | None = None
+    original: NDArray[np.bool_] | None = None
+    widened: NDArray[np.bool_] | None = None
+    line: NDArray[np.float64] | None = None
+    drawing: NDArray[np.bool_] | None = None
+    flattened_s: float | None = None
+    shrunk: int = 1
+    bending: Bending | None = None
+    is_text: bool = False  # written out, which nobody reads in a mirror
+    notes: tuple[str, ...] = ()
+    ink: str | None = None
+    subject_png: bytes | None = None
+
+    def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
+        """The px of the picture, whose centres are whole numbers, at one of the masks."""
+        x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
+        return x, y
+
+    @cached_property
+    def pieces(self) -> int:
+        """How many pieces what is drawn has, crumbs aside."""
+        _, areas = pieces_of(self.mask)
+        return int((areas >= _CRUMB * areas.sum()).sum())
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """The silhouette by which a shadow is judged."""
+        return self.asked if self.widened is None else self.widened
+
+    @property
+    def asked(self) -> NDArray[np.bool_]:
+        """The silhouette that a shadow is compared with."""
+        return self.mask if self.original is None else self.original
+
+    def drawing_png(self) -> bytes:
+        """What is drawn, black on white, as the view's own wall has it, as a PNG."""
+        return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
+
+    @property
+    def file_name(self) -> str:
+        """`name` with the suffix of its bytes."""
+        return self.name + self.suffix
+
+
+def plain_name(raw: str, fallback: str) -> str:
+    """`raw` in letters, digits and signs of any script, "_" and "-"; `fallback` where nothing is left of it.
+
+    Of a longer one the end says of what it is the beginning: two that begin alike stay two.
+    """
+    signs = unicodedata.normalize("NFC", raw)
+    kept = (
+        c if (c.isalnum() if c < "\x80" else c.isprintable()) or c in "_-" else " " for c in signs
+    )
+    plain = re.sub("-* [- ]*", "-", "".join(kept)).strip("-")
+    if len(plain) > _MOST_SIGNS or len(plain.encode()) > _MOST_BYTES:
+        which = hashlib.sha256(raw.encode("utf-8", "surrogatepass")).hexdigest()[:7]
+        plain = plain[: _MOST_SIGNS - 8].encode()[: _MOST_BYTES - 8].decode("utf-8", "ignore")
+        plain += f"-{which}"
+    return plain or fallback
+
+
+def _name_text(content: str) -> str:
+    code = "-".join(f"{ord(c):x}" for c in content[:4])
+    return plain_name(content, f"text-{code}" if code else "text")
+
+
+def name_picture(source: str) -> str:
+    """The name that a picture's target has (`plain_name`)."""
+    if source.startswith(TEXT_PREFIX):
+        return _name_text(source.removeprefix(TEXT_PREFIX))
+    return plain_name(Path(source).stem, "picture")
+
+
+def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
+    """Whether a file of a folder is taken for a picture by its name; what systems hide beside one is not."""
+    return path.suffix.lower() in suffixes and not path.name.startswith(".")
+
+
+def read_bytes(
+    path: Path,
+    what: str,
+    largest: int = raster.LARGEST_SIDE,
+    missing: str = _MISSING,
+) -> bytes:
+    """What a picture's file holds, of at most `largest` px on a side; `what` is how an error names it.
+
+    Args:
+        missing: the remedy where there is no such file.
+
+    Raises:
+        InputError: there is none, it may not be read, it is empty, or too much for a picture.
+    """
+    data = read_file(
+        path,
+        what,
+        "picture file",
+        _PIXEL_BYTES * largest**2,
+        missing=missing,
+        too_large=f"Scale the picture down to at most {largest} pixels on a side.",
+    )
+    if not data:
+        raise InputError(what, "the file is empty", "Copy or export it again.")
+    return data
+
+
+def read_target(
+    source: str | Path,
+    reading: Reading = PLAIN,
+    *,
+    base: Path | None = None,
+    font: str | None = None,
+    glance: bool = False,
+) -> Target:
+    """Read a picture and take its silhouette.
+
+    Args:
+        source: path of a PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG file, told apart by
+            content (one that moves gives its first frame with a shape); or `text:` and characters to draw.
+        reading: how it becomes a silhouette; a view of a scene is one.
+        base: folder that a relative path starts from (that of the scene file); the current one if
+            left out.
+        font: of `text:`, a family's name or a font file.
+        glance: whether a large picture may be read shrunk.
+
+    Raises:
+        InputError: the picture cannot be read, or holds no shape that can be drawn.
+    """
+    what = shown(source)
+    if isinstance(source, str) and source.startswith(TEXT_PREFIX):
+        content = source.removeprefix(TEXT_PREFIX)
+        drawn = text.render_text(content, font)
+        target = _take_target(
+            drawn, what, name_picture(source), "", reading, glance, base or Path()
+        )
+        return replace(target, is_text=True)
+    path = at_home(source)
+    if base is not None:
+        path = base / path
+    if re.match(r"(?i:https?|ftp):/", str(source)):
+        raise InputError(
+            what, "it is an address on the web", "Download the picture, and name the file."
+        )
+    missing = _MISSING if base is None else "Lay it beside the scene that names it."
+    data = read_bytes(path, what, missing=missing)
+    suffix = path.suffix.lower()
+    name = name_picture(str(path))
+    if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
+        png, notes = render_svg(data, what)
+        target = _take_target(png, what, name, "", reading, glance, path.parent)
+        return replace(target, notes=notes + target.notes)
+    return _take_target(data, what, name, suffix, reading, glance, path.parent)
+
+
+def read_targets(
+    sources: Sequence[str],
+    views: Sequence[Reading],
+    *,
+    base: Path | None = None,
+    font: str | None = None,
+    glance: bool = False,
+) -> tuple[Target, ...]:
+    """Read the pictures of all views, in their order.
+
+    Args:
+        sources: as `read_target` takes them. views: how each is read.
+        base, font, glance: as `read_target` takes them.
+
+    Raises:
+        InputError: one cannot be read, or there are not as many as views.
+    """
+    if len(sources) != len(views):
+        raise InputError(
+            "",
+            f"{len(sources)} pictures are given for {len(views)} views",
+            "Give one picture for each [[views]] of the scene, in their order",
+        )
+    return tuple(
+        read_target(source, view, base=base, font=font, glance=glance)
+        for source, view in zip(sources, views, strict=True)
+    )
+
+
+def _take_target(
+    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: bool, folder: Path
+) -> Target:
+    image, kind = raster.decode(data, what)
+    frames = raster.count_frames(data) if kind in MOVING else 1
+    if kind not in raster.KEPT:
+        data, kind = encode_image(raster.to_plain(image)), "PNG"
+        image, kind = raster.decode(data, what)
+    asked, subject = reading, None
+    if reading.cut_out:  # from here on its mask is the picture
+        image = Image.fromarray(take_subject(image, reading, folder, what)).convert("L")
+        subject = encode_image(image.convert("1"))
+    try:
+        reading, notes = (reading, ()) if subject else guess_reading(image, reading, what)
+        shrunk = raster.shrink_factor(image) if glance and reading.crop_px == "none" else 1
+        if shrunk > 1:
+            image = raster.shrink(image, shrunk)
+        mask, rule, box = raster.silhouette(image, what, reading, shrunk)
+    except InputError:
+        if frames == 1 or subject:
+            raise
+        return _first_drawn(data, what, name, asked, glance, frames, folder)
+    if frames > 1:
+        rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
+    original = None
+    if reading.smooth_px:
+        original, mask = mask, smooth(mask, reading.smooth_px / shrunk)
+        raster.check_shape(mask, f"{what}, smoothed,")
+        rule += f"; drawn smoothed by {reading.smooth_px:g} px"
+    height, width = mask.shape
+    usual = raster.SUFFIXES[kind]
+    kept = suffix if suffix in usual else usual[0]
+    ink = reading.ink if reading.ink != asked.ink else None
+    return Target(
+        name,
+        mask,
+        data,
+        width,
+        height,
+        kept,
+        rule,
+        box,
+        original,
+        shrunk=shrunk,
+        notes=notes,
+        ink=ink,
+        subject_png=subject,
+    )
+
+
+def _first_drawn(
+    data: bytes, what: str, name: str, reading: Reading, glance: bool, frames: int, folder: Path
+) -> Target:
+    """The first frame of a moving picture that holds a shape, where its very first holds none."""
+    refused = None
+    for number in range(frames):
+        try:
+            frame = encode_image(raster.take_frame(data, number))
+            found = _take_target(frame, what, name, "", reading, glance, folder)
+        except InputError as error:
+            refused = refused or error
+        except (EOFError, OSError, ValueError):
+            break
+        else:
+            rule = f"frame {number + 1} of its {frames}, the first with a shape: {found.rule}"
+            return replace(found, rule=rule)
+    raise refused or InputError(
+        what, "its frames cannot be read", "Export the animation again, as GIF or PNG."
+    )

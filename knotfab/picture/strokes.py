@@ -1,0 +1,218 @@
+"""The centre lines of a drawing's strokes, as a plane graph: where one tube is to run along each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.geometry.sampling import arc_lengths
+from knotfab.picture.masks import fill_holes, sample_mask
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+__all__ = ["Line", "trace_strokes"]
+
+Line = Array
+"""(n, 2) points of one stroke between two places where strokes end or meet."""
+
+_RADIUS_PX = 6.0  # half a stroke's width in the picture that is thinned
+_DEEP = 0.75  # half widths: what runs nearer to the outline leads from an end to the outline
+_SPUR = 1.3  # half widths: a free end no longer is a corner of the outline, no stroke
+_SHORT = 1.6  # half widths: strokes that meet no farther apart meet in one point
+_SMOOTH = 0.5  # half widths: the stair steps of pixels are smoothed away by so much
+_HOLE = 3.0  # half widths squared: area of a hole too small for strokes about it
+_DOT = 0.5  # half widths: length of the line that stands for a dot
+
+
+def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
+    """The centre lines of strokes, all of which are about `width_px` wide or wider.
+
+    The skeleton by thinning (Zhang and Suen 1984, of scikit-image) is taken as a graph of pixels. Its chains
+    are lines; spurs are dropped, junctions nearer than a stroke is wide become one, stair steps are smoothed.
+
+    Args:
+        mask: (H, W), strokes widened.
+
+    Returns:
+        Lines in pixels of the mask. Those that meet have that end in common, exactly; a closed line
+        that meets no other begins where it ends.
+    """
+    from scipy.ndimage import distance_transform_edt
+    from skimage.morphology import skeletonize
+
+    height, width = mask.shape
+    zoom = _RADIUS_PX / (0.5 * width_px)
+    columns, rows = max(1, round(zoom * width)), max(1, round(zoom * height))
+    fine = np.pad(sample_mask(mask, columns, rows), 1)
+    fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
+    skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
+    pixels = _pixel_graph(skeleton)
+    _cut_ends(pixels, distance_transform_edt(fine))
+    graph = _chains(pixels)
+    _tidy(graph)
+    scale = np.array([width / columns, height / rows])
+    return [(line - 0.5) * scale - 0.5 for line in _lines(graph)]
+
+
+def _pixel_graph(skeleton: Mask) -> nx.Graph:
+    """Pixels (x, y) of a skeleton that touch; corner to corner only where no third pixel joins them."""
+    import networkx as nx
+
+    graph = nx.Graph()
+    on = {(int(x), int(y)) for y, x in np.argwhere(skeleton)}
+    graph.add_nodes_from(on)
+    for x, y in on:
+        for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+            if (x + dx, y + dy) in on and not (dx and dy and {(x + dx, y), (x, y + dy)} & on):
+                graph.add_edge((x, y), (x + dx, y + dy))
+    return graph
+
+
+def _cut_ends(pixels: nx.Graph, inside: Array) -> None:
+    """Take away what leads from the middle of a stroke's round end to its outline.
+
+    Args:
+        inside: (H, W) px from the background.
+    """
+    for _ in range(round(2 * _RADIUS_PX)):
+        ends = [p for p in pixels if pixels.degree(p) == 1]
+        pixels.remove_nodes_from([(x, y) for x, y in ends if inside[y, x] < _DEEP * _RADIUS_PX])
+
+
+def _chains(pixels: nx.Graph) -> nx.MultiGraph:
+    """Ends and junctions as nodes, the chains between them as edges with their points."""
+    import networkx as nx
+
+    graph = nx.MultiGraph()
+    nodes = {p for p in pixels if pixels.degree(p) != 2}
+    for part in nx.connected_components(pixels):
+        if not part & nodes:
+            nodes.add(min(part))  # a ring
+    graph.add_nodes_from((p, {"at": np.array(p, dtype=np.float64)}) for p in nodes)
+    for start in sorted(nodes):
+        for step in sorted(pixels[start]):
+            chain = [start, step]
+            while chain[-1] not in nodes:
+                one, other = pixels[chain[-1]]
+                chain.append(other if one == chain[-2] else one)
+            # each chain is met from both of its ends
+            if (start, step) <= (chain[-1], chain[-2]):
+                _add_line(graph, start, chain[-1], np.array(chain, dtype=np.float64))
+    return graph
+
+
+def _length(points: Line) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _add_line(graph: nx.MultiGraph, one: Any, other: Any, points: Line) -> None:
+    graph.add_edge(one, other, points=points, length=_length(points))
+
+
+def _tidy(graph: nx.MultiGraph) -> None:
+    """Drop spurs, let junctions that lie close become one, and join lines at nodes that are none."""
+    while True:
+        degree = dict(graph.degree)
+        short = [
+            (length, one, other, key)
+            for one, other, key, length in graph.edges(keys=True, data="length")
+            if length < max(_SPUR, _SHORT) * _RADIUS_PX
+        ]
+        spurs = [
+            (length, one, other, key)
+            for length, one, other, key in short
+            if length < _SPUR * _RADIUS_PX and {1} < {min(degree[one], 3), min(degree[other], 3)}
+        ]
+        inner = [
+            edge
+            for edge in short
+            if edge[0] < _SHORT * _RADIUS_PX and min(degree[n] for n in edge[1:3]) > 2
+        ]
+        if spurs:
+            _, one, other, key = min(spurs)
+            graph.remove_edge(one, other, key)
+            graph.remove_nodes_from([n for n in (one, other) if graph.degree(n) == 0])
+        elif inner:
+            _, one, other, key = min(inner)
+            _contract(graph, one, other, key)
+        else:
+            break
+        for node in (one, other):
+            _join_through(graph, node)
+
+
+def _contract(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
+    """The two ends of an edge become one node in its middle; of a loop only the edge goes."""
+    graph.remove_edge(one, other, key)
+    if one == other:
+        return
+    graph.nodes[one]["at"] = 0.5 * (graph.nodes[one]["at"] + graph.nodes[other]["at"])
+    for a, b, data in list(graph.edges(other, data=True)):
+        points = data["points"] if _starts_at(data, graph, a) else data["points"][::-1]
+        _add_line(graph, one, one if b == other else b, points)
+    graph.remove_node(other)
+    at = graph.nodes[one]["at"]
+    for _, b, data in graph.edges(one, data=True):
+        for end in (0, -1):
+            if b == one or (end == 0) == _starts_at(data, graph, one):
+                data["points"][end] = at
+        data["length"] = _length(data["points"])
+
+
+def _starts_at(data: dict[str, Any], graph: nx.MultiGraph, node: Any) -> bool:
+    """Whether an edge's points begin at this one of its nodes, rather than end there."""
+    first, last = data["points"][0], data["points"][-1]
+    at = graph.nodes[node]["at"]
+    return bool(np.hypot(*(first - at)) <= np.hypot(*(last - at)))
+
+
+def _join_through(graph: nx.MultiGraph, node: Any) -> None:
+    """Lines that meet where no third does are one."""
+    if node not in graph or graph.degree(node) != 2:
+        return
+    edges = list(graph.edges(node, keys=True, data=True))
+    if len(edges) != 2:
+        return  # a ring
+    (_, a, ka, one), (_, b, kb, other) = edges
+    first = one["points"][::-1] if _starts_at(one, graph, node) else one["points"]
+    second = other["points"] if _starts_at(other, graph, node) else other["points"][::-1]
+    graph.remove_edges_from([(node, a, ka), (node, b, kb)])
+    graph.remove_node(node)
+    _add_line(graph, a, b, np.concatenate([first, second[1:]]))
+
+
+def _lines(graph: nx.MultiGraph) -> list[Line]:
+    """The edges, smoothed with their ends where they are; a dot as a short line."""
+    found = []
+    for node in graph:
+        if graph.degree(node) == 0:
+            at, reach = graph.nodes[node]["at"], np.array([0.5 * _DOT * _RADIUS_PX, 0.0])
+            found.append(np.stack([at - reach, at + reach]))
+    for one, other, data in graph.edges(data=True):
+        closed = one == other and graph.degree(one) == 2
+        found.append(_smooth(data["points"], closed))
+    return found
+
+
+def _smooth(points: Line, closed: bool) -> Line:
+    """Evenly sampled and smoothed; the ends stay, but for a ring's."""
+    from scipy.ndimage import gaussian_filter1d
+
+    arc = arc_lengths(points, closed=False)
+    count = max(3, round(arc[-1]) + 1)
+    at = np.linspace(0.0, arc[-1], count)
+    even = np.stack([np.interp(at, arc, c) for c in points.T], axis=1)
+    sigma = _SMOOTH * _RADIUS_PX
+    if closed:
+        ring = gaussian_filter1d(even[:-1], sigma, axis=0, mode="wrap")
+        return np.concatenate([ring, ring[:1]])
+    # mirrored in a point at its ends, so that these stay
+    reach = min(count - 1, int(4 * sigma))
+    ends = (2 * even[0] - even[reach:0:-1], 2 * even[-1] - even[-2 : -2 - reach : -1])
+    wide = gaussian_filter1d(np.concatenate([ends[0], even, ends[1]]), sigma, axis=0)
+    smooth = wide[reach : reach + count]
+    smooth[[0, -1]] = points[[0, -1]]  # exactly: lines meet there
+    return np.asarray(smooth)

@@ -1,0 +1,264 @@
+"""Cut one thing out of a photograph by a rectangle about it: GrabCut (Rother, Kolmogorov, Blake 2004)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.base.disk import read_file
+from knotfab.base.errors import InputError, needs_extra
+from knotfab.picture.masks import fill_holes, holes_of, pieces_of, sample_mask, smooth
+from knotfab.picture.silhouette import fit_size
+from knotfab.scene.model import Box, Disc, Reading
+
+__all__ = ["cut_subject", "middle_box", "take_subject"]
+
+Levels = NDArray[np.float32]
+_Gaussian = tuple[float, NDArray[np.float64], NDArray[np.float64]]  # share, mean, covariance
+
+_CUT_PX, _FINE_PX = 320, 1600  # longer side where the cut is made, and where its outline is refined
+_MARGIN = 0.25  # of the rectangle's longer side: what lies that near tells of the background
+_KINDS, _ROUNDS = 5, 6  # Gaussians for each of the two, and cuts at most
+_SETTLED = 1e-3  # of the pixels change from one cut to the next, at most, in the last
+_EDGE = 50.0  # weight of an outline through pixels alike, against the likelihood of one pixel
+_GRAIN = 5.0  # levels by which pixels of one colour differ at least
+_FEW = 16  # pixels that a mixture is learnt from at least
+_SURE = 1e6  # weight of what is known
+_ALIKE = (0.05 * 255) ** 2  # variance of brightness below which the outline follows no edge
+_ROUND = 0.004  # of the rectangle's longer side: radius of what is smoothed away
+_CRUMB, _HOLE = 0.05, 0.03  # of the largest piece: smaller pieces are left out, holes filled
+_FULL = 0.995  # of the rectangle is all of it
+_SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # to half of a pixel's eight neighbours
+
+
+def middle_box(width: int, height: int) -> Box:
+    """The middle 80 % of a picture: a rectangle to begin with."""
+    return round(width / 10), round(height / 10), round(0.8 * width), round(0.8 * height)
+
+
+def take_subject(image: Image.Image, reading: Reading, folder: Path, what: str) -> Mask:
+    """(H, W) what was cut out of an upright picture: as its mask's file has it, or else by a new cut.
+
+    Args:
+        folder: what the name of the mask's file is relative to.
+
+    Raises:
+        InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is none.
+    """
+    if not reading.subject_mask:
+        assert not isinstance(reading.subject_px, str)
+        return cut_subject(image, reading.subject_px, reading.keep_px, reading.drop_px, what)
+    path, remedy = folder / reading.subject_mask, "Leave subject_mask out, to cut it anew."
+    what = f"the mask {reading.subject_mask}"
+    read_file(path, what, "mask", 2**28, missing=remedy, too_large=remedy)
+    try:
+        with Image.open(path) as opened:
+            mask = np.asarray(opened.convert("L")) >= 128
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:
+        raise InputError(what, "it cannot be read as a picture", remedy) from error
+    if mask.shape != (image.height, image.width):
+        size = f"it has {mask.shape[1]} x {mask.shape[0]} px, the picture {image.width} x {image.height}"
+        raise InputError(what, size, "Draw it in the picture's size, or leave subject_mask out.")
+    return mask
+
+
+def cut_subject(
+    image: Image.Image, box: Box, keep: Sequence[Disc], drop: Sequence[Disc], what: str
+) -> Mask:
+    """(H, W) the thing in a rectangle of a picture, without crumbs, its outline smooth; the same each time.
+
+    Mixtures of Gaussians tell the colours of the thing from those of its surroundings, which are known
+    outside the rectangle. The outline is a minimal cut of the grid's graph. Both are repeated until they
+    agree.
+
+    Args:
+        box: left, top, width, height, px. keep, drop: discs (x, y, radius), px, that belong and do not;
+            where two lie over each other, `drop` counts.
+
+    Raises:
+        InputError: as for `take_subject`. MachineError: PyMaxflow is not installed.
+    """
+    left, top, width, height = box
+    asked = f"{what}: --subject {','.join(map(str, box))}"
+    example = "--subject " + ",".join(map(str, middle_box(*image.size)))
+    if left + width > image.width or top + height > image.height or min(width, height) < _FEW:
+        raise InputError(
+            asked,
+            f"it is no rectangle of at least {_FEW} px within its {image.width} x {image.height} px",
+            f"Give left, top, width and height, such as {example}, its middle.",
+        )
+    for name, discs in (("keep", keep), ("drop", drop)):
+        for u, v, radius in discs:
+            if u >= image.width or v >= image.height:
+                why = f"its middle is outside of the picture's {image.width} x {image.height} px"
+                raise InputError(f"{what}: --{name} {u},{v},{radius}", why, "Give it in px.")
+    near = round(_MARGIN * max(width, height))
+    first, above = max(0, left - near), max(0, top - near)
+    last, below = min(image.width, left + width + near), min(image.height, top + height + near)
+    part = image.crop((first, above, last, below))
+    if part.mode.startswith("I"):
+        part = Image.fromarray((np.asarray(part) >> 8).clip(0, 255).astype(np.uint8))
+    part = part.convert("RGB")
+    size = fit_size(*part.size, min(_CUT_PX, max(part.size)))
+    halves = [(np.arange(n, dtype=np.float64) + 0.5) / n for n in size]
+    x: Array = first + halves[0] * part.width
+    y: Array = above + halves[1] * part.height
+    inside = ((y > top) & (y < top + height))[:, None] & (x > left) & (x < left + width)
+    dropped = _discs(x, y, drop)
+    kept = _discs(x, y, keep) & ~dropped
+    outside = dropped | ~(inside | kept)
+    if outside.sum() < _FEW:
+        why = "nothing of the picture lies around it to tell what does not belong"
+        raise InputError(asked, why, f"Leave a margin ({example}), or mark some with --drop X,Y,R.")
+    levels = np.asarray(part.resize(size, Image.Resampling.BOX), dtype=np.float32)
+    with needs_extra("--subject", "photo"):
+        mask = _grab(levels, kept, outside)
+    found = _finish(mask, part, kept, dropped, _ROUND * max(width, height))
+    share = found.sum() / (width * height)
+    if share == 0 or share >= _FULL:
+        why = (
+            "nothing in it differs from what is around it" if share == 0 else "the subject fills it"
+        )
+        remedy = (
+            "Mark what belongs with --keep X,Y,R."
+            if share == 0
+            else ("Draw the rectangle larger, or mark what does not belong with --drop X,Y,R.")
+        )
+        raise InputError(asked, why, remedy)
+    whole = np.zeros((image.height, image.width), dtype=bool)
+    whole[above:below, first:last] = found
+    return whole
+
+
+def _discs(x: Array, y: Array, discs: Sequence[Disc]) -> Mask:
+    """(len(y), len(x)) what the discs cover."""
+    covered = np.zeros((len(y), len(x)), dtype=bool)
+    for u, v, radius in discs:
+        covered |= (x - u) ** 2 + (y[:, None] - v) ** 2 <= radius**2
+    return covered
+
+
+def _grab(levels: Levels, kept: Mask, outside: Mask) -> Mask:
+    """Cut and learn by turns, from all that may belong; the two never change."""
+    import maxflow
+
+    mask, pixels = ~outside, levels.reshape(-1, 3)
+    weights = _edge_weights(levels)
+    mixtures: list[list[_Gaussian]] = [[], []]
+    for _ in range(_ROUNDS):
+        if min(mask.sum(), (~mask).sum()) < _FEW:
+            break
+        mixtures = [
+            _learn(pixels[side.ravel()], old)
+            for side, old in zip((mask, ~mask), mixtures, strict=True)
+        ]
+        own, other = (_costs(pixels, m).min(1).reshape(mask.shape) for m in mixtures)
+        graph = maxflow.GraphFloat(mask.size, 4 * mask.size)
+        nodes = graph.add_grid_nodes(mask.shape)
+        for (down, right), weight in weights.items():
+            structure = np.zeros((3, 3))
+            structure[1 + down, 1 + right] = 1
+            graph.add_grid_edges(nodes, weight, structure=structure, symmetric=True)
+        least = np.minimum(own, other)
+        belongs = np.where(kept, _SURE, np.where(outside, 0, other - least))
+        graph.add_grid_tedges(
+            nodes, belongs, np.where(outside, _SURE, np.where(kept, 0, own - least))
+        )
+        graph.maxflow()
+        before, mask = mask, ~graph.get_grid_segments(nodes)
+        if (before != mask).mean() < _SETTLED:
+            break
+    return np.asarray(mask)
+
+
+def _edge_weights(levels: Levels) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """(H, W) for each direction, what an outline between a pixel and that neighbour weighs."""
+    squares = {}
+    for down, right in _SIDES:
+        shifted = np.roll(levels, (-down, -right), (0, 1))  # beyond the grid there is no edge
+        squares[down, right] = ((levels - shifted) ** 2).sum(-1)
+    sharp = 0.5 / max(float(np.mean([s[:-1, 1:-1].mean() for s in squares.values()])), 1.0)
+    return {
+        s: _EDGE / np.hypot(*s) * np.exp(-sharp * v.astype(np.float64)) for s, v in squares.items()
+    }
+
+
+def _learn(pixels: Levels, old: list[_Gaussian]) -> list[_Gaussian]:
+    """Gaussians of pixels (n, 3), which go to the nearest of the old ones; at first the widest is split."""
+    if old:
+        kind = _costs(pixels, old).argmin(1)
+    else:
+        pixels = pixels[:: 1 + len(pixels) // 20000]
+        kind = np.zeros(len(pixels), dtype=np.int64)
+        for number in range(1, _KINDS):
+            spreads = [
+                np.linalg.eigh(len(p) * np.cov(p.T))
+                if len(p := pixels[kind == k]) > _FEW
+                else (np.zeros(3), np.eye(3))
+                for k in range(number)
+            ]
+            widest = max(range(number), key=lambda k: float(spreads[k][0][-1]))
+            along = pixels @ spreads[widest][1][:, -1]
+            here = kind == widest
+            kind[here & (along > along[here].mean())] = number
+    found: list[_Gaussian] = []
+    for k in range(_KINDS):
+        own = pixels[kind == k]
+        if len(own) >= _FEW or (not found and k == _KINDS - 1):
+            own = own if len(own) >= _FEW else pixels
+            cov = np.cov(own.T) + _GRAIN**2 * np.eye(3)
+            found.append((len(own) / len(pixels), own.mean(0, dtype=np.float64), cov))
+    return found
+
+
+def _costs(pixels: Levels, mixture: list[_Gaussian]) -> Levels:
+    """(n, kinds) how unlikely each pixel is in each Gaussian: minus the logarithm of its density."""
+    columns = []
+    for share, middle, cov in mixture:
+        root = np.linalg.cholesky(np.linalg.inv(cov))
+        away = (pixels - middle.astype(np.float32)) @ root.astype(np.float32)
+        constant = 0.5 * np.linalg.slogdet(cov)[1] - np.log(share)
+        columns.append(0.5 * np.einsum("ij,ij->i", away, away) + np.float32(constant))
+    return np.stack(columns, axis=1)
+
+
+def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: float) -> Mask:
+    """The cut at the size of the picture's part: along its edges, smooth, no crumbs, holes where real."""
+    size = fit_size(*part.size, min(_FINE_PX, max(part.size)))
+    scale = size[0] / mask.shape[1]
+    mask = _follow_edges(mask, part.convert("L").resize(size, Image.Resampling.BOX), scale)
+    mask = smooth(mask, max(0.7, round_px * size[0] / part.width))
+    kept, dropped = (sample_mask(m, *size) for m in (kept, dropped))
+    labels, areas = pieces_of(mask | kept)
+    if not len(areas):
+        return np.zeros((part.height, part.width), dtype=bool)
+    stays = areas >= _CRUMB * areas.max()
+    stays[np.unique(labels[kept]) - 1] = True
+    mask = np.concatenate([[False], stays])[labels]
+    filled = fill_holes(mask, _HOLE * areas.max())
+    holes, _ = holes_of(mask)
+    asked = np.isin(holes, np.unique(holes[dropped & (holes > 0)])) & (holes > 0)
+    return sample_mask((filled & ~asked & ~dropped) | (kept & ~dropped), *part.size)
+
+
+def _follow_edges(mask: Mask, grey: Image.Image, scale: float) -> Mask:
+    """The mask in the size of a grey picture, along its edges: a guided filter (He, Sun, Tang 2010)."""
+    from scipy.ndimage import uniform_filter
+
+    guide = np.asarray(grey, dtype=np.float32)
+    cover = np.asarray(
+        Image.fromarray(mask).convert("L").resize(grey.size, Image.Resampling.BILINEAR),
+        dtype=np.float32,
+    )
+
+    def mean(values: Levels) -> Levels:
+        return np.asarray(uniform_filter(values, 2 * round(1.5 * scale) + 1, mode="nearest"))
+
+    middle, covered = mean(guide), mean(cover)
+    slope = (mean(guide * cover) - middle * covered) / (mean(guide**2) - middle**2 + _ALIKE)
+    return np.asarray(mean(slope) * guide + mean(covered - slope * middle) > 127.5)

@@ -1,0 +1,166 @@
+"""What of an SVG tree is drawn: the rest goes, and is told; links stay in the file; pictures become PNG."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from collections.abc import Callable
+from urllib.parse import unquote_to_bytes
+from xml.etree.ElementTree import Element
+
+from knotfab.base.errors import InputError
+from knotfab.picture.data_uri import data_uri, image_uri
+from knotfab.picture.raster import decode
+from knotfab.picture.svg.xml import SVG, local_name, looks_like_svg
+
+__all__ = ["clean", "refuse_outside"]
+
+_HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
+_ALONE = "Save it as a plain SVG that stands alone (links embedded or removed)."
+_STILL = "its animation is left out"
+_HTML = (
+    "the HTML in it (<foreignObject>) is left out: turn it to paths or SVG text to have it drawn"
+)
+_FLOWED = (
+    "its flowed text (<flowRoot>) is left out: turn it to text or to paths in Inkscape "
+    "(Text > Convert to Text) to have it drawn"
+)
+_LEFT_OUT = {
+    "script": "its script is not run",
+    "animate": _STILL,
+    "animateColor": _STILL,
+    "animateMotion": _STILL,
+    "animateTransform": _STILL,
+    "set": _STILL,
+    "foreignObject": _HTML,
+    "flowRoot": _FLOWED,
+    "meshgradient": "its mesh gradients are left out",
+    "meshGradient": "its mesh gradients are left out",
+    "hatch": "its hatches are left out",
+    "solidcolor": "its named colours (<solidcolor>) are left out",
+    **dict.fromkeys(("audio", "video", "canvas", "iframe"), "the media in it are left out"),
+}
+_UNSEEN = (
+    "metadata",
+    "title",
+    "desc",
+    "cursor",
+    "view",
+    "color-profile",
+    "font",
+    "font-face",
+    "mpath",
+)
+
+
+def clean(
+    root: Element, what: str, notes: dict[str, None], draw: Callable[[bytes, str], bytes]
+) -> None:
+    """Leave in a tree what a still picture shows, and tell in `notes` what goes.
+
+    Args:
+        what: how an error names the picture.
+        draw: from the bytes of an SVG file that is embedded to a PNG.
+
+    Raises:
+        InputError: an element refers to something outside the file, or embeds what cannot be read.
+    """
+    _choose(root)
+    _prune(root, notes)
+    for element in root.iter():
+        name = local_name(element)
+        for key in [k for k in element.attrib if k not in _HREFS]:
+            bare = key.rpartition("}")[2]
+            if key.startswith("{") and key != "{http://www.w3.org/XML/1998/namespace}space":
+                del element.attrib[key]
+            elif bare.lower().startswith("on"):
+                del element.attrib[key]
+                notes[_LEFT_OUT["script"]] = None
+        for key in [k for k in _HREFS if k in element.attrib]:
+            link = element.attrib.pop(key).strip()
+            if name in ("a", "style"):
+                continue
+            if not link.startswith("#") and link:
+                if name not in ("image", "feImage") or not link.lower().startswith("data:"):
+                    refuse_outside(link, name, what)
+                link = _embed(link, f"{what}, the picture embedded in <{name}>", draw)
+            element.set(_HREFS[1], link)
+
+
+def refuse_outside(link: str, name: str, what: str) -> None:
+    """Refuse an element that refers to something outside the file; only it and its pictures are drawn."""
+    shown = link if len(link) <= 60 else link[:57] + "..."
+    kind = re.match(r"data:([\w.+/-]*)", link, re.I)
+    reason = f"refers to something outside the file ({shown!r})"
+    if kind is not None:
+        reason = f"embeds {kind[1] or 'text'}, which is not read there"
+    raise InputError(what, f"the element <{name}> {reason}", _ALONE)
+
+
+def _choose(parent: Element) -> None:
+    """Put in the place of each <switch> the child that is drawn: the first in English or any language.
+
+    HTML counts where there is nothing else: editors write what draws without it beside it.
+    """
+    for child in parent:
+        _choose(child)
+        if local_name(child) != "switch":
+            continue
+        fit = [c for c in child if isinstance(c.tag, str) and _is_for_all(c)]
+        fit.sort(key=lambda c: local_name(c) == "foreignObject")
+        child.tag = f"{{{SVG}}}g"
+        for other in list(child):
+            if other is not (fit[0] if fit else None):
+                child.remove(other)
+
+
+def _is_for_all(element: Element) -> bool:
+    languages = element.get("systemLanguage", "en").lower().split(",")
+    told = any(language.strip().startswith("en") for language in languages)
+    return (
+        element.tag.startswith(f"{{{SVG}}}")
+        and told
+        and not element.get("requiredExtensions", "").strip()
+    )
+
+
+def _prune(parent: Element, notes: dict[str, None]) -> None:
+    """Take out what is no SVG or is not drawn; the order of the rest, and text between, stays."""
+    before: Element | None = None
+    for child in list(parent):
+        name = local_name(child) if isinstance(child.tag, str) else ""
+        ours = isinstance(child.tag, str) and child.tag.startswith(f"{{{SVG}}}")
+        if ours and name not in _LEFT_OUT and name not in _UNSEEN:
+            _prune(child, notes)
+            before = child
+            continue
+        if ours and name in _LEFT_OUT and not (name == "flowRoot" and not _has_text(child)):
+            notes[_LEFT_OUT[name]] = None
+        if child.tail:
+            if before is None:
+                parent.text = (parent.text or "") + child.tail
+            else:
+                before.tail = (before.tail or "") + child.tail
+        parent.remove(child)
+
+
+def _has_text(element: Element) -> bool:
+    return bool("".join(element.itertext()).strip())
+
+
+def _embed(link: str, what: str, draw: Callable[[bytes, str], bytes]) -> str:
+    """The data URI of an embedded picture as that of a PNG, whatever it holds."""
+    head, _, body = link.partition(",")
+    try:
+        data = unquote_to_bytes(body)
+        if head.lower().rstrip().endswith("base64"):
+            data = base64.b64decode(data)
+    except (binascii.Error, ValueError) as error:
+        raise InputError(what, "it is damaged", "Embed it again.") from error
+    if looks_like_svg(data):
+        return data_uri(draw(data, what), "image/png")
+    image, kind = decode(data, what, smallest=1)
+    if kind == "PNG":
+        return data_uri(data, "image/png")
+    return image_uri(image.convert("RGBA" if image.has_transparency_data else "RGB"))

@@ -1,0 +1,109 @@
+"""The size of an SVG drawing: width, height and viewBox in any unit become whole pixels."""
+
+from __future__ import annotations
+
+import math
+import re
+from xml.etree.ElementTree import Element
+
+from knotfab.base.errors import InputError
+
+__all__ = ["CSS_DPI", "read_length", "set_pixel_size"]
+
+CSS_DPI = 96.0  # CSS Values 3, section 6.2: 96 px to the inch
+_FONT_PX = 16.0  # the usual font, of which em and ex are measured
+_PIXELS = {
+    "": 1.0,
+    "px": 1.0,
+    "in": CSS_DPI,
+    "cm": CSS_DPI / 2.54,
+    "mm": CSS_DPI / 25.4,
+    "q": CSS_DPI / 101.6,
+    "pt": CSS_DPI / 72.0,
+    "pc": CSS_DPI / 6.0,
+    "em": _FONT_PX,
+    "ex": 0.5 * _FONT_PX,
+}
+_LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]*|%)\s*")
+
+
+def read_length(text: str, whole: float | None = None) -> float | None:
+    """A length in px, or None where it is in no known unit; `whole` is what % refers to."""
+    found = _LENGTH.fullmatch(text)
+    if found is None:
+        return None
+    number, unit = float(found[1]), found[2].lower()
+    if unit == "%":
+        return None if whole is None else number / 100.0 * whole
+    return number * _PIXELS[unit] if unit in _PIXELS else None
+
+
+def set_pixel_size(root: Element, longer: int, what: str) -> float:
+    """Give the outermost element of a drawing a width and a height in whole pixels.
+
+    resvg rounds a drawing's own size to whole pixels before it enlarges it: 40 mm x 20 mm, which are
+    151.18 x 75.59 px, would come out 0.7 % too high. So the size is enlarged first. A drawing that
+    states neither a size nor a viewBox is left alone: resvg takes what is drawn.
+
+    Args:
+        root: <svg>; its width, height and (if there is none) viewBox are set in place.
+        longer: pixels of the longer side.
+        what: how an error names the picture.
+
+    Returns:
+        px of CSS of the longer side, as the drawing has it; that of its pixels where it does not say.
+
+    Raises:
+        InputError: a width, height or viewBox of nothing, or less.
+    """
+    box = _view_box(root, what)
+    width = _pixels(root, "width", None if box is None else box[0], what)
+    height = _pixels(root, "height", None if box is None else box[1], what)
+    if (
+        box is not None
+    ):  # what is left out follows from the other by the viewBox (CSS Images 3, 4.4)
+        if width is None and height is None:
+            width, height = box
+        elif width is None and height is not None:
+            width = height * box[0] / box[1]
+        elif height is None and width is not None:
+            height = width * box[1] / box[0]
+    if width is None or height is None:
+        return float(longer)
+    if box is None:
+        root.set("viewBox", f"0 0 {width!r} {height!r}")
+        root.set("preserveAspectRatio", "none")  # the ratio is kept but for the rounding
+    scale = longer / max(width, height)
+    root.set("width", str(max(1, round(width * scale))))
+    root.set("height", str(max(1, round(height * scale))))
+    return max(width, height)
+
+
+def _view_box(root: Element, what: str) -> tuple[float, float] | None:
+    """Width and height of the viewBox, or None where there is none that can be read."""
+    try:
+        numbers = [float(n) for n in root.get("viewBox", "").replace(",", " ").split()]
+    except ValueError:
+        return None
+    if len(numbers) != 4 or not all(map(math.isfinite, numbers)):
+        return None
+    _require_positive(min(numbers[2:]), f"viewBox = {root.get('viewBox')!r}", what)
+    return numbers[2], numbers[3]
+
+
+def _pixels(root: Element, side: str, whole: float | None, what: str) -> float | None:
+    """A side in px, or None where it is not given, in no known unit, or a share of nothing known.
+
+    `whole` is what % refers to: that side of the viewBox.
+    """
+    text = root.get(side, "")
+    if found := _LENGTH.fullmatch(text):
+        _require_positive(float(found[1]), f"{side} = {text!r}", what)
+    return read_length(text, whole)
+
+
+def _require_positive(number: float, text: str, what: str) -> None:
+    if not (number > 0 and math.isfinite(number)):
+        raise InputError(
+            what, f"its size is nothing: {text}", "Set the size of the page in an SVG editor."
+        )

@@ -1,0 +1,236 @@
+"""Text as a picture: `text:♞` becomes glyph outlines, then a PNG whose frame hugs them."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import unicodedata
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from knotfab.base.errors import InputError
+from knotfab.picture.fonts import find_font, load_font, supply_fonts
+from knotfab.picture.raster import MARGIN
+from knotfab.picture.svg.render import LONGER_SIDE, render
+
+__all__ = ["Outline", "needs_shaping", "outline_text", "render_text"]
+
+_Box = tuple[float, float, float, float]  # left, top, width, height
+
+_EM = 1000
+_LONGEST = 200  # characters; more than this is no picture
+
+
+_STYLES = "\ufe0e\ufe0f"
+# Brahmic scripts, Thai to Tibetan, Korean letters, Khmer, Mongolian, and what of these lies further on
+_JOINED = re.compile(
+    "[\u0900-\u11ff\u1780-\u1cff\ua800-\uabff\U00010a00-\U00011fff\U0001e900-\U0001e95f]"
+)
+_RIGHT_TO_LEFT, _END = "\u2067", "\u2069"  # an isolate of that direction (Unicode Annex 9)
+_UNDRAWN = ("Cc", "Cf", "Zs")
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Glyphs of one line of text as SVG path data (thousandths of an em, y down, nonzero winding).
+
+    `bounds` are those of the ink's control points: (left, top, right, bottom). `fonts` are the files
+    that were drawn from, in the order of their first characters.
+    """
+
+    path: str
+    bounds: tuple[float, float, float, float]
+    fonts: tuple[str, ...]
+
+
+def outline_text(text: str, font: str | None = None) -> Outline:
+    """Glyph outlines of one line of text.
+
+    Args:
+        text: characters in the order they are drawn, left to right, each by itself (not `needs_shaping`).
+        font: a family's name or a font file; characters that it lacks come from other fonts.
+
+    Raises:
+        InputError: no ink, too long, no such font, or a character that no font has.
+    """
+    what = _name(text)
+    # Variation selectors and joiners choose between styles of a glyph; these fonts have one.
+    drawn = [c for c in text if c not in f"{_STYLES}\u200d"]
+    from matplotlib.ft2font import Kerning, LoadFlags
+
+    flags = LoadFlags.NO_HINTING | LoadFlags.NO_BITMAP
+    fonts = supply_fonts(font)
+    used: dict[str, None] = {}
+    parts: list[str] = []
+    corners: list[NDArray[np.float64]] = []
+    pen = 0.0
+    previous: tuple[str, Any] = ("", 0)
+    for character in drawn:
+        name = find_font(character, fonts, what)
+        face = load_font(name)
+        used[name] = None
+        index = face.get_char_index(ord(character))
+        if previous[0] == name:
+            pen += face.get_kerning(previous[1], index, Kerning.UNFITTED) / 64.0
+        glyph = face.load_char(ord(character), flags=flags)
+        vertices, codes = face.get_path()
+        if len(vertices):
+            placed = np.asarray(vertices) * (1.0, -1.0) + (pen, 0.0)
+            corners.append(placed[np.asarray(codes) != 79])
+            parts.append(_path_data(placed, codes))
+        pen += glyph.linearHoriAdvance / 65536.0
+        previous = (name, index)
+    if not corners:
+        raise _no_ink()
+    ink = np.concatenate(corners)
+    (left, top), (right, bottom) = ink.min(axis=0), ink.max(axis=0)
+    bounds = (float(left), float(top), float(right), float(bottom))
+    return Outline(" ".join(parts), bounds, tuple(used))
+
+
+def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
+    """SVG path data from vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end)."""
+    data: list[str] = []
+    i = 0
+    while i < len(codes):
+        code = int(codes[i])
+        if code == 79:
+            data.append("Z")
+            i += 1
+            continue
+        letter, points = {1: ("M", 1), 2: ("L", 1), 3: ("Q", 2), 4: ("C", 3)}[code]
+        data.append(letter + " ".join(f"{x:.6f},{y:.6f}" for x, y in vertices[i : i + points]))
+        i += points
+    return " ".join(data)
+
+
+def needs_shaping(text: str) -> bool:
+    """Whether glyphs depend on their neighbours or run from right to left, or marks are placed on them."""
+    return any(
+        _JOINED.match(c)
+        or unicodedata.bidirectional(c) in ("R", "AL", "AN")
+        or (unicodedata.category(c) in ("Mn", "Mc") and c not in _STYLES)
+        for c in text
+    )
+
+
+def _name(text: str) -> str:
+    return "text:" + "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box]:
+    """An SVG <text> that resvg shapes (HarfBuzz's rules), its fonts, and the box of its ink.
+
+    Raises:
+        InputError: no ink, no such font, or a character that no font has.
+    """
+    drawn = "".join(c for c in text if c not in _STYLES)
+    fonts = supply_fonts(font)
+    files = [
+        find_font(c, fonts, _name(text)) for c in drawn if unicodedata.category(c) not in _UNDRAWN
+    ]
+    # a joined word is of one font: that which has most of its characters, the first of equals
+    order = sorted(dict.fromkeys(files), key=lambda f: -sum(_has(f, c) for c in drawn))
+    families = ", ".join(f"'{load_font(f).family_name}'" for f in order)
+    first = next((d for c in drawn if (d := unicodedata.bidirectional(c)) in ("L", "R", "AL")), "L")
+    said = drawn if first == "L" else f"{_RIGHT_TO_LEFT}{drawn}{_END}"
+    weight = "bold" if order and "bold" in load_font(order[0]).style_name.lower() else "normal"
+    element = (
+        f'<text text-anchor="middle" font-size="{_EM}" font-weight="{weight}" '
+        f'font-family="{escape(families)}" xml:space="preserve">{escape(said)}</text>'
+    )
+    half = 2.0 * _EM * (len(drawn) + 2)
+    box = (-half, -2.0 * _EM, 2 * half, 4.0 * _EM)
+    for _ in range(2):  # the whole line, then its ink alone, ever finer
+        png = render(_frame(element, box, 2 * LONGER_SIDE), _name(text), files=tuple(order))
+        with Image.open(io.BytesIO(png)) as image:
+            ink, step = image.getchannel("A").getbbox(), box[2] / image.width
+        if ink is None:
+            raise _no_ink()
+        left, top = box[0] + (ink[0] - 1) * step, box[1] + (ink[1] - 1) * step
+        box = (left, top, (ink[2] - ink[0] + 2) * step, (ink[3] - ink[1] + 2) * step)
+    return (
+        element,
+        tuple(order),
+        (box[0] + step, box[1] + step, box[2] - 2 * step, box[3] - 2 * step),
+    )
+
+
+def _has(path: str, character: str) -> bool:
+    return bool(load_font(path).get_char_index(ord(character)))
+
+
+def _frame(body: str, box: _Box, longer: int) -> str:
+    """An SVG of a part of the plane, whole pixels wide and high."""
+    step = max(box[2:]) / longer
+    columns, rows = (max(1, round(side / step)) for side in box[2:])
+    x, y, w, h = (f"{v:.9f}" for v in box)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{columns}" height="{rows}" '
+        f'viewBox="{x} {y} {w} {h}" preserveAspectRatio="none">{body}</svg>'
+    )
+
+
+def _no_ink() -> InputError:
+    return InputError(
+        "text:", "there is no visible character after it", "Write, for example, text:R."
+    )
+
+
+def render_text(text: str, font: str | None = None) -> bytes:
+    """Draw text, black on white, as a canonical PNG.
+
+    Args:
+        text: what stands after `text:`.
+        font: a family's name or a font file; None: the first of those that come along that serves.
+
+    Returns:
+        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its
+        text entry `Font` names the files of the fonts that were drawn from.
+
+    Raises:
+        InputError: no ink, no such font, or a character that no font has.
+    """
+    if len(text) > _LONGEST:
+        raise InputError(
+            f"{_name(text)[:20]}...", f"it has {len(text)} characters", f"Use at most {_LONGEST}."
+        )
+    if needs_shaping(text):
+        body, fonts, (left, top, width, height) = _shape_text(text, font)
+        files: tuple[str, ...] | None = fonts
+    else:
+        drawn = outline_text(text, font)
+        body, fonts, files = f'<path d="{drawn.path}"/>', drawn.fonts, None
+        left, top, right, bottom = drawn.bounds
+        width, height = right - left, bottom - top
+    margin = max(width, height) * MARGIN / (1.0 - 2.0 * MARGIN)
+    box = (left - margin, top - margin, width + 2 * margin, height + 2 * margin)
+    # Whole pixels: the frame's shorter side is rounded outwards, never the ink cut or squeezed.
+    step = max(box[2], box[3]) / LONGER_SIDE
+    columns, rows = (max(1, round(side / step)) for side in box[2:])
+    view = (
+        box[0] - 0.5 * (columns * step - box[2]),
+        box[1] - 0.5 * (rows * step - box[3]),
+        columns * step,
+        rows * step,
+    )
+    x, y, w, h = (f"{v:.9f}" for v in view)
+    paper = f'<rect x="{x}" y="{y}" width="{w}" height="{h}" fill="white"/>'
+    png = render(_frame(paper + body, view, LONGER_SIDE), "text:", files=files)
+    return _with_note(png, "Font", ", ".join(Path(f).name for f in fonts))
+
+
+def _with_note(png: bytes, key: str, value: str) -> bytes:
+    """The PNG with a tEXt entry behind its header (PNG specification, 11.3.4.3)."""
+    entry = b"tEXt" + f"{key}\0{value}".encode("latin-1", "replace")
+    chunk = struct.pack(">I", len(entry) - 4) + entry + struct.pack(">I", zlib.crc32(entry))
+    end = 8 + 25  # the signature and the header, which comes first
+    return png[:end] + chunk + png[end:]

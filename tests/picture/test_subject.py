@@ -1,0 +1,223 @@
+"""A subject is cut out of a photograph as a hand draws it, and from then on its mask's file counts."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import skimage.data
+from PIL import Image, ImageDraw
+
+from knotfab.base.arrays import Mask
+from knotfab.base.errors import InputError, KnotfabError, MachineError
+from knotfab.cli.commands import app
+from knotfab.design.frames import frame_view
+from knotfab.files.folder import OutputFolder
+from knotfab.options import BuildOptions
+from knotfab.part.write import _write_scene
+from knotfab.picture.masks import mask_iou, pieces_of
+from knotfab.picture.read import read_target
+from knotfab.prepare import survey_pictures
+from knotfab.preview.readings import advise
+from knotfab.read_options import read_scene
+from knotfab.scene.load import load_scene
+from knotfab.scene.model import Reading, View
+from knotfab_validators.files.picture import PictureError, read_silhouette
+from knotfab_validators.files.picture import Reading as ValidatorsReading
+from knotfab_validators.files.scene import read_scene as read_built
+
+# a rectangle, discs that belong, discs that do not, and the outline by hand
+Stroke = tuple[int, int, int]
+PHOTOGRAPHS: dict[str, tuple[tuple[int, ...], tuple[Stroke, ...], tuple[Stroke, ...], str]] = {
+    "chelsea": (
+        (0, 0, 402, 300), ((350, 262, 20),), ((14, 50, 14),),
+        "400,0 398,4 385,18 380,28 372,45 362,62 356,70 356,78 357,90 359,105 362,118 361,130 359,150 "
+        "355,168 347,182 338,198 338,205 345,215 355,228 368,237 378,247 383,262 385,300 0,300 0,128 "
+        "20,118 32,105 32,85 32,60 36,30 39,10 41,0 "
+    ),
+    "astronaut": (
+        (15, 8, 352, 504), ((268, 450, 8), (200, 220, 40), (168, 490, 14)), (),
+        "30,512 27,470 20,440 18,385 22,350 27,330 35,300 42,280 52,255 70,235 95,215 112,207 114,185 "
+        "122,175 127,160 140,152 160,148 182,148 181,130 172,127 165,118 155,108 153,85 155,65 165,52 "
+        "185,42 190,32 205,22 225,16 245,17 265,22 285,32 295,48 301,80 298,105 290,118 278,128 268,136 "
+        "262,145 256,165 256,175 270,185 285,200 297,217 304,235 318,243 335,255 345,268 350,290 356,310 "
+        "361,330 363,347 350,350 330,362 312,378 298,400 288,420 281,450 278,480 282,512 "
+    ),
+    "coffee": (
+        (70, 12, 415, 382), (), (),
+        "77,215 80,180 92,145 110,115 135,92 160,77 180,70 185,62 200,43 225,28 255,20 285,18 315,21 "
+        "345,31 370,45 390,62 397,70 400,69 412,66 421,70 424,79 419,100 430,110 445,128 460,153 471,180 "
+        "478,210 479,240 472,265 458,295 440,318 415,343 380,365 340,380 300,387 260,386 220,377 185,362 "
+        "150,338 120,308 100,283 87,255 "
+    ),
+    "rocket": (
+        (308, 126, 28, 281), ((322, 140, 8), (322, 195, 12), (322, 235, 12)), (),
+        "322,127 326,129 330,136 332,142 333,150 333,178 334,180 334,250 330,252 330,406 308,406 308,350 "
+        "310,345 310,180 311,178 311,145 314,137 318,129 "
+    ),
+}  # fmt: skip
+SIDE = 150
+X, Y = np.meshgrid(np.arange(SIDE), np.arange(SIDE))
+BALL = (X - 80) ** 2 + (Y - 70) ** 2 <= 30**2
+
+
+def disc(mask: Mask, x: int, y: int, radius: int) -> Mask:
+    """The mask within a disc, a pixel from its edge."""
+    v, u = np.indices(mask.shape)
+    return mask[(u - x) ** 2 + (v - y) ** 2 <= (radius - 1) ** 2]
+
+
+def photograph(folder: Path) -> Path:
+    """A grainy ball and a tile on ground of two grainy colours, at random but always the same."""
+    noise = np.random.default_rng(7).normal(0, 12, (SIDE, SIDE, 3))
+    ground = np.where((X > 60)[..., None], (60, 120, 70), (90, 90, 150))
+    tile = (X >= 2) & (X < 18) & (Y >= 120) & (Y < 148)
+    pixels = np.where((BALL | tile)[..., None], (200, 90, 60), ground) + noise
+    path = folder / "ball.png"
+    Image.fromarray(pixels.clip(0, 255).astype(np.uint8)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("name", PHOTOGRAPHS)
+def test_a_cut_is_what_a_hand_draws(tmp_path: Path, name: str) -> None:
+    box, keep, drop, outline = PHOTOGRAPHS[name]
+    image = Image.fromarray(getattr(skimage.data, name)())
+    image.save(tmp_path / "a.png")
+    hand = Image.new("1", image.size)
+    points = [tuple(map(int, pair.split(","))) for pair in outline.split()]
+    ImageDraw.Draw(hand).polygon(points, fill=1)
+    reading = Reading.model_validate({"subject_px": box, "keep_px": keep, "drop_px": drop})
+    found = read_target(tmp_path / "a.png", reading)
+    assert mask_iou(found.mask, np.asarray(hand)) >= 0.93
+    assert len(keep) + len(drop) <= 3
+    assert all(disc(found.mask, *one).all() for one in keep)
+    assert not any(disc(found.mask, *one).any() for one in drop)
+    areas = pieces_of(found.mask)[1]
+    assert areas.min() >= 0.04 * areas.max()  # no crumbs
+    assert read_target(tmp_path / "a.png", reading).subject_png == found.subject_png
+
+
+def test_a_part_of_the_background_is_not_the_subject(tmp_path: Path) -> None:
+    path = photograph(tmp_path)
+    cut = read_target(path, Reading(subject_px=(40, 30, 80, 80))).mask
+    assert mask_iou(cut, BALL) > 0.97
+    holed = read_target(path, Reading(subject_px=(40, 30, 80, 80), drop_px=((80, 70, 9),))).mask
+    assert (
+        not disc(holed, 80, 70, 9).any() and disc(holed, 60, 70, 4).all()
+    )  # a hole that is asked for
+
+
+def test_the_rectangle_is_in_the_upright_picture_and_the_crop_comes_after(tmp_path: Path) -> None:
+    path, box = photograph(tmp_path), (40, 30, 80, 80)
+    upright = read_target(path, Reading(subject_px=box))
+    exif = Image.Exif()
+    exif[0x0112] = 6  # to be turned by 90° clockwise
+    Image.open(path).transpose(Image.Transpose.ROTATE_90).save(tmp_path / "turned.png", exif=exif)
+    turned = read_target(tmp_path / "turned.png", Reading(subject_px=box))
+    np.testing.assert_array_equal(turned.mask, upright.mask)
+    cropped = read_target(path, Reading(subject_px=box, crop_px=(30, 20, 100, 90)))
+    np.testing.assert_array_equal(cropped.mask, upright.mask[20:110, 30:130])
+    assert cropped.subject_png == upright.subject_png
+    own = read_target(path, Reading(subject_px=box, crop_px="auto"))
+    assert own.mask.size < upright.mask.size and own.mask.sum() == upright.mask.sum()
+
+
+def write(folder: Path, path: Path, **keys: Any) -> Path:
+    """The scene that a build writes of a picture."""
+    view = View(**keys)
+    target = read_target(path, view)
+    scene = read_scene(BuildOptions())[0]
+    with OutputFolder(folder) as out:
+        _write_scene(
+            out, scene.model_copy(update={"views": (frame_view(view, target),)}), [target], ""
+        )
+        out.commit()
+    return folder / "scene.toml"
+
+
+def test_a_build_goes_by_the_mask_and_so_do_the_validators(tmp_path: Path) -> None:
+    path, folder = photograph(tmp_path), tmp_path / "out"
+    scene = write(folder, path, subject_px=(40, 30, 80, 80), drop_px=((80, 70, 9),), invert=True)
+    first = read_target(
+        path, Reading(subject_px=(40, 30, 80, 80), drop_px=((80, 70, 9),), invert=True)
+    )
+    # painted over by hand: that is what is drawn from now on, though a cut would not give it
+    ImageDraw.Draw(mask := Image.open(folder / "subject-front.png").convert("L")).rectangle(
+        (0, 0, 9, 9), fill=255
+    )
+    mask.save(folder / "subject-front.png")
+    (view,) = load_scene(scene).views
+    found = read_target(view.picture, view, base=folder)
+    assert not found.mask[:10, :10].any() and (found.mask[10:] == first.mask[10:]).all()
+    (seen,) = read_built(scene).views
+    np.testing.assert_array_equal(read_silhouette(folder / seen.picture, seen.reading), found.mask)
+    # strokes on the command line cut anew
+    anew = read_scene(BuildOptions(scene=scene, keep=("5,5,3",)))[0].views[0]
+    assert (anew.subject_mask, anew.keep_px, anew.drop_px) == ("", ((5, 5, 3),), ((80, 70, 9),))
+    assert anew.subject_px == (40, 30, 80, 80)
+
+
+def test_a_mask_of_another_size_is_refused_by_both(tmp_path: Path) -> None:
+    path = photograph(tmp_path)
+    Image.new("1", (SIDE, SIDE - 1)).save(tmp_path / "mask.png")
+    with pytest.raises(
+        InputError, match=r"mask mask.png: it has 150 x 149 px, the picture 150 x 150"
+    ):
+        read_target(path, Reading(subject_mask="mask.png"))
+    with pytest.raises(PictureError, match="size"):
+        read_silhouette(path, ValidatorsReading(subject_mask="mask.png"))
+    (tmp_path / "mask.png").write_text("no picture")
+    with pytest.raises(InputError, match="cannot be read as a picture"):
+        read_target(path, Reading(subject_mask="mask.png"))
+    with pytest.raises(InputError, match="subject_mask"):
+        read_target(path, Reading(subject_mask="none.png"))
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("--subject 40,30,120,80", "no rectangle of at least 16 px within its 150 x 150 px"),
+        ("--subject 40,30,10,80", "no rectangle of at least"),
+        ("--subject 2,120,16,28", "the subject fills it"),
+        ("--subject 0,0,150,150", "nothing of the picture lies around it"),
+        ("--subject 115,85,30,50", "nothing in it differs"),
+        ("--subject 40,30,80", "it is no rectangle"),
+        ("--subject 40,30,0,80", "it is no rectangle"),
+        ("--subject 40,30,80,80 --keep 80,70", "it is no disc"),
+        ("--subject 40,30,80,80 --drop 80,170,9", "outside of the picture's 150 x 150 px"),
+        ("--keep 80,70,9", "nothing is"),
+        ("--subject 40,30,80,80 --sequence", "not of all frames"),
+    ],
+)
+def test_what_cannot_be_cut_is_told_in_a_sentence(tmp_path: Path, words: str, why: str) -> None:
+    path = photograph(tmp_path)
+    command = ["preview", str(path), str(path), *words.split()] if "sequence" in words else [
+        "preview", str(path), *words.split()
+    ]  # fmt: skip
+    with pytest.raises(KnotfabError, match=why) as caught:
+        app(command, exit_on_error=False)
+    assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
+
+
+def test_a_photograph_that_is_refused_is_told_to_be_cut(tmp_path: Path) -> None:
+    Image.fromarray(skimage.data.coffee()).save(tmp_path / "cup.png")
+    found = advise(survey_pictures([str(tmp_path / "cup.png")], BuildOptions()), ())
+    assert found.refusal is not None and "such as --subject 60,40,480,320, its middle" in str(
+        found.refusal
+    )
+    dust = np.where(np.random.default_rng(1).random((300, 300)) < 0.5, 0, 255).astype(np.uint8)
+    Image.fromarray(dust).save(tmp_path / "dust.png")
+    drawn = advise(survey_pictures([str(tmp_path / "dust.png")], BuildOptions()), ())
+    assert drawn.refusal is not None and "--subject" not in str(drawn.refusal)
+
+
+def test_without_the_graph_cut_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "maxflow", None)
+    with pytest.raises(MachineError, match=r"--subject.*knotfab\[photo\]") as caught:
+        read_target(photograph(tmp_path), Reading(subject_px=(40, 30, 80, 80)))
+    assert caught.value.exit_code == 3
