@@ -8,6 +8,7 @@ Ends with 1 where a case is outside its bounds: 16 machine epsilons times its co
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -117,81 +118,76 @@ HEADS = (
 
 OPENING = """# Hard cases
 
-Made by `python -m benchmarks.hard_cases --write docs`. Each case goes through knotfab's renderer
+Made by `python -m benchmarks.hard_cases --write docs`. Each case of the renderers goes through knotfab's own
 (dense, tiled in torch, and compiled) and the paper's two, in single and double precision, with torch's
-anomaly detection on.
+anomaly detection on. [hard-cases.csv](hard-cases.csv) has the figures of every case and says why it is hard;
+[the worst cases found](worst-cases.md) tell how near to its bound an optimiser brings each. Columns of the
+renderers' cases:
 
 - **condition**: the sum over all inputs of |ds/dx| |x|, where s is the signed distance of a pixel to
   the silhouette, in pixels; at the pixel with the worst share.
 - **single**: the largest error of single precision, in pixels, against double precision.
 - **share**: the largest error over 16 machine epsilons times the pixel's condition number; at most 1.
-  The condition number counts what is rounded: points, points minus the eye, and the edges between them.
 - **compiled**: the share of the compiled renderer's image, which adds 4 machine epsilons for the sigmoid.
 - **double, share**: the share of double precision against 50 digits (mpmath).
 - **gradient**: relative error of the double precision gradient against central differences, and of the
-  single precision one against it, along smooth motions of the points; the worse of torch's and the
-  compiled one. "subgradient" where the image has a kink and the gradient is one of its subgradients;
-  "finite" where a rounding already changes the gradient, so that it must only be finite.
+  single precision one against it; "subgradient" where the image has a kink and the gradient is one of its
+  subgradients; "finite" where a rounding already changes the gradient.
 - **ellipse**, **capsule**: the largest error of the paper's two renderers as they are built here.
 - **as printed**: whether the closed forms printed in the paper give the corners of the quadrilateral in
   double precision: finite, and within 1e-3 px of the true outline ("serves").
 """
 
-
-GROUPS_OPENING = """
-## The other groups
-
-- **Large images**: the error of the tiled image in single precision, with its gradient, at 4000 pixels, half
-  of them on edges.
-- **Losses and network**: the relative condition number sum |df/dx| |x| over |f|, the relative error of single
-  precision (absolute where f is 0), its share of 16 machine epsilons times that number, and the gradient as
-  above; "finite" where the value itself jumps, so that there are no slopes to compare a gradient with. The
-  search's own terms (grace, bend, clearance, length term) run in double precision only, and are compared
-  with their definitions in a longer one. A loss is drawn with the way it pulls its points, the network with
-  a disc before and after.
-- **Flow**: adversarial steps, those that the certificate let pass, those found to carry a strand through
-  another, and those of the latter that it let pass.
-- **Geometry**: the swept volume against the exact one, or what an outline gave, drawn with the curves that
-  fill it.
-- **Light**: where rays meet a round wall, there and back, against 50 digits, and its share of 16 machine
-  epsilons times the condition number; a lamp's blur, and its share of what the effect claims.
-- **Strokes**: the lines found in a drawing, how far they leave its ink, in half widths of a stroke, and the
-  ink that none of them runs along.
-- **Scenes that cannot be met**: whether the piece keeps every limit, its IoU, the limit that binds, and the
-  IoU that a short search reaches without it; drawn as the target with the piece's shadow over it.
-
-[The worst cases found](worst-cases.md) tell how near to its bound an optimiser brings each.
-"""
+# what each further group measures; the key is the first word of its title
+MEASURED = {
+    "Large": "The error of the tiled image in single precision, with its gradient, at 4000 pixels, half of "
+    "them on edges.",
+    "Losses": "The relative condition number sum |df/dx| |x| over |f|, the relative error of single "
+    "precision, its share of 16 machine epsilons times that number, and the gradient. Each loss "
+    "is drawn with the way it pulls its points.",
+    "Network": "The same of the invertible network, drawn with a disc before and after.",
+    "Flow": "Adversarial steps, those that the certificate let pass, those found to carry a strand "
+    "through another, and those of the latter that it let pass: none.",
+    "Geometry": "The swept volume against the exact one, or what an outline gave, with the curves that fill "
+    "it.",
+    "Light": "Where rays meet a round wall, there and back, against 50 digits; a lamp's blur, and its "
+    "share of the bound.",
+    "Strokes": "The lines found in a drawing, how far they leave its ink (half widths), and the ink that "
+    "none runs along.",
+    "Scenes": "Whether the piece keeps every limit, its IoU, the limit that binds, and the IoU without that "
+    "limit.",
+}
 
 Group = tuple[str, Sequence[str], list[Line]]
 
 
 def _page(rows: Sequence[Row], others: Sequence[Group], folder: Path) -> None:
+    """Write the page with a picture of every case, and the figures of all as CSV beside it."""
     drawn = [
         (row.case.name, partial(draw_image, image=image(row.case, torch.float32))) for row in rows
     ]
     sheet(folder / "hard-cases.png", drawn)
+    bad, count = _count_printed(rows)
     lines = [
         OPENING,
+        f"{len(rows)} cases of renderers, {sum(not row.good for row in rows)} outside their bounds. The "
+        f"closed forms as printed fail in {bad} of the {count} cases they apply to.\n",
         "![a picture of each case](hard-cases.png)\n",
-        "| " + " | ".join(HEADS) + " |",
     ]
-    lines.append("|" + "---|" * len(HEADS))
-    lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
-    lines.append("\n## Why each is hard\n")
-    lines += [f"- **{row.case.name}**: {row.case.why}." for row in rows]
-    bad, count = _count_printed(rows)
-    lines.append(f"\nThe closed forms as printed fail in {bad} of the {count} cases they apply to.")
-    lines.append(GROUPS_OPENING)
+    table = [("group", *HEADS, "why it is hard")]
+    table += [("Renderers", *_cells(row), row.case.why) for row in rows]
     for title, heads, found in others:
-        picture = f"hard-cases-{title.split()[0].lower()}.png"
+        word = title.split()[0]
+        picture = f"hard-cases-{word.lower()}.png"
         sheet(folder / picture, [(one.name, one.draw) for one in found])
-        lines += [f"### {title}\n", f"![{title.lower()}]({picture})\n"]
-        lines += ["| " + " | ".join((*heads, "why it is hard")) + " |"]
-        lines.append("|" + "---|" * (len(heads) + 1))
-        lines += ["| " + " | ".join((one.name, *one.cells, one.why)) + " |" for one in found]
-        lines.append("")
-    (folder / "hard-cases.md").write_text("\n".join(lines) + "\n")
+        outside = sum(not one.good for one in found)
+        lines += [f"## {title}\n", f"{MEASURED[word]} {len(found)} cases, {outside} outside.\n"]
+        lines += [f"![{title.lower()}]({picture})\n"]
+        table += [("group", *heads, "why it is hard")]
+        table += [(title, one.name, *one.cells, one.why) for one in found]
+    (folder / "hard-cases.md").write_text("\n".join(lines).rstrip() + "\n")
+    with (folder / "hard-cases.csv").open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(table)
 
 
 def _count_printed(rows: Sequence[Row]) -> tuple[int, int]:
