@@ -14,7 +14,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
-from knotfab.scene.camera import view_axes
+from knotfab.scene.camera import light_of, view_axes
 from knotfab.scene.model import ResolvedView
 
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
@@ -78,8 +78,8 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
 
 def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
     """Places (n, 3) and diameter of balls in whose hull the lamp lies: one, or the corners of a rectangle."""
-    right, up, back = view_axes(view)
-    middle = view.light_distance_mm * back
+    right, up, _ = view_axes(view)
+    middle = light_of(view)
     if view.light_shape in ("disc", "ball"):
         return middle[None], view.light_diameter_mm
     size = view.light_diameter_mm if view.light_shape == "leds" else 0.0

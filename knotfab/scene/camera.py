@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
 from knotfab.scene.model import Region, ResolvedView, View
 
-__all__ = ["Camera", "camera_of", "cameras_of", "view_axes"]
+__all__ = ["Camera", "camera_of", "cameras_of", "light_of", "view_axes"]
 
 
 class _Sized(Protocol):
@@ -117,7 +117,13 @@ def camera_of(view: ResolvedView, width: int, height: int) -> Camera:
     du = right * (view.frame_width_mm / width)
     dv = -up * (view.frame_height_mm / height)
     corner = centre - 0.5 * (width - 1) * du - 0.5 * (height - 1) * dv
-    return Camera(view.light_distance_mm * back, corner, du, dv, width, height)
+    return Camera(light_of(view), corner, du, dv, width, height)
+
+
+def light_of(view: View) -> Array:
+    """(3,) the middle of the view's lamp (or its eye), in the scene."""
+    beside = (view.light_right_mm, view.light_up_mm, view.light_distance_mm)
+    return np.asarray(beside @ view_axes(view))
 
 
 def cameras_of(views: Iterable[ResolvedView], pictures: Iterable[_Sized]) -> list[Camera]:

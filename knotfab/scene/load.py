@@ -13,6 +13,7 @@ from knotfab.base.errors import InputError
 from knotfab.scene.camera import view_axes
 from knotfab.scene.explain import explain, parse_toml
 from knotfab.scene.knot_names import parse_knot_name
+from knotfab.scene.lamps import require_lamps, share_walls
 from knotfab.scene.model import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
@@ -65,6 +66,8 @@ def parse_scene(text: str, what: str = "scene.toml") -> Scene:
         scene = Scene.model_validate(raw)
     except ValidationError as error:
         raise explain(error, raw, what) from error
+    if scene.share_wall:
+        scene = scene.model_copy(update={"views": share_walls(scene.views, what)})
     check_scene(scene, what)
     return scene
 
@@ -90,13 +93,15 @@ def check_scene(scene: Scene, what: str = "scene.toml") -> None:
     """Reject lengths that are each possible, but not together.
 
     Raises:
-        InputError: two views of one name; a region about the light or wholly behind the wall; a
-            tube or a depth too large for its surroundings; a knot that is not in the table.
+        InputError: two views of one name; lamps before one wall that show nothing together; a region
+            about the light or wholly behind the wall; a tube or a depth too large for its
+            surroundings; a knot that is not in the table.
     """
     names = [view.name for view in scene.views]
     for name in names:
         if names.count(name) > 1:
             raise InputError(what, f"two views are named {name!r}", "Give each its own name.")
+    require_lamps(scene, what)
     parse_knot_name(scene.piece.knot)
     radius = 0.0 if isinstance(scene.piece.tube_radius_mm, str) else scene.piece.tube_radius_mm
     depth = 0.0 if isinstance(scene.piece.depth, str) else scene.piece.depth

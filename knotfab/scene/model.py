@@ -45,9 +45,11 @@ from knotfab.scene.bounds import (
 __all__ = [
     "LIGHT_SHARE",
     "MOST_BEND",
+    "OF_WALL",
     "VERIFIED_PX",
     "WALL_SHARE",
     "Accuracy",
+    "Lamps",
     "Material",
     "Mount",
     "Piece",
@@ -84,6 +86,11 @@ MOST_LEDS = 400  # of an array: the verification renders a shadow for each
 # of the way to the light, and to the wall, that a piece may reach into where its region is "auto"
 LIGHT_SHARE, WALL_SHARE = 0.25, 0.9
 MOST_BEND = 0.3  # of a picture's height: the most that a point of it may be allowed to move
+# keys of a view that lie with its wall: views that share a wall share them
+OF_WALL = (
+    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
+    *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
+)
 VERIFIED_PX = 1024  # on the longer side of a frame: where shadows are verified, magnitudes told
 Box = tuple[Whole, Whole, Side, Side]
 Disc = tuple[Whole, Whole, Side]  # the middle's x and y, and the radius
@@ -94,6 +101,7 @@ ViewName = Annotated[
     Field(pattern=r"^[^\x00-,./:-@\[-\^`{-\xa0\s]+$", max_length=60),
     AfterValidator(_few_bytes),
 ]
+Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
 
@@ -200,6 +208,12 @@ class View(Reading):
     frame_width_mm: Length | None = None
     frame_height_mm: Length | None = None
     light_distance_mm: LampDistance = 500.0
+    light_right_mm: Shift = (
+        0.0  # the lamp beside the view's axis: wall and frame stay where they are
+    )
+    light_up_mm: Shift = 0.0
+    lamp_colour: tuple[Colour, Colour, Colour] = (1.0, 1.0, 1.0)  # red, green, blue, linear light
+    wall: StrictStr = ""  # the name of the view whose wall and frame this lamp shines on; its own
     light_diameter_mm: Spread = 5.0  # of a disc, a ball, or each LED
     light_shape: Literal["disc", "ball", "rectangle", "leds"] = "disc"
     light_width_mm: Spread = 0.0  # of a rectangle; of an array between its outer LEDs
@@ -302,6 +316,21 @@ class Placing(_Table):
     tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0  # of the wall, in any direction
 
 
+class Lamps(_Table):
+    """Several lamps before one wall (views with `wall`): what they show there, and where they may stand."""
+
+    mode: Literal["mix", "switch"] = "mix"  # all are lit at once, or one after the other
+    # whether the screen ends at the picture's frame, beside which no shadow is seen, or goes on
+    screen: Literal["ends", "open"] = "ends"
+    picture: StrictStr = ""  # in colours, which the lamps' masks are taken from; beside the scene
+    places: Literal["auto", "fixed"] = "auto"  # auto: a build finds them, within the bounds
+    max_right_mm: Spread = 400.0  # from the axis to a lamp on either side
+    max_up_mm: Spread = 400.0
+    colours: Annotated[int, Strict(), Field(ge=0, le=64)] = (
+        0  # the most flat colours of the picture; 0: what the lamps mix
+    )
+
+
 class Accuracy(_Table):
     """What the verified part must reach."""
 
@@ -375,10 +404,21 @@ class Scene(_Table):
     placing: Placing = Placing()
     room: Room = Room()
     effects: Switches = Switches()
+    lamps: Lamps = Lamps()
     mount: Mount = Mount()
     sequence: Sequence = Sequence()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
+
+    @property
+    def share_wall(self) -> bool:
+        """Whether several lamps shine on one wall."""
+        return any(view.wall for view in self.views)
+
+    @property
+    def screen_ends(self) -> bool:
+        """Whether what falls beside the frame is seen nowhere."""
+        return self.share_wall and self.lamps.screen == "ends"
 
     def count_knots(self, pieces: int) -> int:
         """How many knots so many pieces of a picture become."""

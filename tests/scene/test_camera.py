@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knotfab.scene.camera import Camera, camera_of, cameras_of
+from knotfab.scene.camera import Camera, camera_of, cameras_of, view_axes
 from knotfab.scene.model import ResolvedView
 
 
@@ -182,3 +182,16 @@ def test_each_view_has_the_pixels_of_its_picture() -> None:
     assert [(c.width, c.height) for c in found] == [(40, 20), (30, 60)]
     with pytest.raises(ValueError, match="longer"):
         cameras_of([view()], sizes)
+
+
+@pytest.mark.parametrize("turned", [{}, {"azimuth_deg": 40.0, "elevation_deg": 20.0}])
+def test_a_lamp_beside_the_axis_shines_on_the_same_frame(turned: dict[str, float]) -> None:
+    straight, aside = camera(**turned), camera(**turned, light_right_mm=150.0, light_up_mm=-40.0)
+    here = on_receiver(straight)
+    assert aside.project(here) == pytest.approx(straight.project(here))
+    assert aside.receiver == pytest.approx(straight.receiver)
+    right, up, back = view_axes(view(**turned))
+    assert aside.eye == pytest.approx(500 * back + 150 * right - 40 * up)
+    # what is moved by the lamp's own shift, less the way to the wall, keeps its shadow
+    u, v = aside.project((150 * right - 40 * up)[None] * 100 / 600)[0]
+    assert (u, v) == pytest.approx((199.5, 99.5))

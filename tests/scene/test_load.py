@@ -48,6 +48,18 @@ REFUSED = {
     "[[view]]": ("Did you mean 'views'?",),
     "[views]\nname = 'a'": ("Write [[views]], with double brackets",),
     "views = []": ("no view",),
+    "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'c'": ("no earlier view", "Known: a."),
+    "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'a'\nwall_tilt_deg = 5": (
+        "another wall_tilt_deg",
+    ),
+    "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'a'": ("one colour",),
+    "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'a'\nkind = 'eye'": ("is an eye",),
+    "[[views]]\nname = 'a'\n[[views]]\nname = 'b'\n[[views]]\nname = 'c'\nwall = 'a'": (
+        "a wall of its own",
+    ),
+    "[lamps]\nplaces = 'fixed'\nmode = 'switch'\n[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'a'": (
+        "stand at one place",
+    ),
     "views = 3": ("no view",),
     "tube_radius_mm = 3": ("It belongs in [piece]",),
     "[piece]\ntube_radius_mm = '50cm'": ('"50cm"', "Write tube_radius_mm = 500.0"),
@@ -236,3 +248,13 @@ def test_scenes_cannot_be_changed() -> None:
     scene: Any = Scene()
     with pytest.raises(ValueError, match="frozen"):
         scene.pose = None
+
+
+def test_a_view_that_shines_on_anothers_wall_has_that_wall() -> None:
+    lamps = "wall_distance_mm = 60\nframe_width_mm = 90\nlamp_colour = [1, 0, 0]"
+    aside = "wall = 'a'\nlight_right_mm = 80\nlamp_colour = [0, 1, 0]"
+    scene = parse_scene(f"[[views]]\nname = 'a'\n{lamps}\n[[views]]\nname = 'b'\n{aside}")
+    first, second = scene.views
+    assert (second.wall_distance_mm, second.frame_width_mm) == (60, 90)
+    assert (first.light_right_mm, second.light_right_mm) == (0, 80)
+    assert scene.screen_ends and parse_scene(dump_scene(scene)) == scene

@@ -23,6 +23,8 @@ class PlainView:
     azimuth_deg: float = 0.0
     elevation_deg: float = 0.0
     frame_up_mm: float = 0.0
+    light_right_mm: float = 0.0
+    light_up_mm: float = 0.0
 
 
 def circle(n: int = 200, radius: float = 40.0) -> Array:

@@ -7,6 +7,9 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene, read_scene
 
 CONVENTIONS = Path(__file__).parents[3] / "docs" / "conventions.md"
@@ -63,3 +66,22 @@ def test_auto_is_left_open() -> None:
     )
     assert scene.piece.tube_radius_mm is None and scene.region.size_mm is None
     assert scene.material.min_bend_radius_mm is None and scene.accuracy.iou_floor is None
+
+
+def test_a_view_that_shines_on_anothers_wall_has_that_wall() -> None:
+    first = {"name": "a", "wall_distance_mm": 60, "azimuth_deg": 30, "frame_width_mm": 90}
+    second = {"name": "b", "wall": "a", "light_up_mm": -20, "lamp_colour": [0, 0.5, 1]}
+    scene = parse_scene({"views": [first, second], "lamps": {"screen": "open"}})
+    _, view = scene.views
+    assert (view.wall_distance_mm, view.azimuth_deg, view.frame_width_mm) == (60, 30, 90)
+    assert (view.light_up_mm, view.lamp_colour) == (-20, (0, 0.5, 1)) and not scene.screen_ends
+    assert parse_scene({"views": [first, second]}).screen_ends
+    assert not parse_scene({"views": [first]}).screen_ends
+    wrong = (
+        {**second, "wall": "c"},
+        {**second, "azimuth_deg": 31},
+        {**second, "lamp_colour": [2, 0, 0]},
+    )
+    for view_keys in wrong:
+        with pytest.raises(BadFile):
+            parse_scene({"views": [first, view_keys]})

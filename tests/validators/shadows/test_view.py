@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from validator_parts import PlainView
 
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.frame import working_frame
 from knotfab_validators.shadows.view import view_geometry
 
@@ -75,3 +76,17 @@ def test_part_coordinates_and_resampling_show_the_same_picture() -> None:
     expected_v = (seen[:, 1] + 0.5) * frame.height / 80 - 0.5 + frame.pad_y
     np.testing.assert_allclose(fine, np.column_stack([expected_u, expected_v]), atol=1e-7)
     np.testing.assert_allclose(w_fine, w)
+
+
+def test_a_light_beside_the_axis_moves_neither_wall_nor_pixels() -> None:
+    keys = {"name": "a", "azimuth_deg": 35, "elevation_deg": 10, "wall_tilt_deg": 20}
+    straight, aside = (
+        view_geometry(parse_scene({"views": [{**keys, **more}]}).views[0], 300, 200)
+        for more in ({}, {"light_right_mm": 90, "light_up_mm": -30})
+    )
+    assert np.allclose(aside.origin, straight.origin) and np.allclose(aside.du, straight.du)
+    assert np.allclose(aside.light - straight.light, 90 * aside.right - 30 * aside.up)
+    spots = aside.on_receiver(np.array([[0.0, 0.0], [299.0, 10.0]]))
+    assert np.allclose(
+        aside.project(aside.light + 0.3 * (spots - aside.light))[0], [[0, 0], [299, 10]]
+    )

@@ -20,6 +20,7 @@ from knotfab_validators.geometry.mesh import Mesh
 __all__ = [
     "Accuracy",
     "Effects",
+    "Lamps",
     "Material",
     "Mount",
     "Piece",
@@ -44,6 +45,10 @@ MOST_LEDS = 100  # across or up
 MOST_IN_ARRAY = 400  # for each is a shadow to render
 SWITCH = ("auto", "on", "off")
 INKS = ("auto", "dark", "light", "alpha", "flood")
+OF_WALL = (  # keys of a view that lie with its wall
+    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
+    *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
+)
 QUOTED_KEY = re.compile(r"[\"']\s*\.")
 
 
@@ -147,6 +152,19 @@ class View:
     azimuth_deg: float
     elevation_deg: float
     frame_up_mm: float
+    light_right_mm: float = 0.0  # the light beside the view's axis
+    light_up_mm: float = 0.0
+    lamp_colour: Vector = (1.0, 1.0, 1.0)  # red, green, blue in 0 to 1, linear light
+    wall: str = ""  # the view whose wall and frame this light shines on; "": its own
+
+
+@dataclass(frozen=True)
+class Lamps:
+    """What several lights show on the wall that they share; `picture` is in colours."""
+
+    mode: str = "mix"
+    screen: str = "ends"
+    picture: str = ""
 
 
 @dataclass(frozen=True)
@@ -214,6 +232,12 @@ class Scene:
     plates: tuple[tuple[str, tuple[Pose, ...]], ...] = ()
     effects: Effects = Effects()
     placing: Placing = Placing()
+    lamps: Lamps = Lamps()
+
+    @property
+    def screen_ends(self) -> bool:
+        """Whether shadows beside the frame fall on no screen: several lights share one that ends there."""
+        return self.lamps.screen == "ends" and any(view.wall for view in self.views)
 
 
 def read_scene(path: Path) -> Scene:
@@ -260,9 +284,11 @@ def parse_scene(
     effects = Table(data.get("effects", {}), f"{name}: [effects]")
     placing = Table(data.get("placing", {}), f"{name}: [placing]")
     search = Table(data.get("search", {}), f"{name}: [search]")
+    lamps = Table(data.get("lamps", {}), f"{name}: [lamps]")
     views = data.get("views", [{}])
     if not isinstance(views, list) or not views:
         raise BadFile(f"{name}: [[views]] must name at least one view")
+    views = _share_walls(views, name)
     shrinkage = material.number("shrinkage_percent", 0.0, least=0, most=20)
     return Scene(
         piece=Piece(
@@ -310,7 +336,32 @@ def parse_scene(
             turn_deg=placing.number("turn_deg", 1.0, least=0, most=10),
             tilt_deg=placing.number("tilt_deg", 0.0, least=0, most=10),
         ),
+        lamps=Lamps(
+            mode=lamps.word("mode", "mix", ("mix", "switch")),
+            screen=lamps.word("screen", "ends", ("ends", "open")),
+            picture=lamps.word("picture", ""),
+        ),
     )
+
+
+def _share_walls(views: list[Any], name: str) -> list[Any]:
+    """The views' tables, in which those that shine on another's wall have its keys of wall and frame."""
+    walls: dict[str, dict[str, Any]] = {}
+    found = []
+    for number, view in enumerate(views):
+        wall = view.get("wall", "") if isinstance(view, dict) else ""
+        if wall == "":
+            if isinstance(view, dict):
+                walls[str(view.get("name", "front"))] = view
+            found.append(view)
+            continue
+        if not isinstance(wall, str) or wall not in walls:
+            raise BadFile(f"{name}: view {number} wall names no earlier view: {short(wall)}")
+        theirs = {key: walls[wall][key] for key in OF_WALL if key in walls[wall]}
+        if any(view[key] != theirs.get(key) for key in OF_WALL if key in view):
+            raise BadFile(f"{name}: view {number} has another wall or frame than {short(wall)}")
+        found.append({**view, **theirs})
+    return found
 
 
 def _whole_of(value: object) -> int | None:
@@ -434,7 +485,19 @@ def _view(data: Any, where: str) -> View:
         azimuth_deg=table.number("azimuth_deg", 0.0),
         elevation_deg=table.number("elevation_deg", 0.0),
         frame_up_mm=table.number("frame_up_mm", 0.0),
+        light_right_mm=table.number("light_right_mm", 0.0),
+        light_up_mm=table.number("light_up_mm", 0.0),
+        lamp_colour=_lamp_colour(table),
+        wall=table.word("wall", ""),
     )
+
+
+def _lamp_colour(table: Table) -> Vector:
+    """Shares of red, green and blue."""
+    colour = table.fixed_vector("lamp_colour", (1.0, 1.0, 1.0))
+    if min(colour) < 0 or max(colour) > 1:
+        raise BadFile(f"{table.where} lamp_colour must be three numbers from 0 to 1")
+    return colour
 
 
 def _wall_radius(table: Table) -> float | str:
