@@ -12,6 +12,7 @@ COPY constraints.txt pyproject.toml README.md LICENSE ./
 ARG TORCH_INDEX=
 RUN pip install --no-cache-dir -c constraints.txt --no-deps ${TORCH_INDEX:+--index-url "$TORCH_INDEX"} torch==2.13.0
 COPY knotfab knotfab
+COPY formats formats
 COPY validators validators
 COPY fixtures fixtures
 RUN pip install --no-cache-dir -c constraints.txt '.[dask,studio]'

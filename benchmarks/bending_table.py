@@ -20,7 +20,7 @@ from knotfab.design.agree import agree
 from knotfab.design.frames import spread_views
 from knotfab.picture.read import Target, read_target
 from knotfab.preview.draw import draw_agreement
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 Figures = tuple[float, float, float, float, float, float, float]
 

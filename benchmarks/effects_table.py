@@ -26,7 +26,7 @@ from knotfab.effects.penumbra import PENUMBRA, blurs_mm
 from knotfab.effects.shadows import Shadows
 from knotfab.effects.survey import survey
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import Material, Placing, ResolvedView, Room
+from knotfab_formats.scene import Material, Placing, ResolvedView, Room
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import read_scene

@@ -17,13 +17,13 @@ from examples.pictures import pictures
 from knotfab.base.progress import Progress
 from knotfab.files.whole import write_whole
 from knotfab.read_options import read_seconds
-from knotfab.scene.model import Scene
 from knotfab.tradeoff.bench import run_all
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.front import Measured
 from knotfab.tradeoff.measure import Study
 from knotfab.tradeoff.points import PRESET
 from knotfab.tradeoff.run import Tradeoff, measure_tradeoff, to_dict
+from knotfab_formats.scene import Scene
 
 COMMAND = "python -m benchmarks.frontier"
 NAMES = (

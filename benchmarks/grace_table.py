@@ -22,10 +22,10 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.geometry.measures import measure_curvature
 from knotfab.knots import Knots
-from knotfab.scene.settings import PRESETS
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
 from knotfab.tradeoff.measure import true_iou
+from knotfab_formats.search import PRESETS
 
 WEIGHTS = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 TURNS_DEG = (0.0, 45.0, 90.0, 180.0)

@@ -43,8 +43,8 @@ from knotfab.picture.silhouette import trace_polygon
 from knotfab.render.frame import frame_of
 from knotfab.render.tensors import render
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Scene
 from knotfab.start.filling import fill
+from knotfab_formats.scene import Scene
 
 STEPS = 300  # adversarial ones, of each knot
 SLOW = {"checkerboard", "noise", "carpet"}  # their outlines alone take seconds to minutes

@@ -19,7 +19,7 @@ from torch import Tensor
 from knotfab.base.arrays import Array
 from knotfab.render.frame import frame_of
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 from paper.shaded_render import Shading, render_shaded
 
 Draw = Callable[[Axes], None]  # draws one case

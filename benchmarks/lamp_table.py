@@ -25,11 +25,11 @@ from knotfab.geometry.meshes import join_meshes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.problem import TargetView
-from knotfab.scene.model import Scene, View
-from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import stretch_mask
 from knotfab.start.start import make_start
+from knotfab_formats.scene import Scene, View
+from knotfab_formats.search import PRESETS, SearchSettings
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.penumbra import measure_penumbra

@@ -21,7 +21,7 @@ from PIL import Image
 
 if TYPE_CHECKING:
     from knotfab.design.question import Question
-    from knotfab.scene.model import Scene
+    from knotfab_formats.scene import Scene
 
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
 _POLL_S = 0.2  # of the memory, whose count takes milliseconds itself
@@ -93,7 +93,7 @@ def read_question(picture: str | Path | Image.Image, scene: Scene | None = None)
     # torch takes seconds to load, and what only runs other commands has no use for it
     from knotfab.design.question import ask
     from knotfab.picture.read import read_target
-    from knotfab.scene.model import Scene
+    from knotfab_formats.scene import Scene
 
     if not isinstance(picture, Image.Image):
         return ask(scene or Scene(), [read_target(picture)])

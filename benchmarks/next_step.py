@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.measurement import build_apart, run_study, save_pictures
 from examples.pictures import pictures
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.search import PRESETS
 
 NAMES = ("knight", "anchor", "cat", "teapot")
 LEAST_S = 0.05  # a stage below this says nothing

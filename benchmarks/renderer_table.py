@@ -22,7 +22,7 @@ from knotfab.render.tensors import render, squared_error, winners
 from knotfab.render.threads import one_thread
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 RADIUS, TAU = 2.0, 1.0

@@ -24,11 +24,11 @@ from knotfab.base.arrays import Array
 from knotfab.design.question import Question, ask
 from knotfab.picture.read import Target, read_target
 from knotfab.problem import Start
-from knotfab.scene.model import Scene, View
-from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
 from knotfab.search.phases import SETTLE, Phase
 from knotfab.search.state import begin, run_phase
+from knotfab_formats.scene import Scene, View
+from knotfab_formats.search import PRESETS
 
 FRAME_MM = 180.0
 SPACING = 0.45  # of vertices, in tube radii, as in a finished part

@@ -23,11 +23,11 @@ from knotfab.design.design import choose_tube
 from knotfab.design.question import Question
 from knotfab.effects.base import EffectContext
 from knotfab.effects.wall import WALL
-from knotfab.scene.model import Placing, Scene, View
-from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.search import search
 from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import true_iou
+from knotfab_formats.scene import Placing, Scene, View
+from knotfab_formats.search import PRESETS, SearchSettings
 
 NAMES = ("heart", "anchor")
 SIDES = (0.99, 1.01)  # of the threshold

@@ -15,8 +15,8 @@ from benchmarks.measurement import Stopwatch, make_folder, run_study
 from knotfab.pipeline import build
 from knotfab.request import Request
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Accuracy, Piece, Scene
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.scene import Accuracy, Piece, Scene
+from knotfab_formats.search import PRESETS
 
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")
 MOST_DROP = 0.005  # of the IoU

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from benchmarks.measurement import run_study
 from examples.pictures import pictures
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.recognition import WORDS as VERDICTS

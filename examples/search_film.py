@@ -24,11 +24,11 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem
 from knotfab.render.picture import image_at
-from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab_formats.search import PRESETS
 
 PANEL = 320  # px
 EVERY = 5  # iterations between pictures

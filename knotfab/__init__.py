@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from knotfab.picture.read import Target
     from knotfab.problem import Problem, SearchResult, Start
     from knotfab.request import Outcome
-    from knotfab.scene.model import ResolvedScene, Scene
+    from knotfab_formats.scene import ResolvedScene, Scene
 
 __version__ = "0.1.0"
 
@@ -63,7 +63,7 @@ _MODULES = {
     "knotfab.problem": ("Problem", "SearchResult", "Start"),
     "knotfab.base.progress": ("Event",),
     "knotfab.request": ("Outcome",),
-    "knotfab.scene.model": ("ResolvedScene", "Scene"),
+    "knotfab_formats.scene": ("ResolvedScene", "Scene"),
     "knotfab.picture.read": ("Target",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Event, Progress
 from knotfab.picture.read import Target, read_target
-from knotfab.scene.model import Reading, Scene
+from knotfab_formats.scene import Reading, Scene
 
 if TYPE_CHECKING:
     from knotfab.design.design import Design
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from knotfab.part.assemble import Part
     from knotfab.problem import SearchResult, Start
     from knotfab.request import Outcome
-    from knotfab.scene.settings import SearchSettings
+    from knotfab_formats.search import SearchSettings
 
 __all__ = [
     "assemble_part",
@@ -112,7 +112,7 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
     """
     from pydantic import ValidationError
 
-    from knotfab.scene.explain import explain
+    from knotfab_formats.explain import explain
 
     try:
         how = Reading(**reading)
@@ -227,7 +227,7 @@ def settle_design(question: Question, result: SearchResult, accuracy: str = "sta
 def _settings_for(question: Question, accuracy: str, settings: Mapping[str, Any]) -> SearchSettings:
     """The accuracy's settings as a build of this question has them, under the scene's own and these."""
     from knotfab.design.suit import suit
-    from knotfab.scene.settings import search_settings
+    from knotfab_formats.search import search_settings
 
     given = {**question.scene.search, **settings}
     return suit(search_settings(accuracy, given), question, given)

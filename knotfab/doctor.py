@@ -111,7 +111,7 @@ def run_loops() -> None:
     from knotfab.design.design import design_knots
     from knotfab.picture.read import read_target
     from knotfab.report.shading import draw_faces
-    from knotfab.scene.model import Accuracy, Scene
+    from knotfab_formats.scene import Accuracy, Scene
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
     scene = Scene(accuracy=Accuracy(name="sketch"), search=few)

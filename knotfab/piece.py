@@ -58,12 +58,12 @@ from knotfab.report.turning import add_turning
 from knotfab.report.viewer_data import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
-from knotfab.scene.model import ResolvedScene
 from knotfab.settle import settle_part
 from knotfab.slicer.result import NotSliced, Sliced, sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.verify.checks import exit_code, verdict_without_part
 from knotfab.verify.verifier import Files, Verifier
+from knotfab_formats.scene import ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.wire.plan import WirePlan

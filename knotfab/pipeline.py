@@ -11,8 +11,8 @@ from knotfab.geometry.meshes import join_meshes
 from knotfab.mount.modeller import keep_modeller
 from knotfab.picture.read import read_targets
 from knotfab.request import Outcome, Request, require_device
-from knotfab.scene.model import ResolvedScene
 from knotfab.verify.verifier import Verifier
+from knotfab_formats.scene import ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part

@@ -25,11 +25,11 @@ from knotfab.picture.read import TEXT_PREFIX, Target, plain_name, read_targets
 from knotfab.read_options import read_also, read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
 from knotfab.scene.require import require_several, require_start, require_tube, require_walls
-from knotfab.scene.settings import search_settings
 from knotfab.sequence.frames import count_knots, name_sequence, read_frames
 from knotfab.sequence.require import require_sequence
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import search_settings
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement

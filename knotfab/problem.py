@@ -17,7 +17,7 @@ from knotfab.limits.base import Guard, Limits
 from knotfab.limits.feasibility import Feasibility
 from knotfab.render.picture import ViewImage, image_at
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedRegion, ResolvedView, Switch
+from knotfab_formats.scene import ResolvedRegion, ResolvedView, Switch
 
 __all__ = [
     "CertificateLog",

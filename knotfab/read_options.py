@@ -14,10 +14,10 @@ from knotfab.base.disk import at_home
 from knotfab.base.errors import InputError
 from knotfab.base.lengths import read_length
 from knotfab.options import BuildOptions
-from knotfab.scene.bounds import why_out_of_bounds
-from knotfab.scene.model import MOST_BEND, Piece, Scene, Switch, Switches, View
-from knotfab.scene.settings import OF_NO_PRESET, search_settings
 from knotfab.verify.checks import CHECKS
+from knotfab_formats.bounds import why_out_of_bounds
+from knotfab_formats.scene import MOST_BEND, Piece, Scene, Switch, Switches, View
+from knotfab_formats.search import OF_NO_PRESET, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 

@@ -11,7 +11,7 @@ from knotfab.base.errors import MachineError
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 __all__ = ["Outcome", "Request", "require_device"]
 

@@ -19,10 +19,10 @@ from knotfab.render.frame import Sheet
 from knotfab.render.posed_frame import posed_frame
 from knotfab.render.tensors import render
 from knotfab.render.threads import one_thread
-from knotfab.scene.settings import search_settings
 from knotfab.search.pose import ALL, Bounds, Name, ViewNumbers
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab_formats.search import search_settings
 from paper.fit_view import fit_view
 from tests.corpus.curves import figure_eight, torus_knot
 

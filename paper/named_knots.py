@@ -16,7 +16,7 @@ import knotfab.scene
 from benchmarks.measurement import Stopwatch
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.geometry.resample import resample
-from knotfab.scene.knot_names import BRAIDS
+from knotfab_formats.knot_names import BRAIDS
 from paper.curves import closed_braid
 from paper.tighten import tighten
 

@@ -16,12 +16,12 @@ import matplotlib.pyplot as plt
 from benchmarks.measurement import Stopwatch, paint_comparison, read_question, run_study
 from examples.pictures import pictures
 from knotfab.problem import Problem, SearchResult
-from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
 from knotfab.tradeoff.measure import find_shadows
+from knotfab_formats.search import PRESETS, SearchSettings
 
 RADIUS = 0.025  # of the frame's width, as in the paper
 SCALES = (0.25, 0.5, 1.0, 2.0)  # of the iterations

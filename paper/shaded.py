@@ -24,8 +24,8 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
 from knotfab.search.adam import Adam
+from knotfab_formats.scene import ResolvedView
 from paper.shaded_render import Shading, render_shaded
 from tests.corpus.curves import torus_knot
 

@@ -28,10 +28,10 @@ from knotfab.design.design import choose_tube
 from knotfab.picture.masks import mask_iou
 from knotfab.picture.silhouette import resample_mask
 from knotfab.render.threads import one_thread
-from knotfab.scene.settings import search_settings
 from knotfab.search.adam import Adam
 from knotfab.search.search import search
 from knotfab.tradeoff.measure import find_shadows
+from knotfab_formats.search import search_settings
 
 NAMES = ("ring", "wheel", "smiley", "teapot")
 COMPARED_PX = 512

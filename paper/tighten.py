@@ -15,8 +15,8 @@ from knotfab.geometry.resample import resample, subdivide
 from knotfab.limits.base import Felt, Limits, State, total_length, weigh
 from knotfab.limits.bend import BEND
 from knotfab.limits.clearance import CLEARANCE
-from knotfab.scene.model import Region
 from knotfab.search.flow import FlowSettings, flow
+from knotfab_formats.scene import Region
 
 _PULL = 0.08  # weight of the length against the hinges while the knot shrinks
 _SLOWING = 0.003  # share of the length that a round must take off for another one to follow

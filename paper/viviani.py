@@ -22,7 +22,7 @@ from knotfab.render.frame import frame_of
 from knotfab.render.tensors import render
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Accuracy, Piece, ResolvedView, Scene
+from knotfab_formats.scene import Accuracy, Piece, ResolvedView, Scene
 
 RADIUS_MM = 2.0
 _FRAME_MM, _PIXELS = 160.0, 640

@@ -10,7 +10,11 @@ from imports import imports_of
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("knotfab",)  # their folders are folders of tests/, too
 SCRIPTS = ("examples", "benchmarks", "paper")  # each has one folder of tests, by its name
-OWN = {"validators": ROOT / "validators" / "knotfab_validators", "fixtures": ROOT / "fixtures"}
+OWN = {
+    "formats": ROOT / "formats" / "knotfab_formats",
+    "validators": ROOT / "validators" / "knotfab_validators",
+    "fixtures": ROOT / "fixtures",
+}
 
 
 def crossing(folder: str, barred: str) -> list[str]:
@@ -33,6 +37,7 @@ def test_no_example_imports_a_test() -> None:
 @pytest.mark.parametrize("barred", ["examples", "benchmarks", "paper", "tests"])
 def test_no_package_imports_a_script_or_a_test(barred: str) -> None:
     assert crossing("knotfab", barred) == crossing("validators", barred) == []
+    assert crossing("formats", barred) == []
 
 
 def test_a_file_that_crosses_is_named() -> None:

@@ -17,7 +17,7 @@ from command import knotfab
 
 import knotfab as package
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -44,7 +44,7 @@ def test_the_wheel_holds_the_packages_and_nothing_else(wheel: zipfile.ZipFile) -
     aside = re.compile(r"(^|/)(__pycache__|\.\w+|ruff\.toml)(/|$)")  # caches, settings of tools
     found = {p.relative_to(f.parent).as_posix(): p for f in PACKAGES for p in f.rglob("*")}
     expected = {name: p for name, p in found.items() if p.is_file() and not aside.search(name)}
-    for name in ("knotfab", "knotfab_validators", "knotfab_fixtures"):
+    for name in ("knotfab", "knotfab_formats", "knotfab_validators", "knotfab_fixtures"):
         assert f"{name}/py.typed" in expected
     suffixes = {path.suffix for path in expected.values()}
     assert suffixes >= {".py", ".j2", ".toml"}

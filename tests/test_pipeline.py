@@ -20,9 +20,9 @@ from PIL import Image
 import knotfab.design.design as designing
 import knotfab.piece as piece
 from knotfab.design.design import Design
-from knotfab.scene.settings import PRESETS
 from knotfab.verify.checks import CHECKS
-from knotfab_validators.names import KNOTS, MESH, PRINTING
+from knotfab_formats.checks import KNOTS, MESH, PRINTING
+from knotfab_formats.search import PRESETS
 
 pytestmark = pytest.mark.build
 

@@ -22,8 +22,8 @@ from knotfab.mount.wall import NotHeldError
 from knotfab.picture.read import Target, read_target
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Scene
 from knotfab.settle import settle_part
+from knotfab_formats.scene import Scene
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
 

@@ -126,7 +126,7 @@ def test_what_was_loaded_is_seen(tmp_path: Path) -> None:
         assert heavy == ["torch"]
 
 
-@pytest.mark.parametrize("folder", ["validators", "fixtures"])
+@pytest.mark.parametrize("folder", ["formats", "validators", "fixtures"])
 def test_the_folders_are_no_packages(folder: str) -> None:
-    """`validators` and `fixtures` are import names of packages that others publish."""
+    """`formats`, `validators` and `fixtures` are import names of packages that others publish."""
     assert not (Path(__file__).parents[1] / folder / "__init__.py").exists()

@@ -10,7 +10,7 @@ import numpy as np
 from knotfab.effects.penumbra import blurs_mm
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 from .measure import EPSILONS
 

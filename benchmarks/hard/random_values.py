@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.scene.model import ResolvedRegion
 from knotfab.search.network import Coupling, CouplingNetwork, Rigid
+from knotfab_formats.scene import ResolvedRegion
 from paper.losses import (
     ball,
     bending_loss,

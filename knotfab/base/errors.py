@@ -14,6 +14,8 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from knotfab_formats.errors import InputError, KnotfabError, shown
+
 __all__ = [
     "InputError",
     "KnotfabError",
@@ -27,7 +29,6 @@ __all__ = [
     "why_of",
 ]
 
-_MOST_SHOWN = 600  # characters of what a sentence is about
 # what a call cannot mend by naming another file
 _OF_MACHINE = {
     "ENOSPC",
@@ -45,20 +46,6 @@ _LACKS_MEMORY = ("can't start new thread", "cannot allocate memory", "bad_alloc"
 _MORE_MEMORY = "Close other programs, use --accuracy draft, or a machine with 4 GB or more."
 
 
-def shown(text: object) -> str:
-    """A text for a line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers."""
-    signs = [
-        c
-        if c.isprintable()
-        else f"\\x{ord(c) - 0xDC00:02x}"
-        if "\udc80" <= c <= "\udcff"
-        else repr(c)[1:-1]
-        for c in str(text)
-    ]
-    plain = "".join(signs)
-    return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
-
-
 def spelled(text: str) -> str:
     """A text that any encoding of Unicode holds: bytes of a name that are no UTF-8 as their numbers."""
     return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)
@@ -68,25 +55,6 @@ def why_of(error: OSError | ValueError) -> str:
     """What the system says of a file, in words."""
     said = error.strerror if isinstance(error, OSError) else None
     return shown(said or error)
-
-
-class KnotfabError(Exception):
-    """Base of every error knotfab raises on purpose; `exit_code` follows the contract."""
-
-    exit_code = 2
-
-    def __init__(self, what: str, why: str, remedy: str) -> None:
-        self.what, self.why, self.remedy = shown(what), why, remedy
-        # a remedy that ends in a command or a path keeps what can be copied
-        stop = "" if ": " in remedy or not remedy[-1:].isalnum() else "."
-        about = f"{self.what}: " if what else ""
-        super().__init__(f"{about}{why}. {remedy}{stop}")
-
-
-class InputError(KnotfabError):
-    """The picture, the scene file or the call is wrong."""
-
-    exit_code = 2
 
 
 class SceneError(KnotfabError):

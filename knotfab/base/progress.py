@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import rich.text
 
     from knotfab.knots import Knots
-    from knotfab.scene.model import ResolvedView
+    from knotfab_formats.scene import ResolvedView
 
 __all__ = ["Event", "Mode", "Progress", "process_age"]
 

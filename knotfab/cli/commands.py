@@ -79,7 +79,7 @@ def printers() -> int:
 @app.command
 def schema() -> int:
     """Print the JSON schema of scene.toml, for editors that check it while you write."""
-    from knotfab.scene.json_schema import dump_schema
+    from knotfab_formats.json_schema import dump_schema
 
     print(dump_schema(), end="")
     return 0

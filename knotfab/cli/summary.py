@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from knotfab.preview.readings import TriedReading
     from knotfab.preview.survey import Survey
     from knotfab.request import Outcome
-    from knotfab.scene.model import Material, Printer
     from knotfab.tradeoff.run import Tradeoff
+    from knotfab_formats.scene import Material, Printer
 
 __all__ = [
     "UNABLE",

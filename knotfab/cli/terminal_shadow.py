@@ -11,7 +11,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.sampling import arc_lengths
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["draw_shadow"]
 

@@ -31,7 +31,7 @@ from knotfab.picture.raster import decode
 from knotfab.picture.read import read_bytes, read_target
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene
 
 __all__ = ["Comparison", "advise", "compare_photo", "read_photo", "write_comparison"]
 

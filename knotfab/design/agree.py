@@ -29,7 +29,7 @@ from knotfab.picture.masks import sample_mask
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import cameras_of, view_axes
-from knotfab.scene.model import ResolvedView, Scene, View
+from knotfab_formats.scene import ResolvedView, Scene, View
 
 __all__ = ["AGREED", "Agreement", "agree", "apply_bending", "reach_of", "require_agreed"]
 

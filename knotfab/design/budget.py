@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab.base.errors import InputError
-from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab_formats.search import PRESETS, SearchSettings
 
 __all__ = ["Budget", "require_budget", "resolve_iterations", "scale_to_budget", "spare"]
 

@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 
 from knotfab.base.errors import SceneError
 from knotfab.picture.opening import thickest_radius
-from knotfab.scene.model import Printer, ResolvedView, View
+from knotfab_formats.scene import Printer, ResolvedView, View
 
 __all__ = [
     "DEPTH_RATIO",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from knotfab.design.hull import HullBound
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 
 __all__ = ["WORTH_SAYING", "contradictions"]
 

@@ -25,7 +25,14 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.data_uri import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.scene.model import (
+from knotfab.scene.require import require_tube
+from knotfab.search.directions import FreeDirections
+from knotfab.search.history import History
+from knotfab.search.pace import Pace
+from knotfab.search.phases import plan_of
+from knotfab.search.search import search
+from knotfab.start.start import go_on, make_start
+from knotfab_formats.scene import (
     ResolvedAccuracy,
     ResolvedMaterial,
     ResolvedPiece,
@@ -33,14 +40,7 @@ from knotfab.scene.model import (
     ResolvedScene,
     Scene,
 )
-from knotfab.scene.require import require_tube
-from knotfab.scene.settings import SearchSettings, search_settings
-from knotfab.search.directions import FreeDirections
-from knotfab.search.history import History
-from knotfab.search.pace import Pace
-from knotfab.search.phases import plan_of
-from knotfab.search.search import search
-from knotfab.start.start import go_on, make_start
+from knotfab_formats.search import SearchSettings, search_settings
 
 if TYPE_CHECKING:
     from knotfab.search.pose import FreePose

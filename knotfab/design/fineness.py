@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from knotfab.geometry.tube import sides_for
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["fine_enough", "outline_px"]
 

@@ -17,8 +17,8 @@ from knotfab.design.candidates import line_width
 from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target, name_picture
 from knotfab.picture.thicken import is_thin, thicken
-from knotfab.scene.bounds import why_out_of_bounds
-from knotfab.scene.model import ResolvedView, Scene, View
+from knotfab_formats.bounds import why_out_of_bounds
+from knotfab_formats.scene import ResolvedView, Scene, View
 
 __all__ = [
     "frame_view",

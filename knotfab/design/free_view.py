@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from knotfab.base.errors import InputError
 from knotfab.problem import Problem, ViewNumbers
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Material, Scene
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import Material, Scene
+from knotfab_formats.search import SearchSettings
 
 if TYPE_CHECKING:
     from knotfab.search.pose import FreePose

@@ -12,9 +12,9 @@ import shapely
 
 from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, SearchResult, Start, TargetView
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import lower
 from knotfab.start.start import make_start
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["better", "start_without_knobs"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.scene.model import ResolvedRegion
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
+from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["SHORT", "LimitPrice", "binding_limits", "price_limits"]
 

@@ -28,11 +28,11 @@ from knotfab.picture.strokes import trace_strokes
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import camera_of, cameras_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Region, ResolvedRegion, ResolvedView, Scene
 from knotfab.scene.require import require_several
 from knotfab.search.balance import goals_of
 from knotfab.start.filling import template_iou
 from knotfab.start.start import make_template
+from knotfab_formats.scene import Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["Question", "ask", "silhouette_polygon"]
 

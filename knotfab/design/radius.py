@@ -18,9 +18,9 @@ from knotfab.knots import Knot, Knots
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.problem import Report, Start, Watch
 from knotfab.scene.require import require_radius
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.filling import Template, as_bent, simple_curves, template_iou
 from knotfab.start.start import make_start, make_template
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["RadiusChoice", "RadiusTrial", "choose_radius"]
 

@@ -13,7 +13,7 @@ from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.design.hull import HullBound
 from knotfab.limits.region_mesh import region_mesh
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.scene import WALL_SHARE, Region, ResolvedRegion, ResolvedView, Scene
 
 __all__ = ["depth_extent", "least_wall_mm", "most_depth_mm", "resolve_region"]
 

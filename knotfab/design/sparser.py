@@ -12,10 +12,10 @@ import shapely
 from knotfab.base.errors import SceneError
 from knotfab.design.prices import SHORT
 from knotfab.problem import Problem, SearchResult, Start
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.filling import Template
 from knotfab.start.start import make_start
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["search_sparser"]
 

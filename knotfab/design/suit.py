@@ -6,8 +6,8 @@ from collections.abc import Collection
 
 from knotfab.design.candidates import line_radius
 from knotfab.design.question import Question
-from knotfab.scene.model import VERIFIED_PX
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import VERIFIED_PX
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["GRACE", "suit"]
 

@@ -14,8 +14,8 @@ from knotfab.effects.base import EffectContext, decide
 from knotfab.effects.wall import WALL
 from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
-from knotfab.scene.model import ResolvedView, Scene
-from knotfab.scene.settings import search_settings
+from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.search import search_settings
 
 __all__ = ["flatten_targets"]
 

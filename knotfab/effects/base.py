@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from knotfab.base.arrays import Array
-from knotfab.scene.model import (
+from knotfab_formats.scene import (
     VERIFIED_PX,
     Material,
     Placing,

@@ -14,7 +14,7 @@ from knotfab.effects.base import Effect, EffectContext, World
 from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["CONTRAST", "Contrast", "contrast_of"]
 

@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext, World
 from knotfab.effects.shadows import Shadows
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["MISPLACEMENT", "Parting", "Steadying", "parting_mm"]
 

@@ -15,7 +15,7 @@ from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import light_of, view_axes
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["PENUMBRA", "Sharpening", "blurs_mm"]
 

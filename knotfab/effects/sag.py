@@ -10,7 +10,7 @@ from knotfab.effects.base import VERIFIED_PX, Effect, EffectContext
 from knotfab.effects.shadows import Shadows
 from knotfab.geometry.polylines import Polylines
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["SAG", "measure_sag", "shifts_mm"]
 

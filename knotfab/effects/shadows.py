@@ -11,7 +11,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
 from knotfab.scene.camera import camera_of
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["OnWall", "Shadows"]
 

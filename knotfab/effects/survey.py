@@ -11,7 +11,7 @@ from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.sag import SAG
 from knotfab.effects.wall import WALL
-from knotfab.scene.model import Switch
+from knotfab_formats.scene import Switch
 
 __all__ = ["EFFECTS", "survey"]
 

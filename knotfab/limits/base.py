@@ -11,7 +11,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.geometry.polylines import Polylines
-from knotfab.scene.model import ResolvedRegion
+from knotfab_formats.scene import ResolvedRegion
 
 __all__ = [
     "Felt",

@@ -11,7 +11,7 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.limits.base import Felt, Limit, Limits, State
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedRegion
+from knotfab_formats.scene import ResolvedRegion
 
 __all__ = ["REGION", "outside", "tube_outside"]
 

@@ -39,7 +39,7 @@ from knotfab.mount.strokes import (
 from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import costs_of, lamp_facts, level_wall, steps_of
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import ResolvedScene, View
+from knotfab_formats.scene import ResolvedScene, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,8 +20,8 @@ from knotfab.mount.stand_solids import stand_bodies, stand_fixtures
 from knotfab.mount.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedScene, Scene
 from knotfab.scene.require import require_mount
+from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_validators.check import at_most
 
 if TYPE_CHECKING:

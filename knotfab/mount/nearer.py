@@ -17,7 +17,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import LIGHT_SHARE, ResolvedView
+from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
 
 __all__ = ["Place", "propose_place"]
 

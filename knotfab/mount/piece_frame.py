@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.knots import Knots
 from knotfab.mount.frame_model import Beams, SpaceFrame, frame_of, round_beams
 from knotfab.mount.struts import GROUND, Candidates, Sites, sites_of
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 __all__ = [
     "DOWN",

@@ -12,7 +12,7 @@ from knotfab.mount.plinth import Base
 from knotfab.mount.wall import hole_inset_mm
 from knotfab.scene.camera import Camera
 from knotfab.scene.curved_wall import CurvedWall
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["Footing", "Mark", "Placement", "placement_of"]
 

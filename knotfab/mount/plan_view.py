@@ -25,7 +25,7 @@ from knotfab.mount.strokes import (
     lamp_name,
     note,
 )
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

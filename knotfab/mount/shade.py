@@ -19,7 +19,7 @@ from knotfab.mount.struts import Candidates, Sites, struts
 from knotfab.picture.masks import sample_mask
 from knotfab.picture.silhouette import fit_size
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import VERIFIED_PX
+from knotfab_formats.scene import VERIFIED_PX
 
 __all__ = ["HIDDEN_SHARE", "MountShadow", "MountShadows", "hidden_struts", "near_struts"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.drawing.dimensions import length
 from knotfab.geometry.sampling import arc_lengths
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

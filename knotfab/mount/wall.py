@@ -19,10 +19,10 @@ from knotfab.mount.solids import Fixture, along, strut
 from knotfab.mount.struts import GROUND, Candidates, Sites, join, nothing
 from knotfab.mount.wall_brace import hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import Mount
 from knotfab_fixtures.peg import dowel
 from knotfab_fixtures.peg import peg as peg_mesh
 from knotfab_fixtures.plate import wall_plate
+from knotfab_formats.scene import Mount
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

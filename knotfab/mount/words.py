@@ -12,7 +12,7 @@ from knotfab.drawing.dimensions import length
 from knotfab.mount.mount import Mounted
 from knotfab.mount.placement import Placement
 from knotfab.mount.wall import mark_depth_mm
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 
 __all__ = ["LAMP_WAYS", "TURN_WAYS", "costs_of", "lamp_facts", "level_wall", "steps_of"]
 

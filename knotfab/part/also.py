@@ -17,8 +17,8 @@ from knotfab.mount.placement import placement_of
 from knotfab.part.assemble import Part
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
-from knotfab.scene.model import ResolvedScene
 from knotfab_fixtures.step import write_centre_lines, write_solids
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["write_also"]
 

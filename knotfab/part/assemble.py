@@ -24,7 +24,7 @@ from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.part.split import can_be_split, list_printables
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 __all__ = ["Part", "enlarge_knots", "part_of", "rules_of", "shrink_of"]
 

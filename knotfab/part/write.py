@@ -17,7 +17,7 @@ from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.plates import Plates
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Plate, Pose, ResolvedScene, Scene
+from knotfab_formats.scene import Plate, Pose, ResolvedScene, Scene
 
 __all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
 

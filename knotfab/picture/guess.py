@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError
 from knotfab.picture.colours import cluster_colours
 from knotfab.picture.ink import name_colour, split_channels, take_border, takes_alpha
-from knotfab.scene.model import Reading
+from knotfab_formats.scene import Reading
 
 __all__ = ["guess_reading"]
 

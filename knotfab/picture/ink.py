@@ -15,7 +15,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import InputError
 from knotfab.picture.colours import cluster_colours, enclosed_parts
 from knotfab.picture.masks import holes_of
-from knotfab.scene.model import Reading
+from knotfab_formats.scene import Reading
 
 __all__ = ["find_ink", "name_colour", "split_channels", "take_border", "takes_alpha"]
 

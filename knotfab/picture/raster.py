@@ -14,7 +14,7 @@ from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
 from knotfab.picture.ink import find_ink
 from knotfab.picture.masks import drop_specks, keep_largest, pieces_of
-from knotfab.scene.model import Box, Reading
+from knotfab_formats.scene import Box, Reading
 
 __all__ = [
     "KEPT",

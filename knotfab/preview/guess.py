@@ -8,8 +8,8 @@ import numpy as np
 
 from knotfab.design.candidates import DEPTH_RATIO
 from knotfab.geometry.sampling import arc_lengths
-from knotfab.scene.model import ResolvedView, Scene
 from knotfab.start.filling import Template
+from knotfab_formats.scene import ResolvedView, Scene
 
 __all__ = ["Guess", "guess_print"]
 

@@ -27,7 +27,7 @@ from knotfab.preview.refusal import find_refusal
 from knotfab.preview.sentence import count
 from knotfab.preview.survey import Survey, survey_views
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene, View
+from knotfab_formats.scene import Scene, View
 
 __all__ = ["TriedReading", "advise", "draw_readings", "is_unclear", "try_readings"]
 

@@ -10,7 +10,7 @@ from knotfab.design.candidates import drawing_radius, line_radius, too_fine
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.preview.likeness import recognisable_radius
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 if TYPE_CHECKING:
     from knotfab.preview.survey import ViewSurvey

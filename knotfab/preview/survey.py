@@ -28,10 +28,10 @@ from knotfab.preview.likeness import Likeness, compare_lines, estimate_likeness,
 from knotfab.preview.refusal import find_refusal
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import ResolvedView, Scene
-from knotfab.scene.settings import search_settings
 from knotfab.start.filling import Template, template_tube
 from knotfab.start.start import make_template
+from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_formats.search import search_settings
 
 __all__ = ["Survey", "ViewSurvey", "require_drawable", "survey", "survey_views"]
 

@@ -16,8 +16,8 @@ from knotfab.picture.silhouette import resample_mask
 from knotfab.render import silhouette
 from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import ResolvedView
-from knotfab.scene.settings import Precision, Renderer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.search import Precision, Renderer
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -17,7 +17,7 @@ from knotfab.mount.placement import placement_of
 from knotfab.mount.words import lamp_facts, steps_of
 from knotfab.picture.data_uri import image_uri
 from knotfab.scene.camera import Camera
-from knotfab.scene.model import View
+from knotfab_formats.scene import View
 
 __all__ = ["advise_lamp", "draw_setup", "list_files", "tell_setup"]
 

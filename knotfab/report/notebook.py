@@ -25,7 +25,7 @@ from knotfab.report.in_words import conclude
 from knotfab.report.pictures import draw_part, find_pictures, place_eyes
 from knotfab.report.report_html import VERDICTS, make_environment
 from knotfab.request import Outcome
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["show"]
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
-    from knotfab.scene.model import Scene
+    from knotfab_formats.scene import Scene
 
 __all__ = [
     "add_advice",

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.search import PRESETS
 
 __all__ = ["add_next_step", "tell_stages"]
 

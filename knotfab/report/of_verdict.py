@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from knotfab.scene.model import ResolvedScene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["add_remedy"]
 

@@ -14,7 +14,7 @@ from knotfab.geometry.meshes import face_normals
 from knotfab.report.report_html import Picture
 from knotfab.report.turning import TURN_FILE
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["draw_part", "find_pictures", "place_eyes", "turn_eye"]
 

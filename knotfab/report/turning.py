@@ -16,7 +16,7 @@ from knotfab.knots import Knots
 from knotfab.mount.mount import Mounted
 from knotfab.render.picture import image_at
 from knotfab.scene.camera import view_axes
-from knotfab.scene.model import ResolvedScene
+from knotfab_formats.scene import ResolvedScene
 
 __all__ = ["TURN_FILE", "add_turning", "turns_of"]
 

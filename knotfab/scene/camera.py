@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.projection import project
-from knotfab.scene.model import Region, ResolvedView, View
+from knotfab_formats.scene import Region, ResolvedView, View
 
 __all__ = ["Camera", "camera_of", "cameras_of", "light_of", "view_axes"]
 

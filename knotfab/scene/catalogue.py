@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from knotfab.base.errors import InputError
-from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import (
     USUAL,
     Kind,
@@ -18,6 +17,7 @@ from knotfab.scene.own_data import (
     load_file,
     load_named,
 )
+from knotfab_formats.scene import Material, Printer, Scene
 
 __all__ = ["material_of", "materials", "printer_of", "printers", "resolve"]
 

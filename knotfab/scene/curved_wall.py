@@ -9,7 +9,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.base.errors import InputError
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 __all__ = ["CurvedWall", "require_wall"]
 

@@ -7,7 +7,7 @@ from itertools import combinations
 from math import hypot
 
 from knotfab.base.errors import InputError
-from knotfab.scene.model import OF_WALL, Scene, View
+from knotfab_formats.scene import OF_WALL, Scene, View
 
 __all__ = ["require_lamps", "share_walls"]
 

@@ -11,10 +11,10 @@ from pydantic import ValidationError
 from knotfab.base.disk import at_home, read_text, require_within
 from knotfab.base.errors import InputError
 from knotfab.scene.camera import view_axes
-from knotfab.scene.explain import explain, parse_toml
-from knotfab.scene.knot_names import parse_knot_name
 from knotfab.scene.lamps import require_lamps, share_walls
-from knotfab.scene.model import Scene, View
+from knotfab_formats.explain import explain, parse_toml
+from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.scene import Scene, View
 
 __all__ = ["check_scene", "dump_scene", "load_scene", "parse_scene"]
 

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from knotfab.base.disk import at_home, own_folder, read_text
 from knotfab.base.errors import InputError
-from knotfab.scene.explain import explain, parse_toml
-from knotfab.scene.model import Material, Printer, Scene
+from knotfab_formats.explain import explain, parse_toml
+from knotfab_formats.scene import Material, Printer, Scene
 
 __all__ = [
     "USUAL",

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from knotfab.base.errors import InputError, SceneError
 from knotfab.knots import read_start
-from knotfab.scene.knot_names import parse_knot_name
-from knotfab.scene.model import Printer, Scene
+from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.scene import Printer, Scene
 
 __all__ = [
     "require_mount",

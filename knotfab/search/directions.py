@@ -16,8 +16,8 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours
 from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.picture import frame_at
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.objective import Objective
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["FreeDirections"]
 

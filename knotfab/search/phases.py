@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Weights
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["SETTLE", "Phase", "Plan", "plan_of", "repair_phase", "three_phases"]
 

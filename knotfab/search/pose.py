@@ -24,10 +24,10 @@ from knotfab.render.picture import CUTOFF
 from knotfab.render.posed_frame import posed_frame, turn_matrix
 from knotfab.render.tensors import squared_error
 from knotfab.render.threads import one_thread
-from knotfab.scene.model import LIGHT_SHARE, WALL_SHARE
 from knotfab.search.adam import Adam
 from knotfab.search.objective import Objective
 from knotfab.search.phases import SETTLE
+from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE
 
 __all__ = [
     "ALL",

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.chamfer import Chamfer
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Term, Weights
@@ -19,6 +18,7 @@ from knotfab.search.pace import Pace
 from knotfab.search.phases import Phase, Plan, plan_of
 from knotfab.search.repair import repair
 from knotfab.search.state import SearchState, begin, resample_state, run_phase
+from knotfab_formats.search import SearchSettings
 
 if TYPE_CHECKING:
     from knotfab.search.directions import FreeDirections

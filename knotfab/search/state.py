@@ -21,13 +21,13 @@ from knotfab.limits.feasibility import Feasibility, measure_feasibility
 from knotfab.limits.guards import guard_limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
 from knotfab.render.picture import ViewImage, image_at
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.balance import Balance
 from knotfab.search.flow import Between, flow
 from knotfab.search.grace import Grace
 from knotfab.search.objective import Objective, Term
 from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
+from knotfab_formats.search import SearchSettings
 
 if TYPE_CHECKING:
     from knotfab.search.directions import FreeDirections

@@ -33,7 +33,7 @@ from knotfab.slicer.result import sum_slicings
 from knotfab.slicer.run import SlicerQueue
 from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Files, Verifier
-from knotfab_validators.names import PRINTER
+from knotfab_formats.checks import PRINTER
 
 __all__ = ["GIF", "build_sequence"]
 

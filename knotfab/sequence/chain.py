@@ -18,8 +18,6 @@ from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.scene.model import ResolvedScene, Scene
-from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.sequence.frames import count_knots
 from knotfab.sequence.kept import KeptFrames
 from knotfab.sequence.motion import outline_motion
@@ -33,6 +31,8 @@ from knotfab.sequence.starts import (
     list_attempts,
     list_retries,
 )
+from knotfab_formats.scene import ResolvedScene, Scene
+from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 __all__ = ["Chain", "SequenceFrame", "list_ties", "pick_first", "radius_for_all"]
 

@@ -24,7 +24,7 @@ from knotfab.picture.read import (
     name_picture,
     read_target,
 )
-from knotfab.scene.model import Reading
+from knotfab_formats.scene import Reading
 
 __all__ = [
     "MOST_FRAMES",

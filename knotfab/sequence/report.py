@@ -11,12 +11,12 @@ from knotfab.knots import count_in_words
 from knotfab.limits.feasibility import LEAST
 from knotfab.piece import WrittenPiece
 from knotfab.report.report_json import assemble
-from knotfab.scene.model import Printer
 from knotfab.sequence.chain import SequenceFrame
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.zoetrope import Zoetrope
 from knotfab.verify.checks import list_unmet
 from knotfab.verify.verifier import Answer
+from knotfab_formats.scene import Printer
 from knotfab_validators.check import Check, Status, at_least, at_most
 
 __all__ = ["Ring", "advise", "check_closing", "check_motion", "check_ring", "sequence_report"]

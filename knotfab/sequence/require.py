@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 __all__ = ["require_sequence"]
 

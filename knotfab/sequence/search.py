@@ -14,7 +14,6 @@ from knotfab.design.design import add_work
 from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Term
 from knotfab.search.phases import Phase, Plan, repair_phase, three_phases
@@ -23,6 +22,7 @@ from knotfab.sequence.doubling import double_vertices
 from knotfab.sequence.motion import Anchor, Tautness, outline_motion
 from knotfab.sequence.transport import transport
 from knotfab.start.depth import lower
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["FrameResult", "finish", "follow", "is_far"]
 

@@ -12,9 +12,9 @@ from knotfab.geometry.polylines import Polylines
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
 from knotfab.problem import Problem
-from knotfab.scene.settings import SearchSettings
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult, finish, follow
+from knotfab_formats.search import SearchSettings
 
 __all__ = [
     "POOR",

@@ -13,8 +13,8 @@ from knotfab.files.threemf import write_3mf
 from knotfab.part.clean import clean_body
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
-from knotfab.scene.model import Scene
 from knotfab.sequence.zoetrope import Zoetrope, build_zoetrope
+from knotfab_formats.scene import Scene
 
 __all__ = ["PICTURES", "ZOETROPE", "frame_suffix", "write_scene", "write_zoetrope"]
 

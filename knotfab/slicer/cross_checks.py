@@ -11,10 +11,10 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.geometry.meshes import Mesh, box_of
 from knotfab.geometry.tube import mesh_volume
-from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode, points_along
 from knotfab.slicer.profile import INFILL_PERCENT, line_width
 from knotfab.slicer.result import CrossCheck
+from knotfab_formats.scene import Scene
 
 __all__ = ["compare_gcode", "compare_info"]
 

@@ -7,8 +7,8 @@ from math import ceil
 from pathlib import Path
 
 from knotfab.geometry.overhang import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM, SUPPORT_LINE_NOZZLES
-from knotfab.scene.model import Scene
 from knotfab.slicer.find import find_slicer, read_version
+from knotfab_formats.scene import Scene
 
 __all__ = ["PROFILE", "line_width", "profile", "read_profile", "why_not_sliced", "write_profile"]
 

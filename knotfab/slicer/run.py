@@ -17,7 +17,6 @@ import numpy as np
 from knotfab.base.pool import Pool
 from knotfab.files.threemf import read_shells
 from knotfab.geometry.meshes import box_of
-from knotfab.scene.model import Scene
 from knotfab.slicer.cross_checks import compare_gcode, compare_info
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.slicer.gcode import BadGcode, read_gcode
@@ -25,6 +24,7 @@ from knotfab.slicer.known_warnings import read_warnings
 from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
 from knotfab.slicer.profile import PROFILE, read_profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
+from knotfab_formats.scene import Scene
 
 __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
 

@@ -13,8 +13,8 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.filling import Template
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["start_at_circles"]
 

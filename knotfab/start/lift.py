@@ -12,11 +12,11 @@ from knotfab.effects.misplacement import MISPLACEMENT, Steadying
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.sampling import sample_evenly
 from knotfab.problem import Problem, Start
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.depth import choose_depth, lift, lower
 from knotfab.start.filling import Template, simple_curves
 from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.legibility import stretch_mask
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["lift_template"]
 

@@ -10,14 +10,14 @@ from knotfab.base.arrays import Array
 from knotfab.knots import Knots
 from knotfab.limits.region import tube_outside
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.scene.knot_names import parse_knot_name
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
 from knotfab.start.strokes import follow_strokes
 from knotfab.start.tie import KnotRoom, tie
 from knotfab.start.views import start_between_views, start_facing, start_ious
+from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["go_on", "make_start", "make_template", "tie_knot"]
 

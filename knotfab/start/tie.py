@@ -22,8 +22,9 @@ from shapely import MultiPoint, MultiPolygon
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.sampling import arc_lengths
-from knotfab.scene.knot_names import Factor, load_knot
 from knotfab.start.depth import lower
+from knotfab.start.tight_knots import load_knot
+from knotfab_formats.knot_names import Factor
 
 __all__ = ["KnotRoom", "Tied", "tie"]
 

@@ -12,11 +12,11 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, Start, TargetView
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.deep import deep_curves
 from knotfab.start.grow import Growth, grow_curves
 from knotfab.start.lattice import Lattice, lattice_in, sights_of
 from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["start_between_views", "start_facing", "start_ious"]
 

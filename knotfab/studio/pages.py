@@ -15,12 +15,12 @@ from knotfab.picture.fonts import list_families
 from knotfab.picture.read import PICTURE_SUFFIXES
 from knotfab.report.report_html import VIEWER
 from knotfab.scene.catalogue import materials, printers
-from knotfab.scene.model import Printer
 from knotfab.scene.own_data import Kind, title_of
 from knotfab.studio.builds import child_of, plain_files
 from knotfab.studio.fields import FIELDS
 from knotfab.studio.guard import REPORT_POLICY
 from knotfab.studio.pictures import thumbnail
+from knotfab_formats.scene import Printer
 
 __all__ = ["show_choices", "show_file", "show_page", "show_panel", "show_picture", "show_static"]
 

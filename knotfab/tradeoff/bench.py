@@ -18,10 +18,10 @@ from typing import Any
 from knotfab.base import errors
 from knotfab.base.errors import InputError, MachineError
 from knotfab.base.pool import ONE_THREAD, Crash, Workers
-from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.front import Measured, merge_turns
 from knotfab.tradeoff.measure import Run, Study, run_point, warm_up
 from knotfab.tradeoff.points import Point
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["Bench", "Journal", "Runner", "WantedRun", "run_all"]
 

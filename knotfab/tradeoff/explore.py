@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.bench import Bench
 from knotfab.tradeoff.front import Measured, frontier, halve, list_effects
 from knotfab.tradeoff.points import PRESET, Point, combine
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["Explored", "explore", "list_rungs"]
 

@@ -9,9 +9,9 @@ from itertools import pairwise
 from math import ceil, inf, log
 from typing import Any
 
-from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.measure import Run
 from knotfab.tradeoff.points import KNOBS, Effect, Point
+from knotfab_formats.search import SearchSettings
 
 __all__ = [
     "Measured",

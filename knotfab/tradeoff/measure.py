@@ -28,10 +28,10 @@ from knotfab.picture.data_uri import encode_image
 from knotfab.picture.masks import mask_iou
 from knotfab.picture.silhouette import fit_size
 from knotfab.problem import Problem
-from knotfab.scene.model import VERIFIED_PX
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
+from knotfab_formats.scene import VERIFIED_PX
+from knotfab_formats.search import SearchSettings
 
 __all__ = [
     "Run",

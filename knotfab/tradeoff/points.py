@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab_formats.search import PRESETS, SearchSettings
 
 __all__ = ["KNOBS", "PRESET", "Effect", "Knob", "Point", "combine", "list_changes", "points"]
 

@@ -18,8 +18,6 @@ from knotfab.base.progress import Progress
 from knotfab.design.question import ask
 from knotfab.files.whole import write_whole
 from knotfab.picture.read import read_target
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import search_settings
 from knotfab.tradeoff.bench import Bench, Journal, Runner, WantedRun, run_all
 from knotfab.tradeoff.draw import draw
 from knotfab.tradeoff.explore import Explored, explore, list_rungs
@@ -27,6 +25,8 @@ from knotfab.tradeoff.front import Measured, Step, list_steps
 from knotfab.tradeoff.measure import Study
 from knotfab.tradeoff.page import render_page
 from knotfab.tradeoff.points import PRESET, Point, list_changes, points
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import search_settings
 
 __all__ = ["COMBINATIONS", "JOURNAL", "Tradeoff", "measure_tradeoff", "tradeoff"]
 

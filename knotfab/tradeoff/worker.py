@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 from knotfab.base.errors import KnotfabError
-from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.measure import Study, run_point, warm_up
+from knotfab_formats.search import SearchSettings
 
 
 def main() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from knotfab_formats.checks import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
 from knotfab_validators.check import Check
-from knotfab_validators.names import FILES, HELD, KNOTS, MESH, PLATES, PRINTING, SHADOWS, TUBE
 from knotfab_validators.verdict import exit_code_of
 
 __all__ = [

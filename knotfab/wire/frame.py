@@ -8,7 +8,7 @@ from typing import Any
 from knotfab.base.arrays import Mask
 from knotfab.picture.opening import opening_iou, thickest_radius
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.scene.model import Material, ResolvedView
+from knotfab_formats.scene import Material, ResolvedView
 
 __all__ = ["WireFrame", "measure_frame"]
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, ResolvedScene, ResolvedView
 from knotfab.wire.bends import BendList
 from knotfab.wire.replay import (
     Deviation,
@@ -22,6 +21,7 @@ from knotfab.wire.replay import (
     replay,
 )
 from knotfab.wire.residual import DEPTH_FACTOR
+from knotfab_formats.scene import Material, ResolvedScene, ResolvedView
 
 if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
@@ -119,7 +119,7 @@ def cast_shadows(
 
     from knotfab.design.frames import widen
     from knotfab.picture.read import read_target
-    from knotfab.scene.settings import search_settings
+    from knotfab_formats.search import search_settings
     from knotfab_validators.files.scene import Effects
     from knotfab_validators.shadows.frame import padded_mask, working_frame
     from knotfab_validators.shadows.view import view_geometry

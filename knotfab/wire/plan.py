@@ -13,7 +13,6 @@ from knotfab import __version__
 from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knots
-from knotfab.scene.model import Material, ResolvedScene
 from knotfab.wire.arcs import Wire
 from knotfab.wire.bends import BendList, list_bends
 from knotfab.wire.csv_file import read_bends, write_bends
@@ -24,6 +23,7 @@ from knotfab.wire.likeness import GridLikeness
 from knotfab.wire.replay import replay
 from knotfab.wire.residual import DEPTH_FACTOR
 from knotfab.wire.template_pdf import draw_views, write_templates
+from knotfab_formats.scene import Material, ResolvedScene
 
 __all__ = ["IOU_LOSS", "WirePlan", "bend_radius_mm", "write_bending_plan"]
 

@@ -14,7 +14,7 @@ import pytest
 
 from knotfab.base.progress import Event, Mode, Progress
 from knotfab.knots import Knot, Knots
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 
 class Terminal(io.StringIO):

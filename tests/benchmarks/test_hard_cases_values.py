@@ -27,11 +27,11 @@ from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.report.of_build import add_binding, check_limits
 from knotfab.report.report_json import plain
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.search.network import Coupling
 from knotfab.start.filling import fill, template_iou
 from knotfab.start.start import make_start
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import PRESETS
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import pytest
 from knotfab.base.arrays import Array, Mask
 from knotfab.cli.terminal_shadow import draw_shadow
 from knotfab.knots import Knot, Knots
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=160.0, frame_height_mm=120.0)
 FLAT = VIEW.magnification  # of what lies in the middle of the piece

@@ -31,7 +31,7 @@ from knotfab.mount.marks import card_middles, draw_marks_page
 from knotfab.part.write import make_pose
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene, load_scene
-from knotfab.scene.model import Mount, ResolvedView, Scene
+from knotfab_formats.scene import Mount, ResolvedView, Scene
 
 VIEW = ResolvedView(
     name="front", picture="picture-front.png", frame_width_mm=160.0, frame_height_mm=120.0

@@ -37,7 +37,7 @@ from knotfab.preview.draw import draw_agreement
 from knotfab.read_options import read_scene
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 from knotfab_validators.files.bent import bend_silhouette, read_bend
 
 SIDE = 160

@@ -16,8 +16,8 @@ from knotfab.design import design
 from knotfab.design.budget import Budget, require_budget, spare
 from knotfab.design.design import design_knots, price_design
 from knotfab.picture.read import read_target
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import PRESETS
 
 TINY = {"coarse_px": 64, "fine_px": 96, "depth_candidates": 4, "radius_candidates": 2}
 

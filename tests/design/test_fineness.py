@@ -8,8 +8,8 @@ import pytest
 from knotfab.base.arrays import Array
 from knotfab.design.fineness import fine_enough, outline_px
 from knotfab.geometry.tube import sweep
-from knotfab.scene.model import Accuracy, Scene
-from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
+from knotfab_formats.scene import Accuracy, Scene
+from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 COARSE = SearchSettings(mesh_sides=8, settle_edge_radii=0.79)
 

@@ -14,7 +14,7 @@ from knotfab.design.frames import (
     widen_targets,
 )
 from knotfab.picture.read import Target
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 
 def target(width: int, height: int, top: int, bottom: int) -> Target:

@@ -20,8 +20,6 @@ from knotfab.render.frame import Frame, Sheet, frame_of
 from knotfab.render.posed_frame import posed_frame, turn_matrix
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Piece, ResolvedView, Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.phases import SETTLE, Phase
@@ -33,6 +31,8 @@ from knotfab.search.pose import (
 )
 from knotfab.search.state import SearchState, begin
 from knotfab.start.start import make_start
+from knotfab_formats.scene import Piece, ResolvedView, Scene
+from knotfab_formats.search import PRESETS
 from tests.corpus.curves import torus_knot
 
 QUICK = PRESETS["draft"].model_copy(

@@ -11,7 +11,7 @@ from knotfab.design.frames import framed_alike, spread_views
 from knotfab.design.hull import hull_bounds, inside_hull
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import ResolvedView, Scene, View
+from knotfab_formats.scene import ResolvedView, Scene, View
 
 SIDE = 120
 

@@ -11,7 +11,7 @@ from questions import ask_heart
 from knotfab.design.knobs import better, start_without_knobs
 from knotfab.knots import Knot, Knots
 from knotfab.problem import Problem
-from knotfab.scene.settings import PRESETS, SearchSettings
+from knotfab_formats.search import PRESETS, SearchSettings
 
 RADIUS = 3.0
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 4})

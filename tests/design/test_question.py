@@ -4,7 +4,7 @@ import pytest
 from questions import ask_heart
 
 from knotfab.scene.catalogue import material_of, printer_of
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 
 @pytest.mark.slow

@@ -22,8 +22,8 @@ from knotfab.design.question import Question, ask
 from knotfab.design.radius import _Trials, choose_radius
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene, View
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.scene import Scene, View
+from knotfab_formats.search import PRESETS
 
 DRAFT = PRESETS["draft"]
 

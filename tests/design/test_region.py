@@ -11,7 +11,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.limits.region import outside
 from knotfab.scene.camera import view_axes
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import Region, ResolvedView, Scene
+from knotfab_formats.scene import Region, ResolvedView, Scene
 
 SQUARE = MultiPolygon([box(-70, -70, 70, 70)])
 

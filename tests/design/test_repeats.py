@@ -10,8 +10,8 @@ import pytest
 from knotfab.design.design import design_knots
 from knotfab.design.suit import GRACE
 from knotfab.picture.read import read_target
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import SearchSettings
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,8 @@ import pytest
 
 from knotfab.design.question import Question
 from knotfab.design.suit import suit
-from knotfab.scene.model import Material, ResolvedView
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import Material, ResolvedView
+from knotfab_formats.search import SearchSettings
 
 PLAIN = SearchSettings()
 

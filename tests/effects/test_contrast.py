@@ -15,7 +15,7 @@ from knotfab.effects.contrast import CONTRAST, Contrast, contrast_of
 from knotfab.effects.shadows import Shadows
 from knotfab.report.of_effects import add_contrast, list_effects, tell_contrast
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import Material, Room
+from knotfab_formats.scene import Material, Room
 from tests.oracles.lighting import bounce_and_truth
 
 WHITE = Material(color="#ffffff")

@@ -8,7 +8,7 @@ import pytest
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.survey import EFFECTS, survey
 from knotfab.report.of_effects import add_warnings
-from knotfab.scene.model import ResolvedView, Switches
+from knotfab_formats.scene import ResolvedView, Switches
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 CONTEXT = EffectContext((VIEW,), np.zeros((4, 3)), 2.0, 0.25)

@@ -10,7 +10,7 @@ from lit_designs import view
 
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.layers import LAYERS
-from knotfab.scene.model import Printer, ResolvedView
+from knotfab_formats.scene import Printer, ResolvedView
 from tests.oracles.parting import shift_bound_and_truth
 
 PX = 180 / 1024

@@ -10,7 +10,7 @@ from knotfab.effects.base import Decision, EffectContext, World
 from knotfab.effects.misplacement import MISPLACEMENT, Steadying, parting_mm
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import Material, Mount, Placing, ResolvedView, Scene, View
+from knotfab_formats.scene import Material, Mount, Placing, ResolvedView, Scene, View
 from tests.oracles.parting import bounds_and_truths, cast, turn_about
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)

@@ -14,7 +14,7 @@ from knotfab.effects.shadows import Shadows
 from knotfab.geometry.tube import sweep
 from knotfab.report.of_effects import judge_made
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 from knotfab_validators.shadows.penumbra import blur_px
 from knotfab_validators.shadows.view import view_geometry
 

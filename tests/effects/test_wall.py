@@ -19,8 +19,8 @@ from knotfab.effects.wall import WALL
 from knotfab.picture.read import Target
 from knotfab.scene.curved_wall import CurvedWall, require_wall
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Mount, ResolvedView, Scene, Switches
 from knotfab.scene.require import require_walls
+from knotfab_formats.scene import Mount, ResolvedView, Scene, Switches
 
 PLACES = np.random.default_rng(0).uniform(-80, 80, (50, 2))
 

@@ -18,8 +18,8 @@ from knotfab.limits import guards
 from knotfab.limits.base import Guard, Limit, Limits, State
 from knotfab.limits.length import LENGTH
 from knotfab.limits.region import REGION
-from knotfab.scene.model import ResolvedRegion
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.search import PRESETS
 
 QUICK = PRESETS["draft"].model_copy(
     update={

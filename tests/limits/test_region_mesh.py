@@ -18,8 +18,8 @@ from knotfab.files.stl import write_stl
 from knotfab.limits.region import outside, tube_outside
 from knotfab.limits.region_mesh import beyond, region_mesh
 from knotfab.scene.load import load_scene, parse_scene
-from knotfab.scene.model import ResolvedRegion
-from knotfab_validators.names import KNOTS, MESH
+from knotfab_formats.checks import KNOTS, MESH
+from knotfab_formats.scene import ResolvedRegion
 
 Mesh = tuple[Array, NDArray[np.int32]]
 

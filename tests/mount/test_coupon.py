@@ -11,8 +11,8 @@ import trimesh
 
 from knotfab.mount.coupon import PLAYS_MM, Coupon, plan_coupon
 from knotfab.mount.struts import Candidates, nothing
-from knotfab.scene.model import Mount, Scene
 from knotfab_fixtures.coupon import DOT_MM, fit_pin, fit_strip
+from knotfab_formats.scene import Mount, Scene
 
 COUPON = Coupon(4.0, 10.0, 3.0, 15.0, 2.0, 2.4)
 

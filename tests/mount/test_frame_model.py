@@ -14,7 +14,7 @@ from knotfab.mount.rays import free_rays
 from knotfab.mount.struts import GROUND, Candidates, join, struts
 from knotfab.mount.wall_brace import pegs_on, sites_with
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 E, RHO, R = 3000.0, 1.24, 1.5
 W = np.pi * R**2 * RHO * 1e-6 * GRAVITY_M_S2  # N/mm

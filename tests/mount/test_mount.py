@@ -10,7 +10,7 @@ from rings import EMPTY, RADIUS, VIEW, camera, knots, ring
 from knotfab.geometry.tube import sweep
 from knotfab.mount.mount import mount_piece
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, ResolvedView, Scene
+from knotfab_formats.scene import Mount, Printer, ResolvedView, Scene
 
 ONE = knots(ring(50.0))
 TWO = knots(ring(50.0), ring(25.0, 10.0))

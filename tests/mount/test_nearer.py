@@ -18,7 +18,7 @@ from knotfab.mount.nearer import AIM, LEAST_PEG_MM, SHARES, Place, _move, propos
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import Piece, Region, ResolvedView, Scene
+from knotfab_formats.scene import Piece, Region, ResolvedView, Scene
 
 LOOSE = Knots(knots(ring(12.0, 30.0, 40, 3.0), ring(20.0, -30.0, 60, 3.0)).knots, 0.8)
 DEPTH = float(np.ptp(LOOSE.points[:, 2]))

@@ -9,8 +9,8 @@ from setups import setup
 from knotfab.mount.placement import placement_of
 from knotfab.mount.wall import mark_depth_mm
 from knotfab.mount.words import level_wall, steps_of
-from knotfab.scene.model import Mount
 from knotfab_fixtures.plate import ARROW_MARKS
+from knotfab_formats.scene import Mount
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 40.0])

@@ -27,7 +27,7 @@ from knotfab.mount.words import steps_of
 from knotfab.part.assemble import _choose_poses
 from knotfab.scene.camera import Camera
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Mount, Printer, Scene, View
+from knotfab_formats.scene import Mount, Printer, Scene, View
 from knotfab_validators.shadows.shadow_checks import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry

@@ -14,7 +14,7 @@ from knotfab.mount.mount import Mounted
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.wall import Peg, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.part.clean import clean_body
-from knotfab.scene.model import Mount
+from knotfab_formats.scene import Mount
 
 ONE = knots(ring(50.0))
 TWO = knots(ring(50.0), ring(25.0, 10.0))

@@ -11,7 +11,7 @@ from knotfab.effects.contrast import contrast_of
 from knotfab.effects.shadows import OnWall, Shadows
 from knotfab.effects.wall import WALL
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab.scene.model import Material, Room
+from knotfab_formats.scene import Material, Room
 from tests.oracles.parting import directions, random_scene
 
 __all__ = ["bounce_and_truth", "uneven_and_truth", "wall_and_truth"]

@@ -11,7 +11,7 @@ from knotfab.effects.misplacement import parting_mm
 from knotfab.effects.sag import SAG
 from knotfab.effects.shadows import Shadows
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Placing, Printer, ResolvedView
+from knotfab_formats.scene import Placing, Printer, ResolvedView
 
 __all__ = ["bounds_and_truths", "cast", "directions", "random_scene", "shift_bound_and_truth"]
 

@@ -9,7 +9,7 @@ import torch
 from knotfab.render.frame import Frame, frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 from paper.shaded import curve_distance, fit, trial
 from paper.shaded_render import Shading, capsule_hit, layers_of, render_shaded
 from tests.corpus.curves import torus_knot

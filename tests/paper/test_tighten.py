@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from knot_judge import judge_type
 
-from knotfab.scene.knot_names import BRAIDS
+from knotfab_formats.knot_names import BRAIDS
 from paper.curves import closed_braid
 from paper.tighten import tighten
 

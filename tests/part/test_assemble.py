@@ -16,7 +16,7 @@ from knotfab.part.write import pose_scene
 from knotfab.report.posing import add_posing
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Material, Printer, ResolvedView, Scene
+from knotfab_formats.scene import Material, Printer, ResolvedView, Scene
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0)
 CAMERA = camera_of(VIEW, 60, 60)

@@ -22,7 +22,7 @@ from knotfab.part.write import make_pose, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Material, ResolvedView, Scene
+from knotfab_formats.scene import Material, ResolvedView, Scene
 from knotfab_validators.files.scene import read_scene
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")

@@ -15,7 +15,7 @@ from knotfab.base.arrays import Mask
 from knotfab.base.errors import InputError
 from knotfab.picture.masks import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab.picture.read import Target, read_target
-from knotfab.scene.model import Reading
+from knotfab_formats.scene import Reading
 from knotfab_validators.files.picture import Reading as ValidatorsReading
 from knotfab_validators.files.picture import read_silhouette
 

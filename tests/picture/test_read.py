@@ -18,7 +18,7 @@ from PIL import Image, ImageCms
 from knotfab.base.errors import InputError
 from knotfab.picture.masks import holes_of, mask_iou, pieces_of
 from knotfab.picture.read import Target, name_picture, read_bytes, read_target
-from knotfab.scene.model import Reading, View
+from knotfab_formats.scene import Reading, View
 from knotfab_validators.files.picture import read_silhouette
 
 H, W = 40, 60

@@ -24,7 +24,7 @@ from knotfab.prepare import survey_pictures
 from knotfab.preview.readings import advise
 from knotfab.read_options import read_scene
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Reading, View
+from knotfab_formats.scene import Reading, View
 from knotfab_validators.files.picture import PictureError, read_silhouette
 from knotfab_validators.files.picture import Reading as ValidatorsReading
 from knotfab_validators.files.scene import read_scene as read_built

@@ -14,7 +14,7 @@ from knotfab.design.frames import widen_targets
 from knotfab.picture.read import Target
 from knotfab.picture.thicken import is_thin, thicken
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Scene, View
+from knotfab_formats.scene import Scene, View
 from knotfab_validators.files.strokes import widen_strokes
 
 

@@ -25,7 +25,7 @@ from knotfab.preview.likeness import (
 )
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import require_drawable, survey
-from knotfab.scene.model import Accuracy, Piece, Scene, View
+from knotfab_formats.scene import Accuracy, Piece, Scene, View
 
 HARD = {case.name: case for case in hard_pictures()}
 RADIUS_PX = 256 * 0.8 * 1.2 / 180  # of the thinnest tube's shadow, of a picture of 256 px

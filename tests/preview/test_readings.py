@@ -12,7 +12,7 @@ from knotfab.options import BuildOptions
 from knotfab.picture.read import read_target
 from knotfab.prepare import list_readings, survey_pictures
 from knotfab.preview.readings import MOST, draw_readings, try_readings
-from knotfab.scene.model import Scene
+from knotfab_formats.scene import Scene
 
 
 @pytest.mark.slow

@@ -27,8 +27,8 @@ from knotfab.preview.draw import draw_survey
 from knotfab.preview.sentence import describe, list_figures
 from knotfab.preview.survey import Survey, require_drawable, survey
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Accuracy, Piece, Printer, Reading, Scene, View
-from knotfab.scene.settings import search_settings
+from knotfab_formats.scene import Accuracy, Piece, Printer, Reading, Scene, View
+from knotfab_formats.search import search_settings
 
 SIDE = 800
 

@@ -6,8 +6,8 @@ import pytest
 from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.render.picture import ViewImage, image_at
-from knotfab.scene.model import ResolvedView
-from knotfab.scene.settings import Renderer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.search import Renderer
 
 VIEW = ResolvedView(
     frame_width_mm=120.0, frame_height_mm=90.0, azimuth_deg=30.0, light_distance_mm=600.0

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from knotfab.picture.silhouette import resample_mask
 from knotfab.render.picture import image_at
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 RADIUS_MM = 2.0
 

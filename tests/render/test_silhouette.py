@@ -24,7 +24,7 @@ from knotfab.render.picture import image_at
 from knotfab.render.tensors import render, squared_error
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
 RADIUS = 3.0

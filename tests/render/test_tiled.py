@@ -11,7 +11,7 @@ from knotfab.render.dense import render_dense
 from knotfab.render.frame import frame_of
 from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=90.0)
 TILTED = VIEW.model_copy(update={"wall_tilt_deg": 25.0})

@@ -13,8 +13,8 @@ from knotfab.part.assemble import enlarge_knots
 from knotfab.report.of_build import report_of
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import Material, ResolvedView, Scene
-from knotfab.scene.settings import search_settings
+from knotfab_formats.scene import Material, ResolvedView, Scene
+from knotfab_formats.search import search_settings
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
 

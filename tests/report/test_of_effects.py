@@ -12,7 +12,7 @@ from knotfab.design.region import depth_extent, resolve_region
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.report.of_effects import add_advice, list_effects, tell_move
-from knotfab.scene.model import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene
 
 
 def advise(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from knotfab.report.of_time import _study, add_next_step, tell_stages
-from knotfab.scene.settings import PRESETS
+from knotfab_formats.search import PRESETS
 
 
 def report(accuracy: str, **settings: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pytest
 
 from knotfab.report.of_verdict import add_remedy
 from knotfab.scene.catalogue import resolve
-from knotfab.scene.model import ResolvedScene, ResolvedView, Scene
+from knotfab_formats.scene import ResolvedScene, ResolvedView, Scene
 
 
 def scene(**view: Any) -> ResolvedScene:

@@ -20,9 +20,9 @@ from knotfab.report.for_maker import list_files
 from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
-from knotfab.scene.model import ResolvedView
 from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks
-from knotfab_validators.names import PRINTER
+from knotfab_formats.checks import PRINTER
+from knotfab_formats.scene import ResolvedView
 
 
 def check(name: str, status: str = "pass", **changes: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 
 from knotfab.report.turning import _turned, turns_of
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedScene, ResolvedView
+from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 
 def scene(*views: dict[str, float]) -> ResolvedScene:

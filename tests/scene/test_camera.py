@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from knotfab.scene.camera import Camera, camera_of, cameras_of, view_axes
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 
 def view(**keys: object) -> ResolvedView:

@@ -10,8 +10,8 @@ from knotfab.design.frames import frame_view
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import materials, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import find_name, title_of
+from knotfab_formats.scene import Material, Printer, Scene
 
 
 def test_known_names() -> None:

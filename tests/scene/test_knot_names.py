@@ -10,8 +10,9 @@ from knotfab.base.errors import InputError
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.base import Limits
-from knotfab.scene.knot_names import BRAIDS, load_knot, parse_knot_name
-from knotfab.scene.model import ResolvedRegion
+from knotfab.start.tight_knots import load_knot
+from knotfab_formats.knot_names import BRAIDS, parse_knot_name
+from knotfab_formats.scene import ResolvedRegion
 from knotfab_validators.knots.names import promised_knot
 from paper.curves import closed_braid
 

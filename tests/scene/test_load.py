@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from knotfab.base.errors import InputError
 from knotfab.scene.load import check_scene, dump_scene, load_scene, parse_scene
-from knotfab.scene.model import Accuracy, Material, Piece, Pose, Printer, Region, Scene, View
+from knotfab_formats.scene import Accuracy, Material, Piece, Pose, Printer, Region, Scene, View
 
 
 def test_an_empty_file_is_the_default_scene(tmp_path: Path) -> None:

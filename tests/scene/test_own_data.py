@@ -12,8 +12,8 @@ from platformdirs.windows import Windows
 from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import material_of, materials, printer_of, printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Material, Printer, Scene
 from knotfab.scene.own_data import data_folder, known_names, load_file
+from knotfab_formats.scene import Material, Printer, Scene
 
 PRINTER = "build_volume_mm = [300, 300, 400]\nnozzle_mm = 0.6\nmin_tube_radius_mm = 1.2\n"
 MATERIAL = 'density_g_cm3 = 1.04\nmin_bend_radius_mm = "auto"\nmax_length_mm = 20000\n'

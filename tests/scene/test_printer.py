@@ -12,7 +12,7 @@ import pytest
 from knotfab.base.errors import InputError
 from knotfab.scene.catalogue import printers, resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Printer
+from knotfab_formats.scene import Printer
 from knotfab_validators.files.bad_file import BadFile
 from knotfab_validators.files.scene import parse_scene as read
 

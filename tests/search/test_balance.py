@@ -11,7 +11,6 @@ from shapely import MultiPolygon, Point, box
 
 from knotfab.geometry.neighbours import find_neighbours
 from knotfab.problem import Problem, Start
-from knotfab.scene.settings import PRESETS
 from knotfab.search.balance import Balance, goals_of
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import Weights
@@ -19,6 +18,7 @@ from knotfab.search.phases import Phase
 from knotfab.search.state import begin
 from knotfab.start.filling import fill
 from knotfab.start.views import start_between_views
+from knotfab_formats.search import PRESETS
 
 RADIUS = 3.5
 DRAFT = PRESETS["draft"].model_copy(

@@ -11,10 +11,10 @@ from shapely import MultiPolygon, box
 
 from knotfab.geometry.polylines import polylines_of
 from knotfab.problem import Problem, TargetView
-from knotfab.scene.model import ResolvedRegion, ResolvedView
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.directions import MOST_TURN_DEG, FreeDirections, _least_apart
 from knotfab.search.objective import Objective, Weights
+from knotfab_formats.scene import ResolvedRegion, ResolvedView
+from knotfab_formats.search import SearchSettings
 
 RADIUS, PIXELS = 4.0, 128
 SETTINGS = SearchSettings(precision="double")

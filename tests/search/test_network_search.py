@@ -21,10 +21,10 @@ from knotfab.geometry.carry import (
 )
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import Problem, SearchResult
-from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
 from knotfab.search import network_search
 from knotfab.start.circle import start_at_circles
 from knotfab.start.filling import Template
+from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(

@@ -14,12 +14,12 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.neighbours import Neighbours, find_neighbours
 from knotfab.limits.base import State
 from knotfab.problem import Problem, Start
-from knotfab.scene.settings import PRESETS
 from knotfab.search.flow import FlowSettings
 from knotfab.search.objective import SHARPEST, Objective, Weights, add_limits
 from knotfab.search.phases import Phase
 from knotfab.search.spill import Spill
 from knotfab.search.state import begin
+from knotfab_formats.search import PRESETS
 
 RADIUS, TAU = 4.0, 2.0
 DRAFT = PRESETS["draft"].model_copy(update={"grace": 0.0})  # what is added up here has no term

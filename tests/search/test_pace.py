@@ -7,11 +7,11 @@ import pytest
 from questions import ask_heart
 
 from knotfab.problem import Start
-from knotfab.scene.settings import PRESETS
 from knotfab.search import pace as module
 from knotfab.search.pace import Pace
 from knotfab.search.phases import three_phases
 from knotfab.search.state import SearchState, begin
+from knotfab_formats.search import PRESETS
 
 SETTINGS = PRESETS["draft"].model_copy(update={"coarse_px": 48, "fine_px": 64})
 PHASES = three_phases(SETTINGS)

@@ -11,13 +11,13 @@ from shapely import MultiPolygon, Point
 from knotfab.base.arrays import Array
 from knotfab.limits.base import Felt, State
 from knotfab.problem import Problem, Start
-from knotfab.scene.model import ResolvedRegion
-from knotfab.scene.settings import PRESETS
 from knotfab.search.objective import Term, Weights
 from knotfab.search.phases import plan_of, repair_phase
 from knotfab.search.repair import find_stretches, mend_stretches
 from knotfab.search.search import search
 from knotfab.search.state import SearchState, begin
+from knotfab_formats.scene import ResolvedRegion
+from knotfab_formats.search import PRESETS
 
 COUNT, RADIUS = 240, 3.0
 EDGE = 2 * np.pi * 30 / COUNT

@@ -14,10 +14,10 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import measure_feasibility
 from knotfab.problem import Problem
-from knotfab.scene.model import ResolvedRegion, Scene
-from knotfab.scene.settings import PRESETS, search_settings
 from knotfab.search.phases import plan_of
 from knotfab.start.start import make_start
+from knotfab_formats.scene import ResolvedRegion, Scene
+from knotfab_formats.search import PRESETS, search_settings
 
 QUICK = PRESETS["draft"].model_copy(
     update={

@@ -26,8 +26,6 @@ from knotfab.problem import Problem, Start
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Accuracy, Mount, Piece, ResolvedView, Scene, View
-from knotfab.scene.settings import PRESETS
 from knotfab.search import search as search_module
 from knotfab.search.chamfer import TENSION, Chamfer
 from knotfab.search.objective import Term, Weights
@@ -37,6 +35,8 @@ from knotfab.start.deep import deep_curves
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import make_start
 from knotfab.start.views import start_facing, start_ious
+from knotfab_formats.scene import Accuracy, Mount, Piece, ResolvedView, Scene, View
+from knotfab_formats.search import PRESETS
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.shadows.view import view_geometry

@@ -18,13 +18,13 @@ from PIL import Image, ImageDraw
 
 from knotfab.base.errors import InputError
 from knotfab.request import Outcome, Request
-from knotfab.scene.model import Mount, Piece, Scene, View
 from knotfab.sequence.build import _mend, build_sequence
 from knotfab.sequence.motion import Motion
 from knotfab.sequence.report import _effects, advise, check_closing, check_motion
 from knotfab.slicer.find import REMEDY, find_slicer
 from knotfab.verify.verifier import Files, Verifier
-from knotfab_validators.names import KNOTS, MESH, PRINTING
+from knotfab_formats.checks import KNOTS, MESH, PRINTING
+from knotfab_formats.scene import Mount, Piece, Scene, View
 
 FRAME_MM, RADIUS_MM = 90.0, 2.5  # small parts are soon sliced and verified
 QUICK = {"coarse_px": 128, "fine_px": 192, "coarse_iterations": 25, "fine_iterations": 25}

@@ -11,12 +11,12 @@ from quick_sequences import QUICK, discs, in_order
 
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice
-from knotfab.scene.model import Material, Piece, Scene, Sequence
-from knotfab.scene.settings import PRESETS, SearchSettings
 from knotfab.sequence import chain
 from knotfab.sequence.chain import Chain, list_ties, pick_first
 from knotfab.sequence.frames import read_frames
 from knotfab.sequence.starts import Tie
+from knotfab_formats.scene import Material, Piece, Scene, Sequence
+from knotfab_formats.search import PRESETS, SearchSettings
 
 
 def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:

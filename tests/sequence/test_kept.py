@@ -14,10 +14,10 @@ import pytest
 from quick_sequences import QUICK, discs, in_order
 
 from knotfab.request import Request
-from knotfab.scene.model import Piece, Scene, Sequence
 from knotfab.sequence import kept
 from knotfab.sequence.chain import Chain
 from knotfab.sequence.kept import KeptFrames, keep_for
+from knotfab_formats.scene import Piece, Scene, Sequence
 
 SCENE = Scene(piece=Piece(tube_radius_mm=12.0), search=QUICK)
 

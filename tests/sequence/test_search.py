@@ -13,11 +13,11 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.problem import CertificateLog, Problem, SearchResult
-from knotfab.scene.settings import PRESETS
 from knotfab.search.search import search
 from knotfab.sequence.motion import Anchor, outline_motion
 from knotfab.sequence.search import finish, follow, is_far
 from knotfab.start.start import make_start
+from knotfab_formats.search import PRESETS
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(

@@ -14,8 +14,6 @@ from knotfab.knots import Knot, Knots
 from knotfab.limits.base import Limits
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
-from knotfab.scene.model import ResolvedRegion, ResolvedView
-from knotfab.scene.settings import SearchSettings
 from knotfab.sequence import starts
 from knotfab.sequence.motion import Anchor
 from knotfab.sequence.search import FrameResult
@@ -28,6 +26,8 @@ from knotfab.sequence.starts import (
     list_attempts,
     list_retries,
 )
+from knotfab_formats.scene import ResolvedRegion, ResolvedView
+from knotfab_formats.search import SearchSettings
 
 ROOM = ResolvedRegion(size_mm=(200.0, 200.0, 200.0))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from validator_parts import Array, circle, tube
 
+from knotfab_formats.checks import MESH
 from knotfab_validators.arrays import Ints
 from knotfab_validators.check import Check
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import MESH
 
 RADIUS, SIDES = 4.0, 48
 CIRCLE = circle(120)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 from PIL import Image
 
-from knotfab.scene.settings import SearchSettings
 from knotfab.tradeoff.bench import WantedRun
 from knotfab.tradeoff.front import Measured
 from knotfab.tradeoff.measure import Run
 from knotfab.tradeoff.points import Point
+from knotfab_formats.search import SearchSettings
 
 _FILE = io.BytesIO()
 Image.new("L", (1, 1)).save(_FILE, "PNG")

@@ -9,7 +9,7 @@ from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, World
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
-from knotfab.scene.model import Mount, ResolvedView
+from knotfab_formats.scene import Mount, ResolvedView
 
 
 def view(**keys: Any) -> ResolvedView:

@@ -11,7 +11,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.knots import Knot, Knots
-from knotfab.scene.model import ResolvedView
+from knotfab_formats.scene import ResolvedView
 
 PYTHON = sys.executable  # itself, where that which builds run with is played
 

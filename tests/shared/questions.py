@@ -14,11 +14,11 @@ from shapely import MultiPolygon
 from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.problem import Problem, SearchResult, Start, TargetView
-from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
-from knotfab.scene.settings import SearchSettings
 from knotfab.search.phases import plan_of
 from knotfab.search.search import search
 from knotfab.start.start import make_start
+from knotfab_formats.scene import ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.search import SearchSettings
 
 
 def ask_heart(scene: Scene | None = None) -> Problem:

@@ -9,7 +9,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.mount.piece_frame import Stiffness
 from knotfab.mount.struts import GROUND, Candidates
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Mount, ResolvedView
+from knotfab_formats.scene import Mount, ResolvedView
 
 RADIUS = 2.0
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)

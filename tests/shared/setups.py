@@ -13,7 +13,7 @@ from knotfab.mount.stand import StandMount
 from knotfab.mount.struts import nothing
 from knotfab.mount.wall import Peg, WallMount
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.model import Mount, ResolvedView, Scene
+from knotfab_formats.scene import Mount, ResolvedView, Scene
 
 Kind = Literal["none", "plate", "dowel", "stand"]
 OFF = {

@@ -12,7 +12,7 @@ from knotfab.geometry.meshes import Mesh
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import ResolvedView, Scene
+from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import working_frame
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry

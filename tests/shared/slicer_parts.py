@@ -10,9 +10,9 @@ from knotfab.files.threemf import write_3mf
 from knotfab.geometry.meshes import Mesh
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import Scene
 from knotfab.slicer.gcode import Gcode
 from knotfab.slicer.profile import write_profile
+from knotfab_formats.scene import Scene
 
 # a nozzle whose lines are 0.5 mm wide and layers of 0.25 mm: exact in binary
 EXACT = f"[printer]\nnozzle_mm = {4 / 9!r}\nlayer_height_mm = 0.25\n"

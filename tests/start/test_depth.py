@@ -15,8 +15,6 @@ from knotfab.part.orient import AXES
 from knotfab.picture.masks import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Switch
-from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
 from knotfab.start.legibility import (
@@ -28,6 +26,8 @@ from knotfab.start.legibility import (
     turns_aside,
 )
 from knotfab.start.lift import lift_template
+from knotfab_formats.scene import Switch
+from knotfab_formats.search import PRESETS
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 

@@ -17,9 +17,9 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import choose_tube
 from knotfab.knots import Knot, Knots, read_start
 from knotfab.scene.load import load_scene
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.start.start import go_on
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import PRESETS
 
 T = np.linspace(0, 2 * np.pi, 60, endpoint=False)
 TREFOIL = 12.0 * np.stack(

@@ -13,11 +13,11 @@ from shapely import MultiPolygon, Point, box
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.problem import Problem, Start
-from knotfab.scene.settings import SearchSettings
 from knotfab.start.grow import Growth, _corners, _plan, _run, grow_curves
 from knotfab.start.lattice import NUDGED, Lattice, draw_edges, lattice_in, sights_of
 from knotfab.start.pieces import edge_worth, join_pieces, seed_squares
 from knotfab.start.start import make_start
+from knotfab_formats.search import SearchSettings
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import check_linking, knot_types
 

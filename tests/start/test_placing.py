@@ -14,11 +14,11 @@ from knotfab.effects.base import World
 from knotfab.effects.misplacement import Steadying
 from knotfab.problem import Problem, Start
 from knotfab.scene.camera import camera_of
-from knotfab.scene.model import Mount, Placing, Scene, Switch
-from knotfab.scene.settings import PRESETS
 from knotfab.start import depth
 from knotfab.start.filling import Template, fill
 from knotfab.start.lift import lift_template
+from knotfab_formats.scene import Mount, Placing, Scene, Switch
+from knotfab_formats.search import PRESETS
 from tests.oracles.parting import cast, turn_about
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})

@@ -17,14 +17,15 @@ from knotfab.geometry.sampling import sample_evenly
 from knotfab.options import BuildOptions
 from knotfab.problem import Problem, Start
 from knotfab.read_options import read_scene
-from knotfab.scene.knot_names import load_knot, parse_knot_name
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.scene.model import Piece, Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
 from knotfab.start.start import tie_knot
 from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, tie
+from knotfab.start.tight_knots import load_knot
+from knotfab_formats.knot_names import parse_knot_name
+from knotfab_formats.scene import Piece, Scene
+from knotfab_formats.search import PRESETS
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from tests.corpus.curves import circle

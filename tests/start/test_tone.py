@@ -12,9 +12,9 @@ from knotfab.base.errors import InputError
 from knotfab.design.frames import widen_targets
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import material_of, resolve
-from knotfab.scene.model import Scene, View
 from knotfab.start.filling import simple_curves
 from knotfab.start.tone import draw_tones, shortest_tour, spread_points
+from knotfab_formats.scene import Scene, View
 
 WIDTH, GAP = 8.0, 2.0  # px
 

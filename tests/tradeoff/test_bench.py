@@ -11,12 +11,12 @@ from fake_runs import FakeRunner, FakeStudy
 from knotfab.base.errors import InputError
 from knotfab.base.progress import Progress
 from knotfab.cli.summary import print_tradeoff
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.explore import list_rungs
 from knotfab.tradeoff.front import frontier
 from knotfab.tradeoff.points import PRESET, points
 from knotfab.tradeoff.run import JOURNAL, Tradeoff, measure_tradeoff
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import PRESETS
 
 
 @pytest.fixture(autouse=True)

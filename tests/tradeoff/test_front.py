@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from fake_runs import make_measured, make_run
 
-from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.front import (
     Measured,
     beaten_by,
@@ -19,6 +18,7 @@ from knotfab.tradeoff.front import (
     merge_turns,
 )
 from knotfab.tradeoff.points import COMBINED, KNOBS, Point, combine, list_changes, points
+from knotfab_formats.search import PRESETS
 
 
 def _random(seed: int, count: int = 40) -> list[Measured]:

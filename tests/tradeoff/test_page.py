@@ -11,8 +11,8 @@ import pytest
 from browser import open_browser
 from fake_runs import FakeRunner, FakeStudy
 
-from knotfab.scene.model import Scene
 from knotfab.tradeoff.run import Tradeoff, measure_tradeoff
+from knotfab_formats.scene import Scene
 
 BAD = '<script>alert("&")</script>'
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.front import beaten_by
 from knotfab.tradeoff.points import PRESET, list_changes
+from knotfab_formats.search import PRESETS
 
 STUDY = json.loads((Path(__file__).parents[2] / "docs/frontier.json").read_text("utf-8"))
 WHOLE = [p for p in STUDY["points"] if p["pictures"] == STUDY["compared_over"]]

@@ -15,12 +15,12 @@ from shapely import MultiPolygon
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.geometry.tube import sweep
 from knotfab.problem import Problem, TargetView
-from knotfab.scene.model import ResolvedRegion, ResolvedView, Scene
-from knotfab.scene.settings import PRESETS
 from knotfab.tradeoff.bench import WantedRun, run_all
 from knotfab.tradeoff.measure import Study, facet_error_px, outline_error_px
 from knotfab.tradeoff.points import Point
 from knotfab.tradeoff.run import JOURNAL, Tradeoff, tradeoff
+from knotfab_formats.scene import ResolvedRegion, ResolvedView, Scene
+from knotfab_formats.search import PRESETS
 
 QUICK = PRESETS["draft"].model_copy(
     update={

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from validator_parts import circle, tube
 
+from knotfab_formats.checks import KNOTS, PLATES, PRINTING
+from knotfab_formats.checks import MESH as MESH_CHECKS
 from knotfab_validators.check import Check
 from knotfab_validators.files.plates import Plate
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import KNOTS, PLATES, PRINTING
-from knotfab_validators.names import MESH as MESH_CHECKS
 from knotfab_validators.part_checks import part_checks
 
 CURVE = circle(180, 40.0) + [50.0, 50.0, 10.0]

@@ -17,9 +17,9 @@ from scipy import ndimage
 from small_views import needs_rendering
 from validator_parts import Array, PlainView, trefoil, tube
 
+from knotfab_formats.checks import KNOTS, PRINTING
 from knotfab_validators.check import Check, skip_check
 from knotfab_validators.files.picture import read_silhouette
-from knotfab_validators.names import KNOTS, PRINTING
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import validate

@@ -9,9 +9,9 @@ from knotfab.design.free_view import start_pose
 from knotfab.design.question import ask
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import materials, resolve
-from knotfab.scene.model import Material, Piece, ResolvedView, Scene
-from knotfab.scene.settings import search_settings
 from knotfab.wire.frame import ENOUGH_IOU, measure_frame
+from knotfab_formats.scene import Material, Piece, ResolvedView, Scene
+from knotfab_formats.search import search_settings
 
 STEEL = materials()["steel-wire-2mm"]
 

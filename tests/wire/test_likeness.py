@@ -7,10 +7,10 @@ import pytest
 from scipy import sparse
 
 from knotfab.base.arrays import Array
-from knotfab.scene.model import ResolvedView
 from knotfab.wire.arcs import round_corners
 from knotfab.wire.fit import FitLimits, fit_wires
 from knotfab.wire.likeness import GridLikeness
+from knotfab_formats.scene import ResolvedView
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 

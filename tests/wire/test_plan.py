@@ -15,7 +15,6 @@ from knotfab.base.errors import InputError
 from knotfab.drawing.pages import PAPERS
 from knotfab.knots import Knot, Knots
 from knotfab.scene.catalogue import materials
-from knotfab.scene.model import ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
 from knotfab.wire.arcs import round_corners
 from knotfab.wire.bends import list_bends
 from knotfab.wire.csv_file import read_bends
@@ -23,6 +22,7 @@ from knotfab.wire.judge import Judge, WireKnot, cast_shadows, check_type, check_
 from knotfab.wire.plan import WirePlan, write_bending_plan
 from knotfab.wire.replay import Deviation, Sensitivity
 from knotfab.wire.template_pdf import WireDrawing, write_templates
+from knotfab_formats.scene import ResolvedAccuracy, ResolvedScene, ResolvedView, Switches
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import view_geometry
 

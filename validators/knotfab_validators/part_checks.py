@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from knotfab_formats.checks import HELD, KNOTS, MESH, PRINTING
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_least, skip_check
 from knotfab_validators.clock import time_stage
@@ -18,7 +19,6 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.names import HELD, KNOTS, MESH, PRINTING
 from knotfab_validators.printing.level import check_level
 from knotfab_validators.printing.plates import check_plates, check_plates_printable
 from knotfab_validators.printing.printability import printability_checks

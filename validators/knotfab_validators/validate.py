@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+from knotfab_formats.checks import FILES, PRINTER, SHADOWS
 from knotfab_validators.check import Check, rescale, skip_check
 from knotfab_validators.clock import time_stage
 from knotfab_validators.conclusion import ask_unit, conclude, size_of
@@ -23,7 +24,6 @@ from knotfab_validators.forked import Baton, Forked, may_fork
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf
-from knotfab_validators.names import FILES, PRINTER, SHADOWS
 from knotfab_validators.part_checks import GROUPS, Group, part_checks
 from knotfab_validators.shadows.part_shadows import verify_shadows
 from knotfab_validators.shadows.shadow_checks import skip_shadow_checks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from knotfab.scene.knot_names import BRAIDS, parse_knot_name
+from knotfab_formats.knot_names import BRAIDS, parse_knot_name
 from knotfab_validators.knots.names import asked_knot, promised_knot
 
 

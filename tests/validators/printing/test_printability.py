@@ -6,8 +6,8 @@ import pytest
 from printed_solids import BARE, PRINTER, run
 from solids import box, bridge, move, quarter, table, together
 
+from knotfab_formats.checks import PRINTING
 from knotfab_validators.files.scene import Printer
-from knotfab_validators.names import PRINTING
 from knotfab_validators.printing.printability import printability_checks
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from knotfab_formats.checks import MESH
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import Check, at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves
@@ -13,7 +14,6 @@ from knotfab_validators.geometry.inside import winding_numbers
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import Surface, survey
 from knotfab_validators.mesh.second_opinion import opinions, self_intersections
-from knotfab_validators.names import MESH
 
 __all__ = ["check_mesh", "self_intersections"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from knotfab_formats.checks import PRINTING
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import Check, at_least, at_most, places, skip_check, spot
 from knotfab_validators.clock import time_stage
 from knotfab_validators.files.scene import Printer
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.names import PRINTING
 from knotfab_validators.printing.bridges import Stretches, find_unsupported
 from knotfab_validators.printing.columns import Columns, columns
 from knotfab_validators.printing.islands import find_islands

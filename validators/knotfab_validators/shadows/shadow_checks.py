@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from knotfab_formats.checks import SHADOWS
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import Check, at_least, at_most, skip_check
-from knotfab_validators.names import SHADOWS
 from knotfab_validators.shadows.outline_stretch import WRONG_PX
 from knotfab_validators.shadows.verify_view import VerifiedView
 

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from knotfab.base.errors import InputError
-from knotfab.scene.bounds import why_out_of_bounds
-from knotfab.scene.json_schema import dump_schema
 from knotfab.scene.load import parse_scene
-from knotfab.scene.model import View
-from knotfab.scene.settings import PRESETS, SearchSettings, search_settings
+from knotfab_formats.bounds import why_out_of_bounds
+from knotfab_formats.json_schema import dump_schema
+from knotfab_formats.scene import View
+from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 
 def numbers(

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from knotfab.base.errors import InputError
-from knotfab.scene.model import Scene
+from knotfab_formats.errors import InputError
+from knotfab_formats.scene import Scene
 
 __all__ = ["explain", "parse_toml"]
 

@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from knotfab.base.errors import InputError
-from knotfab.scene.bounds import MOST_MM
+from knotfab_formats.bounds import MOST_MM
+from knotfab_formats.errors import InputError
 
 __all__ = ["OF_NO_PRESET", "PRESETS", "Precision", "Renderer", "SearchSettings", "search_settings"]
 

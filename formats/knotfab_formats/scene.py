@@ -18,7 +18,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from knotfab.scene.bounds import (
+from knotfab_formats.bounds import (
     MOST_MM,
     Angle,
     Count,
@@ -121,7 +121,7 @@ class Piece(_Table):
     # of several pictures: the most that a point of one may move, as a share of its height
     bend: Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)] | Literal["auto", "off"] = "auto"
     mirror: Literal["auto", "off"] = "off"  # auto: pictures, none of text, may be mirrored as well
-    knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab.scene.knot_names
+    knot: StrictStr = "unknot"  # tied into the longest curve; checked by knotfab_formats.knot_names
 
 
 class Region(_Table):
@@ -392,7 +392,7 @@ class Pose(_Table):
 
 
 class Scene(_Table):
-    """One scene. `search` is checked by `knotfab.scene.settings`."""
+    """One scene. `search` is checked by `knotfab_formats.search`."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")] = 1
     piece: Piece = Piece()

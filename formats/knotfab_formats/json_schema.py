@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from knotfab.scene.model import Scene
-from knotfab.scene.settings import SearchSettings
+from knotfab_formats.scene import Scene
+from knotfab_formats.search import SearchSettings
 
 __all__ = ["dump_schema"]
 

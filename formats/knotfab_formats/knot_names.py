@@ -1,26 +1,17 @@
-"""The prime knots of up to 8 crossings by name: braid words, tight centre lines, and what may be asked for.
+"""The prime knots of up to 8 crossings by name: braid words, and what may be asked for.
 
 Braid words are those of the table of knots, each the mirror image called right-handed (for the
-trefoil the common one, whose crossings are positive); the tight centre lines were made from them by
-`paper/named_knots.py`, which a test repeats in part.
+trefoil the common one, whose crossings are positive).
 """
 
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from typing import Any
 
-import numpy as np
+from knotfab_formats.errors import InputError
 
-from knotfab.base.arrays import Array
-from knotfab.base.errors import InputError
-from knotfab.geometry.sampling import arc_lengths
-
-__all__ = ["BRAIDS", "Factor", "KnotName", "load_knot", "parse_knot_name"]
+__all__ = ["BRAIDS", "NO_SUCH_KNOT", "Factor", "KnotName", "parse_knot_name"]
 
 
 # Letter k > 0: strands k and k + 1 cross right-handedly; k < 0: left-handedly.
@@ -78,7 +69,7 @@ _WORDS = {
 }
 _UNKNOT = ("unknot", "trivial", "0_1", "")
 _MOST_FACTORS = 6
-_REMEDY = (
+NO_SUCH_KNOT = (
     "Use trefoil, figure-eight, cinquefoil, stevedore, granny, square, a knot of the table from 3_1 to "
     'any of 8 crossings (8_19), with "left" or "right" before it if the hand matters, or a sum such '
     "as 3_1#4_1 (m3_1 is the left-handed one)."
@@ -120,7 +111,9 @@ def parse_knot_name(text: str) -> KnotName:
         minus = part.startswith("m") and part.removeprefix("m") in BRAIDS
         plain = _WORDS.get(part, part.removeprefix("m") if minus else part)
         if plain not in BRAIDS:
-            raise InputError(f"the knot {text!r}", "there is no such name in the table", _REMEDY)
+            raise InputError(
+                f"the knot {text!r}", "there is no such name in the table", NO_SUCH_KNOT
+            )
         factors.append(Factor(plain, (minus != left) and plain not in _AMPHICHIRAL))
     if len(factors) > _MOST_FACTORS:
         raise InputError(
@@ -138,35 +131,3 @@ def _state_type(factors: tuple[Factor, ...]) -> str:
         return "#".join(("m" if f.mirrored else "") + f.name for f in factors)
     hand = "" if not hands else "left-handed " if hands.pop() else "right-handed "
     return hand + "#".join(f.name for f in factors)
-
-
-@cache
-def _table() -> dict[str, Any]:
-    text = (
-        resources.files("knotfab.scene").joinpath("data", "knots.toml").read_text(encoding="utf-8")
-    )
-    return tomllib.loads(text)["knots"]  # type: ignore[no-any-return]
-
-
-def load_knot(name: str, mirrored: bool = False, step: float = 0.4) -> Array:
-    """The tight centre line of a knot of the table, (n, 3) in tube radii, about its middle.
-
-    Vertices are about `step` apart. Strands keep 2 between them and bends a radius of 1.
-
-    Raises:
-        InputError: no such knot is known.
-    """
-    if name not in BRAIDS:
-        raise InputError(f"the knot {name!r}", "there is no such name in the table", _REMEDY)
-    from scipy.interpolate import CubicSpline
-
-    points = np.asarray(_table()[name], dtype=np.float64)
-    arc = arc_lengths(points)
-    spline = CubicSpline(arc, np.concatenate([points, points[:1]]), bc_type="periodic")
-    fine = spline(np.linspace(0.0, arc[-1], 8 * len(points) + 1))
-    run = arc_lengths(fine[:-1])
-    count = max(12, round(run[-1] / step))
-    at = np.interp(np.arange(count) * run[-1] / count, run, np.linspace(0.0, arc[-1], len(fine)))
-    result = np.asarray(spline(at), dtype=np.float64)
-    result -= result.mean(axis=0)
-    return result * [1.0, 1.0, -1.0] if mirrored else result

@@ -1,0 +1,40 @@
+"""Errors that a user can act on: each names the thing, the reason and the remedy (docs/contract.md)."""
+
+from __future__ import annotations
+
+__all__ = ["InputError", "KnotfabError", "shown"]
+
+_MOST_SHOWN = 600  # characters of what a sentence is about
+
+
+def shown(text: object) -> str:
+    """A text for a line: bytes that are no UTF-8, and signs that steer a terminal, as their numbers."""
+    signs = [
+        c
+        if c.isprintable()
+        else f"\\x{ord(c) - 0xDC00:02x}"
+        if "\udc80" <= c <= "\udcff"
+        else repr(c)[1:-1]
+        for c in str(text)
+    ]
+    plain = "".join(signs)
+    return plain if len(plain) <= _MOST_SHOWN else f"{plain[:_MOST_SHOWN]} …"
+
+
+class KnotfabError(Exception):
+    """Base of every error knotfab raises on purpose; `exit_code` follows the contract."""
+
+    exit_code = 2
+
+    def __init__(self, what: str, why: str, remedy: str) -> None:
+        self.what, self.why, self.remedy = shown(what), why, remedy
+        # a remedy that ends in a command or a path keeps what can be copied
+        stop = "" if ": " in remedy or not remedy[-1:].isalnum() else "."
+        about = f"{self.what}: " if what else ""
+        super().__init__(f"{about}{why}. {remedy}{stop}")
+
+
+class InputError(KnotfabError):
+    """The picture, the scene file or the call is wrong."""
+
+    exit_code = 2
