@@ -21,7 +21,7 @@ from PIL import Image, ImageDraw
 
 from benchmarks.measurement import build_apart, make_folder, read_report, run_study, save_pictures
 from examples.pictures import pictures
-from knotfab.report.pictures import PAPER, draw_part, turn_eye
+from knotfab.drawing.part_picture import PAPER, draw_part, turn_eye
 
 _WIDE = 760  # pixels of a comparison
 _SMALL = 300  # px: the longer side of a picture on a sheet of many

@@ -109,8 +109,8 @@ def run_loops() -> None:
     import numpy as np
 
     from knotfab.design.design import design_knots
+    from knotfab.drawing.shading import draw_faces
     from knotfab.picture.read import read_target
-    from knotfab.report.shading import draw_faces
     from knotfab_formats.scene import Accuracy, Scene
 
     few = {"depth_candidates": 4, "radius_candidates": 2}

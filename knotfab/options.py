@@ -294,6 +294,12 @@ class BuildOptions(PictureOptions):
     a build always does."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
+    title: Annotated[str | None, Parameter(group=OUTPUT)] = None
+    """What part.3mf is called in slicers and on print sites; the picture's name by default."""
+    designer: Annotated[str | None, Parameter(group=OUTPUT)] = None
+    """Who designed it, for part.3mf; knotfab by default."""
+    licence: Annotated[str | None, Parameter(group=OUTPUT)] = None
+    """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
     also: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Also write files for other tools: svg, dxf, step, or several (svg,step). Centre lines for cutters,
     plotters and CAD; with svg the outlines of the shadows, with step tubes and mount as solids."""

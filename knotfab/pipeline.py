@@ -111,7 +111,7 @@ def _usual_seconds(request: Request) -> dict[str, float]:
 
 
 def _draw(part: Part, scene: ResolvedScene, path: Path) -> None:
-    from knotfab.report.pictures import draw_part, place_eyes
+    from knotfab.drawing.part_picture import draw_part, place_eyes
 
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]

@@ -16,7 +16,7 @@ from knotfab.base.lengths import read_length
 from knotfab.options import BuildOptions
 from knotfab.verify.checks import CHECKS
 from knotfab_formats.bounds import why_out_of_bounds
-from knotfab_formats.scene import MOST_BEND, Piece, Scene, Switch, Switches, View
+from knotfab_formats.scene import MOST_BEND, About, Piece, Scene, Switch, Switches, View
 from knotfab_formats.search import OF_NO_PRESET, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
@@ -130,6 +130,13 @@ def read_scene(options: BuildOptions) -> tuple[Scene, Path | None]:
         update["mount"] = scene.mount.model_copy(update={"kind": options.mount})
     if options.no_loop:
         update["sequence"] = scene.sequence.model_copy(update={"loop": False})
+    told = {key: getattr(options, key) for key in ("title", "designer", "licence")}
+    if told := {key: text for key, text in told.items() if text is not None}:
+        for key, text in told.items():
+            if why_out_of_bounds(About, key, text) is not None:
+                why, remedy = "it is no line of text", "Give one line of at most 200 signs."
+                raise InputError(f"--{key} {text[:40]!r}", why, remedy)
+        update["about"] = scene.about.model_copy(update=told)
     if options.effect:
         update["effects"] = scene.effects.model_copy(update=_switches(options.effect))
     if keys := _view_keys(options):

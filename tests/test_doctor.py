@@ -51,7 +51,7 @@ def test_loops_are_compiled_and_kept() -> None:
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifier, "_COMMAND", [sys.executable, "-c", "raise SystemExit('no disk')"])
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
-    monkeypatch.setattr("knotfab.report.shading.draw_faces", lambda *_: None)
+    monkeypatch.setattr("knotfab.drawing.shading.draw_faces", lambda *_: None)
     found = doctor.compile_loops()
     assert found.status == "warning" and found.remedy
     assert "not the validators'" in found.detail and "no disk" in found.detail

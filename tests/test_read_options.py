@@ -220,3 +220,13 @@ def test_an_effect_that_there_is_not_is_refused_in_one_sentence(text: str, words
     with pytest.raises(InputError) as refused:
         read_scene(options_from({"effect": (text,)}))
     assert words in str(refused.value) and refused.value.exit_code == 2
+
+
+def test_what_a_file_says_of_itself_survives_the_scene_and_is_a_line() -> None:
+    told = {"title": "Cat", "designer": "Ada", "licence": "CC BY 4.0"}
+    scene, _ = read_scene(options_from(told))
+    assert parse_scene(dump_scene(scene)).about.model_dump() == told
+    for key in told:
+        for text in ("two\nlines", "x" * 201, "\x01"):
+            with pytest.raises(InputError, match=f"--{key} .*it is no line of text"):
+                read_scene(options_from({key: text}))

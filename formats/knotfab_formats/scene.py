@@ -48,6 +48,7 @@ __all__ = [
     "OF_WALL",
     "VERIFIED_PX",
     "WALL_SHARE",
+    "About",
     "Accuracy",
     "Lamps",
     "Material",
@@ -102,6 +103,16 @@ ViewName = Annotated[
     AfterValidator(_few_bytes),
 ]
 Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
+
+
+def _one_line(text: str) -> str:
+    """A line that a file's metadata can hold."""
+    if not text.isprintable():
+        raise PydanticCustomError("line", "one line of signs that can be printed")
+    return text
+
+
+Line = Annotated[str, Strict(), Field(max_length=200), AfterValidator(_one_line)]
 Color = Annotated[str, Strict(), Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 Switch = Literal["auto", "on", "off"]
 
@@ -371,6 +382,14 @@ class Mount(_Table):
         return self.kind in ("wall", "stand", "hang")
 
 
+class About(_Table):
+    """What part.3mf says of itself; "" leaves it to the build (docs/conventions.md)."""
+
+    title: Line = ""
+    designer: Line = ""
+    licence: Line = ""
+
+
 class Plate(_Table):
     """What is printed at once: its file beside the scene, by default plate-N.3mf in the plates' order.
 
@@ -407,6 +426,7 @@ class Scene(_Table):
     lamps: Lamps = Lamps()
     mount: Mount = Mount()
     sequence: Sequence = Sequence()
+    about: About = About()
     search: dict[str, Annotated[bool, Strict()] | StrictInt | Number | StrictStr] = {}
     pose: Pose | None = None
 

@@ -1,4 +1,4 @@
-"""3MF by lib3mf: millimetres, one object for the whole piece, the same bytes each time."""
+"""3MF by lib3mf: millimetres, one object for the whole piece, what it is, the same bytes each time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import locale
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -18,31 +19,46 @@ from numpy.typing import NDArray
 from knotfab import __version__
 from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 
-__all__ = ["read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
+__all__ = ["About", "read_back_strict", "read_shells", "write_3mf", "write_coloured_3mf"]
 
 DECIMALS = 6  # of a millimetre, written out
 
 
-def write_3mf(path: Path, bodies: Sequence[Mesh], title: str = "knotfab") -> None:
+@dataclass(frozen=True)
+class About:
+    """What a file says of itself, under the names of the core specification; "" leaves a line out.
+
+    There is no date: the same build makes the same bytes.
+    """
+
+    title: str = "knotfab"
+    designer: str = ""
+    description: str = ""
+    licence: str = ""
+    thumbnail_png: bytes = b""
+
+
+def write_3mf(path: Path, bodies: Sequence[Mesh], about: About = About()) -> None:
     """Write `bodies` (vertices (n, 3) mm, faces (m, 3)) as ONE object: a single mesh, their shells.
 
     A slicer lets each object that a file places drop onto the bed, PrusaSlicer even each component of
     an object: the shells of one mesh alone stay where they are. The file holds no settings.
 
     Args:
-        title: the package's Title, and the object's name.
+        about: what the package says of itself; its title is the object's name as well.
 
     Raises:
         ValueError: a body without faces, or a vertex below zero or not finite (3MF wants the positive
             octant).
     """
     _require_positive(bodies)
-    model, wrapper = _new_model(title)
-    _write(path, model, _add_mesh(wrapper, model, join_meshes(bodies), title, 1), [title])
+    model, wrapper = _new_model(about)
+    whole = _add_mesh(wrapper, model, join_meshes(bodies), about.title, 1)
+    _write(path, model, whole, [about.title])
 
 
 def write_coloured_3mf(
-    path: Path, bodies: Sequence[Mesh], names: Sequence[str], colors: Sequence[str], title: str
+    path: Path, bodies: Sequence[Mesh], names: Sequence[str], colors: Sequence[str], about: About
 ) -> None:
     """Write `bodies` as objects with names and colours, for printers with several filaments.
 
@@ -58,7 +74,7 @@ def write_coloured_3mf(
     _require_positive(bodies)
     if not len(names) == len(colors) == len(bodies):
         raise ValueError(f"{len(bodies)} bodies want as many names and colours")
-    model, wrapper = _new_model(title)
+    model, wrapper = _new_model(about)
     paint = _palette(wrapper, model, colors)
     whole = model.AddComponentsObject()
     for number, (mesh, name, color) in enumerate(zip(bodies, names, colors, strict=True), start=1):
@@ -66,7 +82,7 @@ def write_coloured_3mf(
         body.SetObjectLevelProperty(*paint[color.lower()])
         component = whole.AddComponent(body, wrapper.GetIdentityTransform())
         component.SetUUID(_uuid(f"component/{number}/{name}"))
-    whole.SetName(title)
+    whole.SetName(about.title)
     whole.SetUUID(_uuid("whole/" + "/".join(names)))
     _write(path, model, whole, names)
 
@@ -81,16 +97,26 @@ def _require_positive(bodies: Sequence[Mesh]) -> None:
             )
 
 
-def _new_model(title: str) -> tuple[Any, Any]:
+def _new_model(about: About) -> tuple[Any, Any]:
     """A model in millimetres that says what it is, and lib3mf's wrapper."""
     import lib3mf
 
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
-    about = model.GetMetaDataGroup()
-    about.AddMetaData("", "Title", title, "xs:string", True)
-    about.AddMetaData("", "Application", f"knotfab {__version__}", "xs:string", True)
+    told = {
+        "Title": about.title,
+        "Designer": about.designer,
+        "Description": about.description,
+        "LicenseTerms": about.licence,
+        "Application": f"knotfab {__version__}",
+    }
+    group = model.GetMetaDataGroup()
+    for name, value in told.items():
+        if value:
+            group.AddMetaData("", name, value, "xs:string", True)
+    if about.thumbnail_png:
+        model.CreatePackageThumbnailAttachment().ReadFromBuffer(list(about.thumbnail_png))
     return model, wrapper
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from knotfab.files.glb import write_glb
 from knotfab.files.stl import write_stl
 from knotfab.files.threemf import write_3mf, write_coloured_3mf
 from knotfab.mount.coupon import COUPON, plan_coupon
+from knotfab.part.about import about_part
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.plates import Plates
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
-from knotfab_formats.scene import Plate, Pose, ResolvedScene, Scene
+from knotfab_formats.scene import Plate, Pose, ResolvedScene
 
 __all__ = ["COLOURED", "make_pose", "pose_scene", "write_model", "write_part", "write_unbuilt"]
 
@@ -48,7 +50,7 @@ def pose_scene(part: Part, suffix: str = "") -> ResolvedScene:
 def write_part(
     folder: OutputFolder,
     part: Part,
-    scene: Scene,
+    scene: ResolvedScene,
     targets: Sequence[Target],
     colours: bool = False,
     suffix: str = "",
@@ -60,13 +62,14 @@ def write_part(
         colours: whether part-colours.3mf is written too.
         suffix: in the names of part, knots and scene, such as "-01" of a sequence's frame.
     """
-    title = "knotfab " + " and ".join(target.name for target in targets)
+    about = about_part(part, scene, targets)
     write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
-    write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, title)
+    write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, about)
     if part.plates is not None:
         laid = zip(part.plates.files(suffix), part.plates.plates, strict=True)
         for number, (name, plate) in enumerate(laid, start=1):
-            write_3mf(folder.file(name), plate.bodies, f"{title}, plate {number}")
+            own = replace(about, title=f"{about.title}, plate {number}")
+            write_3mf(folder.file(name), plate.bodies, own)
     if colours:
         count = len(part.bodies)
         paint = [scene.material.color, *(_PALETTE[k % len(_PALETTE)] for k in range(count - 1))]
@@ -75,19 +78,20 @@ def write_part(
             part.bodies,
             part.mounted.names,
             paint,
-            title,
+            about,
         )
     coupon = plan_coupon(part.mounted, suffix)
     if coupon is not None:
         grown = 1 / shrink_of(scene)[0, 0]  # its holes and pin shrink as the part's do
         bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]
-        write_3mf(folder.file(COUPON), bodies, f"{title}, coupon")
+        own = replace(about, title=f"{about.title}, coupon", thumbnail_png=b"")
+        write_3mf(folder.file(COUPON), bodies, own)
     members = part.mounted.members(np.asarray(np.linalg.inv(part.pose.matrix)))
     part.pose.knots.write(folder.file(f"knots{suffix}.json"), members)
     _write_scene(folder, scene, targets, suffix)
 
 
-def write_model(folder: OutputFolder, part: Part, scene: Scene, suffix: str = "") -> None:
+def write_model(folder: OutputFolder, part: Part, scene: ResolvedScene, suffix: str = "") -> None:
     """Write part.glb, which is looked at and not verified. Arguments as `write_part` has them."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
@@ -108,7 +112,7 @@ def write_unbuilt(
 
 
 def _write_scene(
-    folder: OutputFolder, scene: Scene, targets: Sequence[Target], suffix: str
+    folder: OutputFolder, scene: ResolvedScene, targets: Sequence[Target], suffix: str
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
         folder.write(view.picture, target.png_bytes)

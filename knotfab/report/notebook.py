@@ -14,6 +14,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError, spelled
 from knotfab.design.design import Design
 from knotfab.design.question import Question
+from knotfab.drawing.part_picture import draw_part, place_eyes
 from knotfab.geometry.meshes import Mesh, join_meshes
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots, count_in_words
@@ -22,7 +23,7 @@ from knotfab.picture.data_uri import image_uri, silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.problem import SearchResult, Start
 from knotfab.report.in_words import conclude
-from knotfab.report.pictures import draw_part, find_pictures, place_eyes
+from knotfab.report.pictures import find_pictures
 from knotfab.report.report_html import VERDICTS, make_environment
 from knotfab.request import Outcome
 from knotfab_formats.scene import ResolvedView

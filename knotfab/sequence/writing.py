@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from knotfab.design.design import Design
+from knotfab.drawing.part_picture import draw_part
 from knotfab.files.folder import OutputFolder
 from knotfab.files.stl import write_stl
-from knotfab.files.threemf import write_3mf
+from knotfab.files.threemf import About, write_3mf
+from knotfab.part.about import THUMBNAIL_PX
 from knotfab.part.clean import clean_body
 from knotfab.picture.read import Target
 from knotfab.scene.load import dump_scene
@@ -20,6 +25,7 @@ __all__ = ["PICTURES", "ZOETROPE", "frame_suffix", "write_scene", "write_zoetrop
 
 PICTURES = "picture-frame-*"  # the frames' pictures, as scene.toml names them
 ZOETROPE = "zoetrope"
+_EYE_MM = np.array([[0.0, 400.0, 700.0]])  # from which its ring is drawn: before and above it
 
 
 def frame_suffix(target: Target) -> str:
@@ -58,5 +64,15 @@ def write_zoetrope(folder: OutputFolder, frames: Sequence[Design]) -> Zoetrope:
     )
     spun = replace(spun, mesh=clean_body(spun.mesh))
     write_stl(folder.file(f"{ZOETROPE}.stl"), [spun.mesh])
-    write_3mf(folder.file(f"{ZOETROPE}.3mf"), [spun.mesh], "knotfab zoetrope")
+    drawn, (vertices, faces) = io.BytesIO(), spun.mesh
+    draw_part(vertices[:, [0, 2, 1]] * [1, 1, -1], faces, drawn, _EYE_MM, THUMBNAIL_PX)  # y is up
+    told, count = scene.about, len(frames)
+    about = About(
+        f"{told.title or 'knotfab'}, zoetrope",
+        told.designer or "knotfab",
+        f"{count} frames of a moving knot on a ring: a lamp in its middle throws them on a wall, one by one.",
+        told.licence,
+        drawn.getvalue(),
+    )
+    write_3mf(folder.file(f"{ZOETROPE}.3mf"), [spun.mesh], about)
     return spun

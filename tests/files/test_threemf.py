@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import locale
 import re
 import subprocess
@@ -12,9 +13,17 @@ import lib3mf
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
+from knotfab import __version__
 from knotfab.files.stl import write_stl
-from knotfab.files.threemf import read_back_strict, read_shells, write_3mf, write_coloured_3mf
+from knotfab.files.threemf import (
+    About,
+    read_back_strict,
+    read_shells,
+    write_3mf,
+    write_coloured_3mf,
+)
 from knotfab.geometry.meshes import Mesh, join_meshes, split_shells
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.slicer.find import REMEDY, find_slicer
@@ -58,7 +67,7 @@ def test_files_are_repeatable(tmp_path: Path, bodies: list[Mesh]) -> None:
 
 def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
     path = tmp_path / "part.3mf"
-    write_3mf(path, bodies, title="Ring & <ring>")
+    write_3mf(path, bodies, About("Ring & <ring>"))
     assert read_back_strict(path) == []
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
@@ -77,6 +86,38 @@ def test_3mf_is_clean_and_complete(tmp_path: Path, bodies: list[Mesh]) -> None:
     read = np.array([list(p.Coordinates) for p in whole.GetVertices()])
     assert read == pytest.approx(vertices, abs=1e-5) and (read >= 0).all()
     assert np.array_equal([list(t.Indices) for t in whole.GetTriangleIndices()], faces)
+
+
+def test_what_it_is_and_a_small_picture(tmp_path: Path, bodies: list[Mesh]) -> None:
+    """By the core specification's names and its relationship; slicers and the validators read it still."""
+    drawn = io.BytesIO()
+    Image.new("RGB", (30, 20), "red").save(drawn, "PNG")
+    path, again = tmp_path / "part.3mf", tmp_path / "again.3mf"
+    about = About("Cat", "Ada & Bob", 'Lit "so": 5 < 6 mm.', "CC BY 4.0", drawn.getvalue())
+    for one in (path, again):
+        write_3mf(one, bodies, about)
+    assert path.read_bytes() == again.read_bytes() and read_back_strict(path) == []
+    model = lib3mf.get_wrapper().CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(path))
+    group = model.GetMetaDataGroup()
+    found = [group.GetMetaData(i) for i in range(group.GetMetaDataCount())]
+    assert {one.GetName(): one.GetValue() for one in found} == {
+        "Title": "Cat",
+        "Designer": "Ada & Bob",
+        "Description": 'Lit "so": 5 < 6 mm.',
+        "LicenseTerms": "CC BY 4.0",
+        "Application": f"knotfab {__version__}",
+    }
+    assert bytes(model.GetPackageThumbnailAttachment().WriteToBuffer()) == drawn.getvalue()
+    with zipfile.ZipFile(path) as archive:
+        relations = archive.read("_rels/.rels").decode()
+        kinds = archive.read("[Content_Types].xml").decode()
+    (to,) = re.findall(r'Target="/?([^"]+\.png)"', relations)
+    with zipfile.ZipFile(path) as archive:
+        assert archive.read(to) == drawn.getvalue()
+    assert "/package/2006/relationships/metadata/thumbnail" in relations
+    assert 'Extension="png" ContentType="image/png"' in kinds
+    assert len(read_mesh(path).faces) == sum(len(faces) for _, faces in bodies)
 
 
 def _is_identity(transform: lib3mf.Transform) -> None:
@@ -128,7 +169,7 @@ def test_colours_and_names(tmp_path: Path, bodies: list[Mesh]) -> None:
     """One item whose components are the bodies, where they are."""
     path = tmp_path / "part-colours.3mf"
     names = ["knot 1", "a plate"]
-    write_coloured_3mf(path, bodies, names, ["#D9d4c7", "#000001"], "both")
+    write_coloured_3mf(path, bodies, names, ["#D9d4c7", "#000001"], About("both"))
     assert read_back_strict(path) == []
     model = lib3mf.get_wrapper().CreateModel()
     model.QueryReader("3mf").ReadFromFile(str(path))
@@ -150,18 +191,18 @@ def test_colours_and_names(tmp_path: Path, bodies: list[Mesh]) -> None:
         found.append((shade.Red, shade.Green, shade.Blue, shade.Alpha))
     assert found == [(0xD9, 0xD4, 0xC7, 255), (0, 0, 1, 255)]
     # a colour that occurs twice is one material, and the file is repeatable
-    write_coloured_3mf(path, bodies, names, ["#aabbcc", "#AABBCC"], "both")
+    write_coloured_3mf(path, bodies, names, ["#aabbcc", "#AABBCC"], About("both"))
     with zipfile.ZipFile(path) as archive:
         assert archive.read("3D/3dmodel.model").decode().count("<base ") == 1
     again = tmp_path / "again.3mf"
-    write_coloured_3mf(again, bodies, names, ["#aabbcc", "#AABBCC"], "both")
+    write_coloured_3mf(again, bodies, names, ["#aabbcc", "#AABBCC"], About("both"))
     assert again.read_bytes() == path.read_bytes()
 
 
 @pytest.mark.parametrize("colors", [["#aabbcc"], ["red", "red"], ["#aabbc", "#aabbcc"], []])
 def test_colours_that_are_none(tmp_path: Path, bodies: list[Mesh], colors: list[str]) -> None:
     with pytest.raises(ValueError, match="colour"):
-        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["a", "b"], colors, "x")
+        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["a", "b"], colors, About("x"))
     assert not list(tmp_path.iterdir())
 
 
@@ -198,7 +239,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path, bodies: list[Mesh]) -
         with pytest.raises(ValueError):
             write_3mf(tmp_path / "part.3mf", wrong)
     with pytest.raises(ValueError, match="names"):
-        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["one"], ["#aabbcc"] * 2, "x")
+        write_coloured_3mf(tmp_path / "part.3mf", bodies, ["one"], ["#aabbcc"] * 2, About("x"))
     for wrong in (broken, []):
         with pytest.raises(ValueError):
             write_stl(tmp_path / "part.stl", wrong)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import zipfile
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from rings import ring
 
 from knotfab.files.folder import OutputFolder
@@ -22,7 +24,7 @@ from knotfab.part.write import make_pose, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab_formats.scene import Material, ResolvedView, Scene
+from knotfab_formats.scene import About, Material, ResolvedView, Scene
 from knotfab_validators.files.scene import read_scene
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
@@ -47,8 +49,9 @@ def model_of(path: Path) -> str:
 
 def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
     target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
-    view = Scene().views[0].model_copy(update={"picture": "picture-front.png"})
-    scene = Scene(views=(view,), pose=make_pose(np.eye(4)))
+    about = About(title="Heart & co", licence="CC0") if suffix else About()
+    keys: Any = {"views": (VIEW,), "pose": make_pose(np.eye(4)), "about": about}
+    scene: Any = resolve(Scene(**keys))
     with OutputFolder(tmp_path / "out") as folder:
         write_part(folder, rings(count), scene, [target], colours, suffix)
         write_model(folder, rings(count), scene, suffix)
@@ -67,7 +70,16 @@ def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
     model = model_of(out / f"part{suffix}.3mf")
     assert model.count("<object ") == model.count("<item ") == 1
     assert model.count("<triangle ") == 3 * 2 * 40 * 12
-    assert 'name="knotfab heart"' in model
+    assert f'name="{"Heart &amp; co" if suffix else "heart"}"' in model
+    told = dict(re.findall('<metadata name="([A-Za-z]+)"[^>]*>([^<]*)<', model))
+    assert told["Designer"] == "knotfab" and ("LicenseTerms" in told) == bool(suffix)
+    assert told["Description"] == (
+        "3 knots of a tube 4 mm thick whose shadow is heart: 120 × 120 mm on the wall 100 mm behind, "
+        "by a lamp 5 mm wide, 500 mm from its middle."
+    )
+    with zipfile.ZipFile(out / f"part{suffix}.3mf") as archive:
+        (png,) = (archive.read(n) for n in archive.namelist() if n.endswith(".png"))
+    assert Image.open(io.BytesIO(png)).size == (300, 300)
 
 
 def test_colours_are_written_beside_where_they_are_asked_for(tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from knotfab.drawing.part_picture import draw_part, place_eyes, turn_eye
 from knotfab.geometry.tube import sweep
 from knotfab.report import report_html
 from knotfab.report.for_maker import list_files
-from knotfab.report.pictures import draw_part, place_eyes, turn_eye
 from knotfab.report.report_html import Picture, render_html, write_report_html
 from knotfab.report.report_json import assemble, plain, write_report_json
 from knotfab.verify.checks import CHECKS, exit_code, list_unmet, mark_of, tally_checks

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from slicer_parts import Mesh, box, gcode_text, scene_of, write_boxes
 
-from knotfab.files.threemf import write_coloured_3mf
+from knotfab.files.threemf import About, write_coloured_3mf
 from knotfab.geometry.tube import sweep
 from knotfab.slicer import find, process, run
 from knotfab.slicer.find import REMEDY, find_slicer
@@ -98,7 +98,7 @@ def test_bodies_of_several_objects_are_dropped_and_noticed(tmp_path: Path) -> No
     meshes = [CUBE, box((30, 0, 15), (10, 10, 10))]
     write_profile(tmp_path, scene_of())
     part = tmp_path / "part.3mf"
-    write_coloured_3mf(part, meshes, ["a", "b"], ["#d9d4c7", "#3d6fa5"], "two")
+    write_coloured_3mf(part, meshes, ["a", "b"], ["#d9d4c7", "#3d6fa5"], About("two"))
     found = slice_part(part, scene_of(), tmp_path)
     assert isinstance(found, Sliced) and found.objects == 2
     assert _failures(found) >= {"reading", "surface", "layers"}

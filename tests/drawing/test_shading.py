@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotfab.report.shading import draw_faces
+from knotfab.drawing.shading import draw_faces
 
 UP = np.array([[0.0, 0.0, 1.0]])
 

@@ -1,0 +1,148 @@
+"""Pictures of the part from several sides: the picture from the light, a tangle from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotfab.base.arrays import Array
+from knotfab.geometry.meshes import face_normals
+from knotfab.scene.camera import camera_of
+from knotfab_formats.scene import ResolvedView
+
+__all__ = ["draw_part", "place_eyes", "turn_eye"]
+
+
+ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)
+PANEL_PX = 360
+OVERSAMPLING = 2
+PAPER = (250, 248, 244)
+TUBE = (0.82, 0.46, 0.31)
+AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # of the tube (Phong)
+# a key light from the upper left and a weak one from the lower right, with the eye: direction, strength
+LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
+MARGIN = 1.12
+SAME_DEG = 5.0  # directions nearer to each other show the same
+STEEP = 0.999  # share of the way that is vertical, where "up" is no direction any more
+
+
+def draw_part(
+    vertices: Array,
+    faces: NDArray[np.integer[Any]],
+    path: Path | IO[bytes],
+    eyes: Array,
+    panel_px: int = PANEL_PX,
+) -> None:
+    """Draw the part in a row of panels, one for each eye, all with one scale on the page's background.
+
+    Args:
+        vertices: (n, 3) mm in scene coordinates, so that y is up.
+        faces: (m, 3).
+        path: the PNG to write, `panel_px` high.
+        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
+    """
+    from PIL import Image
+
+    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING)
+    strip = Image.fromarray(np.concatenate(panels, axis=1))
+    size = (panel_px * len(panels), panel_px)
+    strip.resize(size, Image.Resampling.BOX).save(path, "PNG", compress_level=6)
+
+
+def place_eyes(views: Sequence[ResolvedView]) -> Array:
+    """(k, 3) mm: where each view's light (or eye) is, and others about the vertical that make up four.
+
+    From a view's light the part shows its picture; the others begin at the first view's.
+    """
+    own = np.stack([camera_of(view, 1, 1).eye for view in views])
+    turned = turn_eye(own[0], ANGLES_DEG)
+    level, others = _level(own), _level(turned)
+    new = (others @ level.T).max(axis=1) < np.cos(np.deg2rad(SAME_DEG))
+    return np.concatenate([own, turned[new][: max(0, len(ANGLES_DEG) - len(own))]])
+
+
+def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
+    """(k, 3): `eye` turned about the vertical by each angle, to the right as the part sees it."""
+    x, y, z = eye
+    a = np.deg2rad(angles_deg)
+    c, s = np.cos(a), np.sin(a)
+    return np.column_stack([c * x + s * z, np.full(len(a), y), c * z - s * x])
+
+
+def _level(eyes: Array) -> Array:
+    """(k, 2) unit directions of eyes in the horizontal."""
+    flat = eyes[:, [0, 2]]
+    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
+
+
+def _render(
+    vertices: Array,
+    faces: NDArray[np.integer[Any]],
+    eyes: Array,
+    pixels: int,
+) -> list[NDArray[np.uint8]]:
+    """A picture (pixels, pixels, 3) of the part from each eye."""
+    from knotfab.drawing.shading import draw_faces
+
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    points = vertices - middle
+    normals = _normals(points, faces)
+    looks = eyes - middle
+    if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
+        reach = float(np.linalg.norm(points, axis=1).max())
+    else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
+        wide, high = np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()
+        reach = float(max(wide, high))
+    panels = []
+    for look in looks:
+        near = float(np.linalg.norm(look))
+        away = max(near, 2 * reach)
+        back = look / near
+        steep = abs(back[1]) > STEEP
+        right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(back, right), back])  # to the right, up, and to the eye
+        seen, turned = points @ axes.T, normals @ axes.T
+        scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
+        below = scale / (away - seen[:, 2])
+        places = np.column_stack(
+            [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
+        )
+        found, normal = draw_faces(places, turned, np.asarray(faces, dtype=np.int64), pixels)
+        panels.append(_shade(found, normal))
+    return panels
+
+
+def _shade(found: NDArray[np.bool_], normal: Array) -> NDArray[np.uint8]:
+    """Pixels (h, w, 3) of what was `found` (h, w), by its normals (h, w, 3) as the eye has them (Phong)."""
+    n = normal[found]
+    n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
+    lit, shine = np.zeros(len(n)), np.zeros(len(n))
+    for where, strength in LAMPS:
+        lamp = np.array(where) / np.linalg.norm(where)
+        facing = n @ lamp
+        lit += strength * np.maximum(facing, 0.0)
+        mirrored = 2 * facing * n[:, 2] - lamp[2]  # of the mirrored ray, its share towards the eye
+        shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
+    colour = (AMBIENT + DIFFUSE * lit)[:, None] * np.array(TUBE) + (SPECULAR * shine)[:, None]
+    panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)
+    panel[found] = np.rint(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
+    return panel
+
+
+def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
+    """(n, 3) unit vertex normals, weighted by the area of the faces around."""
+    face = face_normals(points[faces])
+    total = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(face[:, axis], 3), minlength=len(points))
+            for axis in range(3)
+        ],
+        axis=1,
+    )
+    length = np.sqrt(np.einsum("ij,ij->i", total, total))
+    return np.asarray(total / np.maximum(length, 1e-300)[:, None], dtype=np.float32)
