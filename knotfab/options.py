@@ -301,8 +301,9 @@ class BuildOptions(PictureOptions):
     licence: Annotated[str | None, Parameter(group=OUTPUT)] = None
     """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
     also: Annotated[Names, Parameter(group=OUTPUT)] = ()
-    """Also write files for other tools: svg, dxf, step, or several (svg,step). Centre lines for cutters,
-    plotters and CAD; with svg the outlines of the shadows, with step tubes and mount as solids."""
+    """Also write files for other tools: svg, dxf, step, gcode, or several (svg,step). Centre lines for
+    cutters, plotters and CAD; with svg the outlines of shadows, with step tubes and mount as solids. gcode
+    keeps what PrusaSlicer makes of the part, with pictures for the printer's screen."""
     accept: Annotated[Literal["unrecognisable"] | None, Parameter(group=OUTPUT)] = None
     """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()

@@ -20,6 +20,7 @@ from knotfab.files.threemf import read_back_strict
 from knotfab.knots import Knots
 from knotfab.mount.drawing import draw_sheets, write_setup
 from knotfab.mount.drill_template import write_drill_template
+from knotfab.part.about import GCODE_PX, draw_thumbnail
 from knotfab.part.also import write_also
 from knotfab.part.assemble import Part, enlarge_knots, part_of
 from knotfab.part.flatter import Flattening
@@ -147,7 +148,8 @@ def write_piece(
     slicings = {}
     if request.printing and "slicer" not in request.skip:
         printed = _files_for_slicer(folder, part, suffix)
-        slicings = {path.name: slicer.submit(path, scene) for path in printed}
+        png = draw_thumbnail(part, scene.views, GCODE_PX) if "gcode" in request.also else b""
+        slicings = {path.name: slicer.submit(path, scene, png) for path in printed}
     files = Files(
         folder.file(f"part{suffix}.stl"),
         folder.file(f"knots{suffix}.json"),

@@ -65,6 +65,10 @@ def prepare_build(
         )
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
+    printing = _prints(options, call.scene)
+    if "gcode" in also and (not printing or "slicer" in skipped):
+        remedy = "Add --print." if not printing else "Leave out --skip slicer."
+        raise InputError("--also gcode", "nothing is sliced in this build", remedy)
     if budget is not None:
         require_budget(
             budget,
@@ -91,7 +95,7 @@ def prepare_build(
         call.sources,
         out,
         base=call.base,
-        printing=_prints(options, call.scene),
+        printing=printing,
         device=options.device,
         skip=skipped,
         time_budget_s=budget,

@@ -21,7 +21,7 @@ from knotfab_formats.search import OF_NO_PRESET, search_settings
 
 __all__ = ["read_also", "read_scene", "read_seconds", "read_skips"]
 
-Format = Literal["svg", "dxf", "step"]
+Format = Literal["svg", "dxf", "step", "gcode"]
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
 _MOST_S = 100 * 86400.0
 _SECONDS = {"": 1.0}

@@ -62,6 +62,16 @@ def test_what_is_not_there_is_told_with_what_would_be_right(square: Path, tmp_pa
     assert str(told.value).startswith("no picture is given. Name one")
 
 
+def test_gcode_is_kept_only_where_something_is_sliced(square: Path) -> None:
+    for given, remedy in (
+        ({}, "Add --print"),
+        ({"print": True, "skip": "slicer"}, "Leave out --skip"),
+    ):
+        options = options_from({**given, "also": "gcode"})
+        with pytest.raises(InputError, match=f"--also gcode: nothing is sliced.*{remedy}"):
+            prepare_build([str(square)], options, "", Progress("quiet"))
+
+
 def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_path: Path) -> None:
     written = tmp_path / "written"
     written.mkdir()

@@ -14,9 +14,10 @@ from knotfab.part.assemble import Part
 from knotfab.picture.read import Target
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-__all__ = ["THUMBNAIL_PX", "about_part", "draw_thumbnail"]
+__all__ = ["GCODE_PX", "THUMBNAIL_PX", "about_part", "draw_thumbnail"]
 
 THUMBNAIL_PX = 300
+GCODE_PX = 480  # of which G-code has several sizes
 
 
 def about_part(part: Part, scene: ResolvedScene, targets: Sequence[Target]) -> About:

@@ -35,6 +35,10 @@ _NO_WORDS = "#words { display: none }"  # they stand beside it
 FILES = (
     (r"part(-\d+)?\.3mf", "for the slicer: the whole piece, in print pose"),
     (r"plate(-\d+)+\.3mf", "for the slicer: what is printed in one go"),
+    (
+        r"(part|plate)(-\d+)*\.gcode",
+        "for the printer: sliced with slicer.ini, with pictures for its screen",
+    ),
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
     (r"coupon\.3mf", "a small print to try the mount's fit on"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),

@@ -24,6 +24,7 @@ from knotfab.slicer.known_warnings import read_warnings
 from knotfab.slicer.process import OUT_OF_TIME, Ended, run_limited
 from knotfab.slicer.profile import PROFILE, read_profile, why_not_sliced
 from knotfab.slicer.result import NotSliced, Sliced
+from knotfab.slicer.thumbnails import copy_with_pictures
 from knotfab_formats.scene import Scene
 
 __all__ = ["TIMEOUT_S", "SlicerQueue", "slice_part"]
@@ -67,8 +68,10 @@ class SlicerQueue:
     def __exit__(self, *_: object) -> None:
         self._pool.__exit__()
 
-    def submit(self, part_3mf: Path, scene: Scene) -> Future[Sliced | NotSliced]:
-        """Slice a file that `write_3mf` wrote, when its turn comes."""
+    def submit(
+        self, part_3mf: Path, scene: Scene, kept_png: bytes = b""
+    ) -> Future[Sliced | NotSliced]:
+        """Slice a file that `write_3mf` wrote, when its turn comes. Arguments as `slice_part` has them."""
         stop = self._pool.ended
         return self._pool.submit(
             slice_part,
@@ -79,6 +82,7 @@ class SlicerQueue:
             self._program,
             stop,
             self._hear,
+            kept_png,
         )
 
     def _hear(self, said: str) -> None:
@@ -96,6 +100,7 @@ def slice_part(
     program: str | None = None,
     stop: threading.Event | None = None,
     hear: Callable[[str], None] | None = None,
+    kept_png: bytes = b"",
 ) -> Sliced | NotSliced:
     """Slice a written part with the profile that lies beside it, and compare the G-code with it.
 
@@ -109,6 +114,7 @@ def slice_part(
         timeout_s: over both runs of the program.
         program: of PrusaSlicer; the one on the path by default.
         stop: ends the program when it is set. hear: told what it says while it slices.
+        kept_png: a picture of the part; where it is given, the G-code is kept beside the file, with it.
 
     Raises:
         ValueError: the file is not a 3MF.
@@ -122,7 +128,11 @@ def slice_part(
     with tempfile.TemporaryDirectory(prefix="slicer-", dir=work, ignore_cleanup_errors=True) as own:
         for path in (part_3mf, part_3mf.with_name(PROFILE)):
             shutil.copyfile(path, Path(own) / path.name)
-        return _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop, hear).run()
+        job = _Job(program, Path(own), part_3mf.name, scene, timeout_s, stop, hear)
+        result = job.run()
+        if kept_png and isinstance(result, Sliced):
+            copy_with_pictures(job.written, part_3mf.with_name(job.written.name), kept_png)
+        return result
 
 
 class _Job:
@@ -141,6 +151,7 @@ class _Job:
         self.program, self.folder, self.name, self.scene = program, folder, name, scene
         self.timeout_s, self.stop, self.hear = timeout_s, stop, hear
         self.began = time.monotonic()
+        self.written = folder / Path(name).with_suffix(".gcode")
 
     def run(self) -> Sliced | NotSliced:
         shells = read_shells(self.folder / self.name)
@@ -148,10 +159,9 @@ class _Job:
         across, deep, _ = self.scene.printer.build_volume_mm
         middle = np.array([across / 2, deep / 2])
         shift = np.append(middle - (low + high)[:2] / 2, -low[2])
-        written = Path(self.name).with_suffix(".gcode").name
         command = [
             *("--load", PROFILE, "--dont-arrange", "--center", ",".join(f"{x:g}" for x in middle)),
-            *("--export-gcode", "--output", written, self.name),
+            *("--export-gcode", "--output", self.written.name, self.name),
         ]
         info = self._call("--info", self.name)
         if isinstance(info, NotSliced):
@@ -161,7 +171,7 @@ class _Job:
         if isinstance(ended, NotSliced):
             return ended
         try:
-            gcode = read_gcode(self.folder / written)
+            gcode = read_gcode(self.written)
         except BadGcode as error:
             return NotSliced("crashed", f"exit code 0, but {error}", said=_quote(ended))
         return Sliced(

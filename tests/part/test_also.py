@@ -141,7 +141,9 @@ def test_the_same_files_each_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("also", ["pdf", "svg,", "svg,stl", ("dxf", "SVGZ")])
 def test_an_unknown_format_is_refused(also: Any) -> None:
-    with pytest.raises(InputError, match=r"--also \w*: there is no such format.*svg, dxf, step"):
+    with pytest.raises(
+        InputError, match=r"--also \w*: there is no such format.*svg, dxf, step, gcode"
+    ):
         check_options(options_from({"also": also}))
 
 
